@@ -1,0 +1,58 @@
+"""Every error coopsim raises on purpose.
+
+All derive from `CoopsimError`, so that one `except` catches them. Each also derives from the builtin
+that a caller would expect (`ValueError`, `KeyError`, `RuntimeError`, `ImportError`).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class CoopsimError(Exception):
+    """Root of all coopsim errors."""
+
+
+class InvalidValueError(CoopsimError, ValueError):
+    """A value is out of range, not finite, or of the wrong shape or type."""
+
+
+class UnknownNameError(CoopsimError, LookupError):
+    """A name is not among the known ones; the message lists the close ones."""
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, tuple(sorted(known))
+        # The cut-off is loose on purpose: a wrong suggestion costs a glance, a missing one a search.
+        close = difflib.get_close_matches(str(name), self.known, n=3, cutoff=0.5)
+        hint = f"Did you mean {' or '.join(map(repr, close))}? " if close else ""
+        accepted = ", ".join(self.known) or "none registered"
+        super().__init__(f"unknown {kind} {name!r}. {hint}Accepted: {accepted}")
+
+
+class DuplicateNameError(CoopsimError, ValueError):
+    """A name is registered twice."""
+
+
+class InvalidActionError(CoopsimError, ValueError):
+    """An action is malformed, or is for an agent that is not in the environment."""
+
+
+class EpisodeStateError(CoopsimError, RuntimeError):
+    """A call came at the wrong moment, as `step` before `reset` or after the end."""
+
+
+class PolicyMismatchError(CoopsimError, ValueError):
+    """A policy needs another environment than the one it was given (for example another uplink)."""
+
+
+class CodecError(CoopsimError, ValueError):
+    """Bytes cannot be decoded as the message they claim to be."""
+
+
+class RecordingError(CoopsimError, ValueError):
+    """A recorded file is missing or broken; the message names the file and, where known, the line."""
+
+
+class MissingDependencyError(CoopsimError, ImportError):
+    """An optional package is needed for this call; the message names what to install."""

@@ -1,0 +1,84 @@
+"""Upright 3D boxes, a struct of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopsim.arrays import frozen, require_finite
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes3D:
+    """N upright boxes in one frame.
+
+    Attributes:
+        center: (N, 3) m, the middle of each box.
+        size: (N, 3) m: length (along x of the box), width (y), height (z).
+        yaw: (N,) rad, heading about z.
+    """
+
+    center: Floats
+    size: Floats
+    yaw: Floats
+
+    def __post_init__(self) -> None:
+        center = frozen(self.center, (None, 3), np.float64, "center")
+        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "size", frozen(self.size, (len(center), 3), np.float64, "size"))
+        object.__setattr__(self, "yaw", frozen(self.yaw, (len(center),), np.float64, "yaw"))
+
+    @classmethod
+    def empty(cls) -> Boxes3D:
+        """No boxes."""
+        return cls.from_array(np.zeros((0, 7)))
+
+    @classmethod
+    def from_array(cls, array: ArrayLike) -> Boxes3D:
+        """From (N, 7): x, y, z, l, w, h, yaw."""
+        rows = frozen(array, (None, 7), np.float64, "boxes")
+        return cls(rows[:, :3], rows[:, 3:6], rows[:, 6])
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Boxes3D]) -> Boxes3D:
+        """All boxes of the parts, in order; no parts give no boxes."""
+        return cls.from_array(np.concatenate([np.zeros((0, 7)), *(part.array for part in parts)]))
+
+    @property
+    def array(self) -> Floats:
+        """(N, 7): x, y, z, l, w, h, yaw."""
+        return np.column_stack([self.center, self.size, self.yaw])
+
+    @property
+    def corners(self) -> Floats:
+        """(N, 8, 3) m: bottom face counter-clockwise from front-left, then the top face alike."""
+        signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
+        unit = np.concatenate([np.column_stack([signs, np.full(4, z)]) for z in (-0.5, 0.5)])
+        local = unit * self.size[:, None]
+        cos, sin = np.cos(self.yaw)[:, None], np.sin(self.yaw)[:, None]
+        x, y = local[..., 0] * cos - local[..., 1] * sin, local[..., 0] * sin + local[..., 1] * cos
+        return np.stack([x, y, local[..., 2]], axis=-1) + self.center[:, None]
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Boxes3D:
+        return Boxes3D(self.center[index], self.size[index], self.yaw[index])
+
+    def transform(self, dst_SE3_src: SE3) -> Boxes3D:
+        """The boxes moved from src to dst; the transform must be gravity-aligned (rotation about z)."""
+        center = dst_SE3_src.apply(self.center)
+        return Boxes3D(center, self.size, wrap_angle(self.yaw + dst_SE3_src.yaw))
+
+    def validate(self, what: str = "boxes") -> None:
+        """Raise `InvalidValueError` unless all numbers are finite and all sizes positive."""
+        require_finite(self.array, what)
+        if len(self) and self.size.min() <= 0:
+            row = int(np.argmin(self.size.min(axis=1)))
+            raise InvalidValueError(f"{what}: sizes must be > 0 m, got {self.size[row].tolist()} at {row}")

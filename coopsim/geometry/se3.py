@@ -1,0 +1,74 @@
+"""Rigid transforms, named `dst_SE3_src`: they take coordinates in `src` to coordinates in `dst`.
+
+Frames follow ROS: REP-103 (x forward, y left, z up; angles counter-clockwise) and REP-105 (`world` is
+the map frame, `odom` drifts, `base` moves with the agent).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopsim.arrays import frozen
+
+Floats = NDArray[np.float64]
+
+
+def wrap_angle(angle_rad: ArrayLike) -> Floats:
+    """Angles in [-pi, pi)."""
+    return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SE3:
+    """A rigid transform of 3D space.
+
+    Attributes:
+        rotation: (3, 3), orthonormal, determinant 1.
+        translation: (3,) m.
+    """
+
+    rotation: Floats
+    translation: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3), np.float64, "rotation"))
+        object.__setattr__(self, "translation", frozen(self.translation, (3,), np.float64, "translation"))
+
+    @classmethod
+    def identity(cls) -> SE3:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_xyz_yaw(cls, xyz_m: ArrayLike, yaw_rad: float) -> SE3:
+        """A gravity-aligned pose: translation (3,) m and heading about z."""
+        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+        return cls(np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]), np.asarray(xyz_m))
+
+    @property
+    def yaw(self) -> float:
+        """Heading about z, rad, in (-pi, pi]."""
+        return float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
+
+    def inverse(self) -> SE3:
+        """`src_SE3_dst`."""
+        return SE3(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def compose(self, other: SE3) -> SE3:
+        """`a_SE3_b.compose(b_SE3_c)` is `a_SE3_c`."""
+        return SE3(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def apply(self, points_m: ArrayLike) -> Floats:
+        """Points (..., 3) in src, in dst."""
+        return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def rotate(self, vectors: ArrayLike) -> Floats:
+        """Vectors (..., 3) (velocities, directions) in src, in dst: rotated, not moved."""
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+
+    def rotate_planar(self, vectors: ArrayLike) -> Floats:
+        """Horizontal vectors (..., 2), rotated by the planar part (exact when gravity-aligned)."""
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation[:2, :2].T

@@ -1,0 +1,316 @@
+"""What flows between the parts: frozen structs of arrays.
+
+Box order is x, y, z, l, w, h, yaw everywhere. Times are integer nanoseconds since the episode's start.
+Shapes are checked when an object is made; values (finite, positive) where they enter from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.arrays import frozen, require_finite
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.taxonomy import CLASS_NAMES
+
+Ints = NDArray[np.int64]
+
+NS_PER_S = 1_000_000_000
+
+
+def seconds_to_ns(seconds: float) -> int:
+    """Seconds as integer nanoseconds, rounded to the nearest."""
+    return round(seconds * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """N detected objects in one frame of reference.
+
+    Attributes:
+        boxes: N boxes.
+        score: (N,) confidence; larger is surer. Simulated scores lie in [0, 1], recorded ones need not.
+        label: (N,) int, an `ObjectClass`.
+        covariance: (N, 7, 7) of x, y, z, l, w, h, yaw, or None where the detector states none.
+        embedding: (N, D) appearance, or None.
+    """
+
+    boxes: Boxes3D
+    score: Floats
+    label: Ints
+    covariance: Floats | None = None
+    embedding: Floats | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.boxes)
+        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+        if self.covariance is not None:
+            covariance = frozen(self.covariance, (count, 7, 7), np.float64, "covariance")
+            object.__setattr__(self, "covariance", covariance)
+        if self.embedding is not None:
+            embedding = frozen(self.embedding, (count, None), np.float64, "embedding")
+            object.__setattr__(self, "embedding", embedding)
+
+    @classmethod
+    def empty(cls) -> Detections:
+        """No detections."""
+        return cls(Boxes3D.empty(), np.zeros(0), np.zeros(0, dtype=np.int64))
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Detections]) -> Detections:
+        """All detections in order. Optional fields stay only where every non-empty part has them."""
+        full = [part for part in parts if len(part)]
+        if not full:
+            return cls.empty()
+
+        def join(arrays: list[Floats | None]) -> Floats | None:
+            present = [array for array in arrays if array is not None]
+            return np.concatenate(present) if len(present) == len(arrays) else None
+
+        return cls(
+            Boxes3D.concatenate(part.boxes for part in full),
+            np.concatenate([part.score for part in full]),
+            np.concatenate([part.label for part in full]),
+            join([part.covariance for part in full]),
+            join([part.embedding for part in full]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Detections:
+        return Detections(
+            self.boxes[index],
+            self.score[index],
+            self.label[index],
+            None if self.covariance is None else self.covariance[index],
+            None if self.embedding is None else self.embedding[index],
+        )
+
+    def transform(self, dst_SE3_src: SE3) -> Detections:
+        """The detections moved from src to dst (gravity-aligned)."""
+        covariance = self.covariance
+        if covariance is not None:
+            jacobian = np.eye(7)
+            jacobian[:3, :3] = dst_SE3_src.rotation
+            covariance = jacobian @ covariance @ jacobian.T
+        boxes = self.boxes.transform(dst_SE3_src)
+        return Detections(boxes, self.score, self.label, covariance, self.embedding)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """N tracked objects in one frame of reference.
+
+    Attributes:
+        id: (N,) int, unique within a frame and constant over an object's life.
+        boxes: N boxes.
+        velocity: (N, 2) m/s over ground, in the axes of the frame.
+        score: (N,) confidence.
+        label: (N,) int, an `ObjectClass`.
+    """
+
+    id: Ints
+    boxes: Boxes3D
+    velocity: Floats
+    score: Floats
+    label: Ints
+
+    def __post_init__(self) -> None:
+        count = len(self.boxes)
+        object.__setattr__(self, "id", frozen(self.id, (count,), np.int64, "id"))
+        object.__setattr__(self, "velocity", frozen(self.velocity, (count, 2), np.float64, "velocity"))
+        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+
+    @classmethod
+    def empty(cls) -> Tracks:
+        """No tracks."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Tracks:
+        return Tracks(
+            self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index]
+        )
+
+    def transform(self, dst_SE3_src: SE3) -> Tracks:
+        """The tracks moved from src to dst (gravity-aligned)."""
+        velocity = dst_SE3_src.rotate_planar(self.velocity)
+        return Tracks(self.id, self.boxes.transform(dst_SE3_src), velocity, self.score, self.label)
+
+    def validate(self) -> None:
+        """Raise `InvalidValueError` on what cannot be scored: not finite, no size, twice the same id."""
+        self.boxes.validate("tracks")
+        require_finite(self.velocity, "track velocity")
+        require_finite(self.score, "track score")
+        unique, counts = np.unique(self.id, return_counts=True)
+        if len(unique) < len(self.id):
+            twice = unique[counts > 1].tolist()
+            raise InvalidValueError(f"track ids must be unique within a frame, got {twice} more than once")
+        if len(self) and not (self.label.min() >= 0 and self.label.max() < len(CLASS_NAMES)):
+            wrong = sorted({int(label) for label in self.label} - set(range(len(CLASS_NAMES))))
+            raise InvalidValueError(f"track labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """One turn of one LiDAR, as points in the agent's base frame.
+
+    Attributes:
+        points: (N, 3) m, float32.
+        intensity: (N,) in [0, 1], float32.
+        beam: (N,) row of the beam table, int64.
+        instance: (N,) id of the actor that was hit, 0 for the static scene and -1 for clutter; None in
+            what a policy sees. For training and tests.
+    """
+
+    points: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    beam: Ints
+    instance: Ints | None = None
+
+    def __post_init__(self) -> None:
+        points = frozen(self.points, (None, 3), np.float32, "points")
+        object.__setattr__(self, "points", points)
+        count = len(points)
+        object.__setattr__(self, "intensity", frozen(self.intensity, (count,), np.float32, "intensity"))
+        object.__setattr__(self, "beam", frozen(self.beam, (count,), np.int64, "beam"))
+        if self.instance is not None:
+            instance = frozen(self.instance, (count,), np.int64, "instance")
+            object.__setattr__(self, "instance", instance)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """What one camera saw.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32, m along the optical axis; 0 where nothing was hit.
+    """
+
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        rgb = frozen(self.rgb, (None, None, 3), np.uint8, "rgb")
+        object.__setattr__(self, "rgb", rgb)
+        object.__setattr__(self, "depth", frozen(self.depth, rgb.shape[:2], np.float32, "depth"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """Where an agent believes it is: `world_SE3_base`, gravity-aligned, GNSS-like (noisy, no drift).
+
+    Attributes:
+        xyz_yaw: (4,): x, y, z m and heading rad, in the world frame.
+    """
+
+    xyz_yaw: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+
+    @property
+    def world_SE3_base(self) -> SE3:
+        """The estimate as a transform."""
+        return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """How an agent believes it moved since its last frame: `previous_SE3_current` (small drift).
+
+    Attributes:
+        xyz_yaw: (4,): x, y, z m and heading rad, in the base frame of the last observation.
+    """
+
+    xyz_yaw: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+
+    @property
+    def previous_SE3_current(self) -> SE3:
+        """The motion as a transform."""
+        return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Message:
+    """What one agent broadcast.
+
+    Attributes:
+        sender: the agent's name.
+        captured_ns: when the content was sensed (not when it was sent or arrived).
+        pose: the sender's estimate of its own pose at that time.
+        payload: the encoded content.
+        codec: the name of the codec that encoded it.
+    """
+
+    sender: str
+    captured_ns: int
+    pose: PoseEstimate
+    payload: bytes
+    codec: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """What one agent knows in one frame; everything but the inbox is in its own base frame, now.
+
+    Attributes:
+        time_ns: now.
+        pose: the global pose estimate.
+        odometry: motion since the last observation.
+        detections: the agent's own detections.
+        sweeps: by sensor name.
+        cameras: by sensor name; empty when cameras are off.
+        inbox: messages that arrived since the last observation, oldest capture first.
+    """
+
+    time_ns: int
+    pose: PoseEstimate
+    odometry: Odometry
+    detections: Detections
+    sweeps: Mapping[str, Sweep] = field(default_factory=dict)
+    cameras: Mapping[str, CameraImage] = field(default_factory=dict)
+    inbox: tuple[Message, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class AgentSpec:
+    """What a policy may know of an agent before the first frame.
+
+    Attributes:
+        name: as `cav_0` or `rsu_0`.
+        kind: "cav" (moves) or "rsu" (stands).
+        dt_s: time between two observations.
+        uplink: what the environment lets agents broadcast ("none", "detections").
+        drives: the action must say how to drive (`control="policy"`, connected cars only).
+    """
+
+    name: str
+    kind: Literal["cav", "rsu"]
+    dt_s: float
+    uplink: str
+    drives: bool = False
+
+
+def stack_xyz_yaw(pose: SE3) -> Floats:
+    """A gravity-aligned transform as (4,): x, y, z m and heading rad."""
+    return np.append(pose.translation, pose.yaw)
