@@ -1,0 +1,1 @@
+"""From what sensors return to boxes."""

@@ -1,0 +1,1 @@
+"""Traffic, people and scenery: what there is to sense."""

@@ -1,0 +1,107 @@
+"""The simulated detector follows the returns: recall, noise and score; and it never sees what was not hit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coopsim.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, count_returns
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Sweep
+from coopsim.world.snapshot import Actors
+
+QUIET = SimulatedDetectorConfig(false_positives=0.0, yaw_flip=0.0)
+
+
+def actors(count: int, range_m: float = 20.0) -> Actors:
+    rows = np.tile([range_m, 0, 0.8, 4.5, 1.9, 1.6, 0.2], (count, 1))
+    zeros = np.zeros(count, dtype=int)
+    # Ids in no order: a detector must not rely on one.
+    ids = np.arange(count, 0, -1) * 3
+    return Actors(ids, Boxes3D.from_array(rows), np.zeros((count, 2)), zeros, zeros, np.zeros((count, 3)))
+
+
+def sweep(returns: dict[int, int]) -> Sweep:
+    instance = np.repeat(list(returns), list(returns.values())).astype(int)
+    count = len(instance)
+    return Sweep(np.zeros((count, 3)), np.zeros(count), np.zeros(count), instance)
+
+
+def detect(
+    returns_each: int, *, range_m: float = 20.0, count: int = 2000, config: SimulatedDetectorConfig = QUIET
+):  # type: ignore[no-untyped-def]
+    truth = actors(count, range_m)
+    seen = sweep(dict.fromkeys(truth.id.tolist(), returns_each))
+    return SimulatedDetector(config).detect({"lidar": seen}, truth, np.random.default_rng(0)), truth
+
+
+def test_count_returns_by_id_over_sweeps() -> None:
+    sweeps = {"a": sweep({9: 4, 0: 100, 77: 3, -1: 2}), "b": sweep({9: 1, 3: 2})}
+    np.testing.assert_array_equal(count_returns(sweeps, np.array([9, 6, 3])), [5, 0, 2])
+    assert count_returns(sweeps, np.zeros(0, dtype=int)).shape == (0,)
+
+
+def test_sweep_without_instances_is_refused() -> None:
+    blind = Sweep(np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    with pytest.raises(InvalidValueError, match="no instance ids"):
+        count_returns({"lidar": blind}, np.array([1]))
+
+
+def test_too_few_returns_are_never_detected() -> None:
+    assert len(detect(QUIET.min_points - 1)[0]) == 0
+
+
+def test_recall_rises_with_returns_as_documented() -> None:
+    rates = [len(detect(n)[0]) / 2000 for n in (5, 10, 20, 100)]
+    expected = SimulatedDetector(QUIET).recall(np.array([5, 10, 20, 100]))
+    np.testing.assert_allclose(rates, expected, atol=0.03)
+    assert (np.diff(expected) > 0).all() and expected[-1] <= QUIET.max_recall
+
+
+def test_noise_grows_with_range_and_shrinks_with_returns() -> None:
+    def spread(returns: int, range_m: float) -> float:
+        found, _ = detect(returns, range_m=range_m)
+        return float(found.boxes.center[:, 0].std())
+
+    assert spread(200, 60) > 1.2 * spread(200, 10)
+    assert spread(10, 20) > 1.2 * spread(400, 20)
+
+
+def test_score_is_higher_for_what_is_better_seen() -> None:
+    assert detect(100)[0].score.mean() > detect(6)[0].score.mean() + 0.3
+
+
+def test_false_positives_have_their_rate_and_low_scores() -> None:
+    config = SimulatedDetectorConfig(false_positives=3.0)
+    detector, rng = SimulatedDetector(config), np.random.default_rng(1)
+    found = [detector.detect({"lidar": sweep({})}, actors(0), rng) for _ in range(400)]
+    assert np.mean([len(each) for each in found]) == pytest.approx(3.0, rel=0.1)
+    scores = np.concatenate([each.score for each in found])
+    assert scores.mean() < 0.4 < detect(100)[0].score.mean()
+
+
+def test_hiding_one_actor_does_not_shift_the_noise_of_the_others() -> None:
+    truth = actors(3)
+    returns = {int(each): 500 for each in truth.id}
+    detector = SimulatedDetector(replace(QUIET, max_recall=1.0))
+    all_seen = detector.detect({"lidar": sweep(returns)}, truth, np.random.default_rng(5))
+    one_hidden = detector.detect(
+        {"lidar": sweep(returns | {int(truth.id[1]): 0})}, truth, np.random.default_rng(5)
+    )
+    assert len(all_seen) == 3
+    np.testing.assert_array_equal(one_hidden.boxes.array, all_seen.boxes.array[[0, 2]])
+
+
+@pytest.mark.parametrize(
+    ("setting", "match"),
+    [
+        ({"max_recall": 1.1}, r"max_recall must be in \[0, 1\]"),
+        ({"min_points": 0}, "min_points must be >= 1"),
+        ({"position_noise_m": -1.0}, "position_noise_m must be a finite number >= 0"),
+        ({"false_positives": np.nan}, "false_positives must be a finite number"),
+    ],
+)
+def test_bad_settings(setting: dict[str, float], match: str) -> None:
+    with pytest.raises(InvalidValueError, match=match):
+        SimulatedDetectorConfig(**setting)  # type: ignore[arg-type]
