@@ -1,0 +1,1 @@
+"""Recorded data, converted to our frames and orders at this edge only."""

@@ -1,0 +1,42 @@
+"""Late fusion: boxes of several agents in one frame become one set without duplicates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.iou import iou_bev
+from coopsim.types import Detections
+
+
+def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections:
+    """Keep the best-scored of boxes that overlap: greedy non-maximum suppression per class.
+
+    The overlap is the rotated BEV IoU: height is what agents disagree on most, and no two objects share a footprint.
+
+    Args:
+        detections: of all agents, in one frame.
+        iou_threshold: boxes of a class with at least this BEV IoU are one object, in (0, 1].
+
+    Returns:
+        The kept detections, best score first. Boxes that are not finite are left out.
+    """
+    require_iou_threshold(iou_threshold)
+    array = detections.boxes.array
+    finite = np.isfinite(array).all(axis=1) & np.isfinite(detections.score)
+    order = np.flatnonzero(finite)[np.argsort(-detections.score[finite], kind="stable")]
+    ordered = detections[order]
+    overlap = iou_bev(ordered.boxes.array, ordered.boxes.array)
+    rivals = (overlap >= iou_threshold) & (ordered.label[:, None] == ordered.label)
+    # Whoever has a better-scored rival may go; whether it does depends on whether that rival stays.
+    kept = np.ones(len(ordered), dtype=bool)
+    for row in np.flatnonzero(np.triu(rivals, k=1).any(axis=1)):
+        if kept[row]:
+            kept[row + 1 :] &= ~rivals[row, row + 1 :]
+    return ordered[kept]
+
+
+def require_iou_threshold(value: float) -> None:
+    """Raise `InvalidValueError` unless `value` is in (0, 1]."""
+    if not 0 < value <= 1:
+        raise InvalidValueError(f"the IoU threshold must be in (0, 1], got {value!r}")

@@ -1,0 +1,1 @@
+"""How well reported tracks match the truth."""

@@ -1,0 +1,130 @@
+"""CLEAR MOT: counts, and the ratios made of them (Bernardin and Stiefelhagen, EURASIP JIVP 2008)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.matching import SequenceArrays, match_sequence
+
+MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Clear:
+    """Counts over any number of sequences, and what follows from them (fractions, not per cent).
+
+    Attributes:
+        tp: matched boxes.
+        fp: reported boxes without an object (0 where false positives are ignored).
+        fn: boxes of objects that nothing was matched to.
+        ids: identity switches.
+        frag: interruptions of an object's track.
+        similarity: sum of the matched pairs' 3D IoU.
+        objects: number of objects.
+        mostly_tracked: of them, matched in more than 80 % of their frames.
+        mostly_lost: of them, matched in less than 20 % of their frames.
+    """
+
+    tp: int = 0
+    fp: int = 0
+    fn: int = 0
+    ids: int = 0
+    frag: int = 0
+    similarity: float = 0.0
+    objects: int = 0
+    mostly_tracked: int = 0
+    mostly_lost: int = 0
+
+    @property
+    def gt(self) -> int:
+        """Boxes of objects."""
+        return self.tp + self.fn
+
+    @property
+    def mota(self) -> float:
+        """1 - (FP + FN + IDS) / GT."""
+        return 1.0 - _ratio(self.fp + self.fn + self.ids, self.gt)
+
+    @property
+    def motp(self) -> float:
+        """Mean 3D IoU of matched pairs."""
+        return _ratio(self.similarity, self.tp)
+
+    @property
+    def recall(self) -> float:
+        """TP / GT."""
+        return _ratio(self.tp, self.gt)
+
+    @property
+    def precision(self) -> float:
+        """TP / (TP + FP)."""
+        return _ratio(self.tp, self.tp + self.fp)
+
+    def scaled_mota(self, recall: float) -> float:
+        """MOTA scaled by what is possible at a recall, in [0, 1] (Weng et al. 2020, eq. 4)."""
+        errors = self.fp + self.fn + self.ids - (1.0 - recall) * self.gt
+        return float(np.clip(1.0 - _ratio(errors, recall * self.gt), 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedSequence:
+    """A sequence ready for matching.
+
+    Attributes:
+        arrays: the flat arrays.
+        objects: how many objects.
+        mean_score: (tracks,) mean score of each track over the sequence.
+    """
+
+    arrays: SequenceArrays
+    objects: int
+    mean_score: Floats
+
+
+def count_clear(
+    sequences: Iterable[NumberedSequence],
+    *,
+    threshold: float = -np.inf,
+    ignore_false_positives: bool = False,
+    adjacent_switches: bool = False,
+) -> tuple[Clear, Floats]:
+    """Counts over sequences, and the mean track score of every match (TP,).
+
+    Args:
+        sequences: pooled.
+        threshold: only tracks with at least this mean score are there.
+        ignore_false_positives: count none.
+        adjacent_switches: count a switch only from one frame of an object to its next, as KITTI's development
+            kit and AB3DMOT do; else also after a gap, as CLEAR and TrackEval do.
+    """
+    totals = np.zeros(9)
+    scores = [np.zeros(0)]
+    for sequence in sequences:
+        found = match_sequence(sequence.arrays, sequence.mean_score >= threshold, sequence.objects)
+        hit = found.track_of >= 0
+        scores.append(sequence.mean_score[found.track_of[hit]])
+        share = found.matched / np.maximum(found.present, 1)
+        totals += [
+            hit.sum(),
+            0 if ignore_false_positives else found.false_positives,
+            (~hit).sum(),
+            found.adjacent_switches if adjacent_switches else found.switches,
+            np.maximum(found.fragments - 1, 0).sum(),
+            found.similarity.sum(),
+            sequence.objects,
+            (share > MOSTLY_TRACKED).sum(),
+            (share < MOSTLY_LOST).sum(),
+        ]
+    tp, fp, fn, ids, frag, similarity, objects, tracked, lost = totals.tolist()
+    counts = (int(count) for count in (tp, fp, fn, ids, frag))
+    return Clear(*counts, similarity, int(objects), int(tracked), int(lost)), np.concatenate(scores)
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0
+
+

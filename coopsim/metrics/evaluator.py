@@ -1,0 +1,68 @@
+"""Scores an agent while it runs: counts per frame now, everything else from the log later."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from coopsim.metrics.log import GroundTruth, TrackLog, candidates
+from coopsim.metrics.matching import KEEP_BONUS, match_frame
+from coopsim.types import Ints, Tracks
+
+
+@dataclass(frozen=True, slots=True)
+class FrameCounts:
+    """One frame's counts; `idsw` are identity switches, `gt` boxes of objects."""
+
+    tp: int
+    fp: int
+    fn: int
+    idsw: int
+    gt: int
+
+    def as_dict(self) -> dict[str, int]:
+        """By name."""
+        return asdict(self)
+
+
+class Evaluator:
+    """One agent's running evaluation over one sequence, with CLEAR's matching (see `matching`).
+
+    Args:
+        match_iou: 3D IoU from which a track is on an object, in (0, 1].
+    """
+
+    def __init__(self, match_iou: float = 0.25) -> None:
+        self.log = TrackLog(match_iou)
+        self._object = np.zeros(0, dtype=np.int64)  # ids seen so far, sorted
+        self._last_track = np.zeros(0, dtype=np.int64)
+        self._last_frame = np.zeros(0, dtype=np.int64)
+
+    def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
+        """Score one frame; truth and tracks in one frame of reference, ids unique in each."""
+        frame = len(self.log)
+        pairs = candidates(truth, tracks, self.log.match_iou)
+        self.log.append(truth, tracks, pairs)
+        slots = self._slots(truth.id)
+        kept = self._last_frame[slots] == frame - 1
+        same = self._last_track[slots][pairs.truth] == tracks.id[pairs.track]
+        weight = pairs.similarity + KEEP_BONUS * (kept[pairs.truth] & same)
+        chosen = match_frame(len(truth), len(tracks), pairs.truth, pairs.track, weight)
+        hit = chosen >= 0
+        track = tracks.id[pairs.track[chosen[hit]]]
+        slots = slots[hit]
+        switched = (self._last_frame[slots] >= 0) & (self._last_track[slots] != track)
+        self._last_track[slots], self._last_frame[slots] = track, frame
+        tp = int(hit.sum())
+        return FrameCounts(tp, len(tracks) - tp, len(truth) - tp, int(switched.sum()), len(truth))
+
+    def _slots(self, ids: Ints) -> Ints:
+        """Where each of `ids` is kept, (N,); new ones get a place."""
+        new = np.setdiff1d(ids, self._object)
+        if len(new):
+            place = np.searchsorted(self._object, new)
+            self._object = np.insert(self._object, place, new)
+            self._last_track = np.insert(self._last_track, place, 0)
+            self._last_frame = np.insert(self._last_frame, place, -2)
+        return np.searchsorted(self._object, ids)

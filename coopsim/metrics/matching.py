@@ -1,0 +1,208 @@
+"""The one matching that all metrics share: CLEAR's, over a whole sequence, compiled.
+
+In each frame truth and tracks are matched one to one so that the sum of similarities is largest; a pair that was
+matched in the frame before is kept as long as it stays above the threshold (Bernardin and Stiefelhagen 2008).
+This is also what TrackEval's CLEAR does, whose bonus of 1000 for kept pairs is used here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+
+KEEP_BONUS = 1000.0
+
+
+class SequenceArrays(NamedTuple):
+    """One sequence, flat. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
+
+    Attributes:
+        truth_start: (F + 1,) offsets into `truth`.
+        truth: (G,) number of each truth box's object.
+        track_start: (F + 1,) offsets into `track`.
+        track: (T,) number of each reported box's track.
+        pair_start: (F + 1,) offsets into the pairs.
+        pair_truth: (P,) row in the frame.
+        pair_track: (P,) row in the frame.
+        pair_similarity: (P,) of all pairs at or above the threshold.
+    """
+
+    truth_start: Ints
+    truth: Ints
+    track_start: Ints
+    track: Ints
+    pair_start: Ints
+    pair_truth: Ints
+    pair_track: Ints
+    pair_similarity: Floats
+
+
+class SequenceMatches(NamedTuple):
+    """What the matching of one sequence gives.
+
+    Attributes:
+        track_of: (G,) number of the track matched to each truth box, or -1.
+        similarity: (G,) of the matched pairs, 0 elsewhere.
+        switches: identity switches: matched to another track than when the object was last matched.
+        adjacent_switches: those of them that happen from one frame of the object to its next, without a gap.
+        false_positives: reported boxes without a truth box.
+        present: (objects,) frames in which each object is there.
+        matched: (objects,) frames in which it is matched.
+        fragments: (objects,) runs of consecutive matched frames.
+    """
+
+    track_of: Ints
+    similarity: Floats
+    switches: int
+    adjacent_switches: int
+    false_positives: int
+    present: Ints
+    matched: Ints
+    fragments: Ints
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc]
+def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int) -> SequenceMatches:
+    """Match a sequence, with only the tracks whose number is `active` (tracks,)."""
+    track_of = np.full(len(data.truth), -1)
+    similarity = np.zeros(len(data.truth))
+    last_track, last_frame, last_seen = np.full(objects, -1), np.full(objects, -2), np.full(objects, -2)
+    present, matched, fragments = np.zeros(objects, np.int64), np.zeros(objects, np.int64), np.zeros(objects, np.int64)
+    switches = adjacent_switches = false_positives = 0
+    for frame in range(len(data.truth_start) - 1):
+        truth = data.truth[data.truth_start[frame] : data.truth_start[frame + 1]]
+        track = data.track[data.track_start[frame] : data.track_start[frame + 1]]
+        first, end = data.pair_start[frame], data.pair_start[frame + 1]
+        weight = data.pair_similarity[first:end].copy()
+        rows, columns = data.pair_truth[first:end], data.pair_track[first:end]
+        for p in range(len(weight)):
+            object_, number = truth[rows[p]], track[columns[p]]
+            if not active[number]:
+                weight[p] = 0.0
+            elif last_frame[object_] == frame - 1 and last_track[object_] == number:
+                weight[p] += KEEP_BONUS
+        chosen = match_frame(len(truth), len(track), rows, columns, weight)
+        hits = 0
+        for row in range(len(truth)):
+            object_ = truth[row]
+            present[object_] += 1
+            if chosen[row] < 0:
+                continue
+            number = track[columns[chosen[row]]]
+            hits += 1
+            matched[object_] += 1
+            if last_track[object_] >= 0 and last_track[object_] != number:
+                switches += 1
+                adjacent_switches += last_frame[object_] == last_seen[object_]
+            fragments[object_] += last_frame[object_] != frame - 1
+            last_track[object_], last_frame[object_] = number, frame
+            track_of[data.truth_start[frame] + row] = number
+            similarity[data.truth_start[frame] + row] = data.pair_similarity[first + chosen[row]]
+        for row in range(len(truth)):
+            last_seen[truth[row]] = frame
+        for column in range(len(track)):
+            false_positives += active[track[column]]
+        false_positives -= hits
+    return SequenceMatches(
+        track_of, similarity, switches, adjacent_switches, false_positives, present, matched, fragments
+    )
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc]
+def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weight: Floats) -> Ints:
+    """One-to-one matching with the largest sum of weights.
+
+    Args:
+        rows: number of rows.
+        columns: number of columns.
+        pair_row: (P,) row of each candidate pair; pairs are distinct.
+        pair_column: (P,) its column.
+        weight: (P,) > 0; pairs with weight 0 are no candidates.
+
+    Returns:
+        (rows,) index of the chosen pair, or -1.
+    """
+    chosen = np.full(rows, -1)
+    row_degree, column_degree = np.zeros(rows, np.int64), np.zeros(columns, np.int64)
+    for p in range(len(weight)):
+        if weight[p] > 0:
+            row_degree[pair_row[p]] += 1
+            column_degree[pair_column[p]] += 1
+    # Most objects have one candidate that has no other: only the rest is worth an optimisation.
+    row_slot, column_slot = np.full(rows, -1), np.full(columns, -1)
+    hard_rows, hard_columns = 0, 0
+    for p in range(len(weight)):
+        row, column = pair_row[p], pair_column[p]
+        if weight[p] <= 0:
+            continue
+        if row_degree[row] == 1 and column_degree[column] == 1:
+            chosen[row] = p
+            continue
+        if row_slot[row] < 0:
+            row_slot[row] = hard_rows
+            hard_rows += 1
+        if column_slot[column] < 0:
+            column_slot[column] = hard_columns
+            hard_columns += 1
+    if hard_rows == 0:
+        return chosen
+    dense = np.zeros((hard_rows, max(hard_rows, hard_columns)))
+    pair_at = np.full(dense.shape, -1)
+    for p in range(len(weight)):
+        row, column = row_slot[pair_row[p]], column_slot[pair_column[p]]
+        if weight[p] > 0 and row >= 0 and column >= 0:
+            dense[row, column] = -weight[p]
+            pair_at[row, column] = p
+    assigned = cheapest_assignment(dense)
+    for row in range(rows):
+        if row_slot[row] >= 0:
+            chosen[row] = pair_at[row_slot[row], assigned[row_slot[row]]]
+    return chosen
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc]
+def cheapest_assignment(cost: Floats) -> Ints:
+    """The column of each row in the assignment of least total cost; (n,) for (n, m) with n <= m.
+
+    Shortest augmenting paths with potentials (Jonker and Volgenant 1987), compiled so that it can be called once per
+    frame and recall point without the overhead of a call from Python.
+    """
+    rows, columns = cost.shape
+    u, v = np.zeros(rows + 1), np.zeros(columns + 1)
+    row_of, way = np.zeros(columns + 1, np.int64), np.zeros(columns + 1, np.int64)
+    for row in range(1, rows + 1):
+        row_of[0] = row
+        column = 0
+        shortest, done = np.full(columns + 1, np.inf), np.zeros(columns + 1, np.bool_)
+        while row_of[column] != 0:
+            done[column] = True
+            here, step, following = row_of[column], np.inf, 0
+            for j in range(1, columns + 1):
+                if done[j]:
+                    continue
+                reduced = cost[here - 1, j - 1] - u[here] - v[j]
+                if reduced < shortest[j]:
+                    shortest[j], way[j] = reduced, column
+                if shortest[j] < step:
+                    step, following = shortest[j], j
+            for j in range(columns + 1):
+                if done[j]:
+                    u[row_of[j]] += step
+                    v[j] -= step
+                else:
+                    shortest[j] -= step
+            column = following
+        while column != 0:
+            row_of[column] = row_of[way[column]]
+            column = way[column]
+    assigned = np.full(rows, -1)
+    for j in range(1, columns + 1):
+        if row_of[j] > 0:
+            assigned[row_of[j] - 1] = j - 1
+    return assigned

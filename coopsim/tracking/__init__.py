@@ -1,0 +1,1 @@
+"""Multi-object tracking: parts that compose to a tracker, on struct-of-arrays state."""
