@@ -1,0 +1,114 @@
+"""Right of way where roads meet: first come, first served, by movements that do not cross."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from highway_env.road.lane import AbstractLane
+from highway_env.road.road import RoadNetwork
+
+from coopsim.geometry.se3 import Floats
+
+Road = tuple[str, str]
+"""A lane index without the lane's number."""
+
+REQUEST_M = 32.0
+"""From this distance to the stop line on, a vehicle asks."""
+
+_CLEARANCE_M = 4.2  # middle lines of two movements closer than this: vehicles on both would touch
+_ROOM_M = 9.0  # free length needed behind the last vehicle on the exit: nobody waits on the crossing
+
+
+class Traveller(Protocol):
+    """What the junction needs to know of a vehicle."""
+
+    position: Floats
+    speed: float
+    LENGTH: float
+
+    def upcoming(self) -> list[tuple[Road, AbstractLane, float]]:
+        """Roads ahead on the planned route: index, lane, and distance (m) from here to its start (<= 0: on it)."""
+
+
+class Junction:
+    """Grants movements.
+
+    A vehicle that is granted keeps its grant until it has left; one that is not treats the stop line as an obstacle.
+    Who asked first goes first, and whoever would cross somebody that waits longer waits too, so nobody starves.
+
+    Args:
+        network: the roads.
+        roads: the movements over the junction, each from a stop line to an exit.
+    """
+
+    def __init__(self, network: RoadNetwork, roads: Sequence[Road]) -> None:
+        self._roads = {road: k for k, road in enumerate(roads)}
+        lines = [_middle_line(network.get_lane((*road, 0))) for road in roads]
+        count = len(roads)
+        self._conflict = np.zeros((count, count), dtype=bool)
+        for a in range(count):
+            for b in range(count):
+                same_arm = roads[a][0] == roads[b][0]
+                gap = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min()
+                self._conflict[a, b] = not same_arm and gap < _CLEARANCE_M
+        self._queue: dict[Traveller, int] = {}  # in the order of asking
+        self._granted: dict[Traveller, int] = {}
+
+    def update(self, vehicles: Sequence[Traveller], commanded: Sequence[Traveller]) -> None:
+        """Renew the grants; `commanded` vehicles obey nobody, so what they are about to do counts as granted."""
+        asking: dict[Traveller, int] = {}
+        leaving: set[Traveller] = set()
+        for vehicle in vehicles:
+            movement, distance_m = self._movement(vehicle)
+            if movement is None:
+                continue
+            if distance_m <= 0:
+                leaving.add(vehicle)
+            if distance_m < REQUEST_M:
+                asking[vehicle] = movement
+        self._granted = {vehicle: asking[vehicle] for vehicle in self._granted if vehicle in asking}
+        # Whoever is on the junction already is a fact, however it got there.
+        self._granted |= {vehicle: asking[vehicle] for vehicle in leaving}
+        self._granted |= {vehicle: asking[vehicle] for vehicle in commanded if vehicle in asking}
+        order = [*(vehicle for vehicle in self._queue if vehicle in asking), *asking]
+        self._queue = {vehicle: asking[vehicle] for vehicle in order if vehicle not in self._granted}
+        waiting: list[int] = []
+        for vehicle, movement in list(self._queue.items()):
+            rivals = [*self._granted.values(), *waiting]
+            if not self._conflict[movement, rivals].any() and self._room(vehicle, vehicles):
+                self._granted[vehicle] = movement
+                del self._queue[vehicle]
+            else:
+                waiting.append(movement)
+
+    def must_stop(self, vehicle: Traveller) -> bool:
+        """Whether a vehicle has to stop at its stop line."""
+        return vehicle in self._queue
+
+    def _movement(self, vehicle: Traveller) -> tuple[int | None, float]:
+        for road, _, distance_m in vehicle.upcoming():
+            if road in self._roads:
+                return self._roads[road], distance_m
+        return None, np.inf
+
+    def _room(self, vehicle: Traveller, vehicles: Sequence[Traveller]) -> bool:
+        """Whether the exit that a vehicle wants has room for it."""
+        ahead = vehicle.upcoming()
+        k = next(k for k, (road, _, _) in enumerate(ahead) if road in self._roads)
+        if k + 1 >= len(ahead):
+            return True
+        lane = ahead[k + 1][1]
+        for other in vehicles:
+            if other is vehicle or other.speed > 3.0:
+                continue
+            along, aside = lane.local_coordinates(other.position)
+            if -2.0 < along < _ROOM_M + (vehicle.LENGTH + other.LENGTH) / 2 and abs(aside) < 2.5:
+                return False
+        return True
+
+
+def _middle_line(lane: AbstractLane) -> Floats:
+    """(K, 2) points about half a metre apart."""
+    return np.array([lane.position(s, 0.0) for s in np.linspace(0.0, lane.length, int(2 * lane.length) + 2)])

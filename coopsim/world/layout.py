@@ -1,0 +1,125 @@
+"""What a place is made of, before anything moves: roads, scenery, pavements, where units and cars may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from highway_env.road.road import RoadNetwork
+
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.world.snapshot import RoadMap, StaticPart
+
+LaneIndex = tuple[str, str, int]
+
+GROUND = (96, 110, 84)
+ASPHALT = (70, 71, 74)
+PAVEMENT = (150, 147, 140)
+MARKING = (225, 225, 220)
+STEEL = (160, 163, 168)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A place where a vehicle may start.
+
+    Attributes:
+        lane: the lane.
+        along_m: distance from the lane's start.
+    """
+
+    lane: LaneIndex
+    along_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footways:
+    """Where people walk: a graph of straight ways.
+
+    Attributes:
+        nodes: (K, 2) m.
+        neighbours: (K, D) nodes that a node leads to, -1 where there are fewer than D.
+        crossing: (K, K) whether the way between two nodes crosses a road.
+    """
+
+    nodes: Floats
+    neighbours: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    crossing: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """A place.
+
+    Attributes:
+        network: highway-env's road network.
+        slots: starts for vehicles, far enough apart for any two vehicles.
+        connected_first: slots in the order in which their cars become connected.
+        footways: None where nobody walks.
+        rsus: `world_SE3_base` of possible roadside units, in order; origin on the ground, x towards the road.
+        rsu_height_m: of their masts.
+        static: meshes.
+        road_map: outlines.
+        movements: roads over a junction, from stop line to exit; none where roads do not meet.
+        window_m: vehicles farther than this along x from every connected car are replaced; None: roads are closed.
+    """
+
+    network: RoadNetwork
+    slots: tuple[Slot, ...]
+    connected_first: tuple[int, ...]
+    footways: Footways | None
+    rsus: tuple[SE3, ...]
+    rsu_height_m: float
+    static: tuple[StaticPart, ...]
+    road_map: RoadMap
+    movements: tuple[tuple[str, str], ...] = ()
+    window_m: float | None = None
+
+
+def box_part(
+    name: str, low: tuple[float, float, float], high: tuple[float, float, float], color: tuple[int, int, int]
+) -> StaticPart:
+    """An upright block between two corners, m."""
+    mesh = trimesh.creation.box(bounds=(low, high))
+    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4)
+
+
+def flat_part(
+    name: str, polygons: list[Floats], z_m: float, color: tuple[int, int, int], reflectivity: float
+) -> StaticPart:
+    """Convex polygons (K, 2), counter-clockwise, lying at a height."""
+    vertices = np.concatenate(
+        [np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons]
+    )
+    faces, offset = [], 0
+    for polygon in polygons:
+        count = len(polygon)
+        fan = np.arange(1, count - 1)
+        faces.append(np.column_stack([np.zeros_like(fan), fan, fan + 1]) + offset)
+        offset += count
+    return StaticPart(name, vertices, np.concatenate(faces), color, reflectivity)
+
+
+def mast_part(name: str, x_m: float, y_m: float, height_m: float) -> StaticPart:
+    """A round post."""
+    mesh = trimesh.creation.cylinder(
+        radius=0.1, segment=np.array([[x_m, y_m, 0.0], [x_m, y_m, height_m]]), sections=8
+    )
+    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
+
+
+def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
+    """(4, 2), counter-clockwise."""
+    return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
+
+
+def lane_outline(lane: object, step_m: float = 4.0) -> list[Floats]:
+    """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2)."""
+    length, half = lane.length, lane.width / 2  # type: ignore[attr-defined]
+    along = np.linspace(
+        0.0, length, 2 if lane.__class__.__name__ == "StraightLane" else max(2, round(length / step_m))
+    )
+    left = np.array([lane.position(s, half) for s in along])  # type: ignore[attr-defined]
+    right = np.array([lane.position(s, -half) for s in along])  # type: ignore[attr-defined]
+    return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]
