@@ -140,9 +140,7 @@ class Tracks:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Tracks:
-        return Tracks(
-            self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index]
-        )
+        return Tracks(self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index])
 
     def transform(self, dst_SE3_src: SE3) -> Tracks:
         """The tracks moved from src to dst (gravity-aligned)."""

@@ -38,9 +38,7 @@ class ChannelConfig:
 
     def __post_init__(self) -> None:
         if not self.range_m >= 0:
-            raise InvalidValueError(
-                f"communication_range_m must be >= 0 (inf: no limit), got {self.range_m!r}"
-            )
+            raise InvalidValueError(f"communication_range_m must be >= 0 (inf: no limit), got {self.range_m!r}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,9 +56,7 @@ class DetectionsCodec(Codec[Detections]):
             raise CodecError(f"{len(payload)} bytes are not a whole number of detections")
         rows = np.frombuffer(payload, dtype=self._ROW, offset=2)
         if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
-            raise CodecError(
-                f"detection label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}"
-            )
+            raise CodecError(f"detection label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
         return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])
 
 
@@ -70,9 +68,7 @@ def encode_message(message: Message) -> bytes:
     sender, codec = message.sender.encode(), message.codec.encode()
     if max(len(sender), len(codec)) > 0xFF:
         raise CodecError(f"names of sender and codec take at most 255 bytes, got {message.sender!r}")
-    head = _ENVELOPE.pack(
-        len(sender), len(codec), message.captured_ns, *message.pose.xyz_yaw, len(message.payload)
-    )
+    head = _ENVELOPE.pack(len(sender), len(codec), message.captured_ns, *message.pose.xyz_yaw, len(message.payload))
     return head + sender + codec + message.payload
 
 

@@ -53,9 +53,7 @@ def read_detections(path: Path) -> tuple[Ints, Boxes3D, Floats, Ints]:
     lines = _lines(path)
     rows = _numbers([line.split(",") for line in lines], DETECTION_FIELDS, path, _check_detection)
     codes = rows[:, 1].astype(np.int64)
-    label = np.select(
-        [codes == code for code in DETECTION_TYPES], [int(cls) for cls in DETECTION_TYPES.values()]
-    )
+    label = np.select([codes == code for code in DETECTION_TYPES], [int(cls) for cls in DETECTION_TYPES.values()])
     boxes = boxes_from_camera(rows[:, 7:10], rows[:, 10:13], rows[:, 13])
     return rows[:, 0].astype(np.int64), boxes, rows[:, 6], label
 

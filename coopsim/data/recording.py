@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,12 +70,8 @@ class RecordingSet:
         if sequence not in self.sequences:
             raise UnknownNameError(f"sequence in {self.path}", sequence, self.sequences)
         self.require_detections(names)
-        truth_frame, truth_id, truth_boxes, truth_label, last = read_labels(
-            self.path / "labels" / f"{sequence}.txt"
-        )
-        found = {
-            name: read_detections(self.path / "detections" / name / f"{sequence}.txt") for name in names
-        }
+        truth_frame, truth_id, truth_boxes, truth_label, last = read_labels(self.path / "labels" / f"{sequence}.txt")
+        found = {name: read_detections(self.path / "detections" / name / f"{sequence}.txt") for name in names}
         frames = 1 + max([last, *(int(frame.max(initial=-1)) for frame, *_ in found.values())])
         truth = [
             GroundTruth(truth_id[rows], truth_boxes[rows], truth_label[rows])
@@ -91,4 +88,4 @@ def _rows_by_frame(frame: Ints, frames: int) -> list[Ints]:
     """The rows of each frame, in the file's order."""
     order = np.argsort(frame, kind="stable")
     bounds = np.searchsorted(frame[order], np.arange(frames + 1))
-    return [order[start:end] for start, end in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [order[start:end] for start, end in itertools.pairwise(bounds)]

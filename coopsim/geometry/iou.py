@@ -135,9 +135,7 @@ def _hull_area(corners: Floats, half_x: float, half_y: float, points: Floats, hu
     for k in range(1, _MOST):
         x, y = points[k, 0], points[k, 1]
         slot = k
-        while slot > 0 and (
-            points[slot - 1, 0] > x or (points[slot - 1, 0] == x and points[slot - 1, 1] > y)
-        ):
+        while slot > 0 and (points[slot - 1, 0] > x or (points[slot - 1, 0] == x and points[slot - 1, 1] > y)):
             points[slot] = points[slot - 1]
             slot -= 1
         points[slot, 0], points[slot, 1] = x, y

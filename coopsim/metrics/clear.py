@@ -126,5 +126,3 @@ def count_clear(
 
 def _ratio(part: float, whole: float) -> float:
     return part / whole if whole else 0.0
-
-

@@ -73,7 +73,11 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
     track_of = np.full(len(data.truth), -1)
     similarity = np.zeros(len(data.truth))
     last_track, last_frame, last_seen = np.full(objects, -1), np.full(objects, -2), np.full(objects, -2)
-    present, matched, fragments = np.zeros(objects, np.int64), np.zeros(objects, np.int64), np.zeros(objects, np.int64)
+    present, matched, fragments = (
+        np.zeros(objects, np.int64),
+        np.zeros(objects, np.int64),
+        np.zeros(objects, np.int64),
+    )
     switches = adjacent_switches = false_positives = 0
     for frame in range(len(data.truth_start) - 1):
         truth = data.truth[data.truth_start[frame] : data.truth_start[frame + 1]]

@@ -55,9 +55,7 @@ class Score:
         """The mean over agents of every value; of a class, over the agents that met it."""
         parts = list(agents.values())
         names = dict.fromkeys(name for part in parts for name in part.classes)
-        classes = {
-            name: _mean_of([part.classes[name] for part in parts if name in part.classes]) for name in names
-        }
+        classes = {name: _mean_of([part.classes[name] for part in parts if name in part.classes]) for name in names}
         mean = _mean_of(parts)
         return cls(mean.values, mean.all_tracks, mean.false_positives, classes, dict(agents))
 
@@ -94,9 +92,7 @@ def summarize(
     """
     flats = [log.flat() for log in logs]
     labels = sorted({int(label) for flat in flats for label in flat.labels})
-    classes = {
-        CLASS_NAMES[label]: _score([flat.only(label) for flat in flats], false_positives) for label in labels
-    }
+    classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats], false_positives) for label in labels}
     # With a single class that nothing else was reported as, the whole is that class: no second sweep.
     reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
     whole = classes[CLASS_NAMES[labels[0]]] if len(labels) == 1 and reported <= set(labels) else None

@@ -11,7 +11,7 @@ from coopsim.geometry.se3 import Floats
 
 
 def predict(mean: Floats, covariance: Floats, transition: Floats, process: Floats) -> tuple[Floats, Floats]:
-    """x' = F x, P' = F P F^T + Q (Kalman 1960).
+    """X' = F x, P' = F P F^T + Q (Kalman 1960).
 
     Args:
         mean: (N, n).
@@ -23,7 +23,7 @@ def predict(mean: Floats, covariance: Floats, transition: Floats, process: Float
 
 
 def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """x' = x + K y, P' = (I - K H) P (I - K H)^T + K R K^T, with K = P H^T (H P H^T + R)^-1.
+    """X' = x + K y, P' = (I - K H) P (I - K H)^T + K R K^T, with K = P H^T (H P H^T + R)^-1.
 
     The Joseph form: it keeps P symmetric and positive definite through rounding.
 

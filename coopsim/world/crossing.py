@@ -46,6 +46,8 @@ def make_crossing() -> Layout:
         _add_arm(network, arm)
         _add_turns(network, arm)
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
+    lanes.append(rectangle((-STOP_M, STOP_M), (-LANE_M, LANE_M)))
+    lanes.append(rectangle((-LANE_M, LANE_M), (-STOP_M, STOP_M)))
     slots = _slots()
     buildings = _buildings()
     rsus = tuple(_rsu(corner) for corner in range(4))
@@ -63,9 +65,7 @@ def make_crossing() -> Layout:
             tuple(_pavements()),
             tuple(rectangle(x, y) for x, y, _ in buildings),
         ),
-        movements=tuple(
-            (f"stop{arm}", f"exit{other}") for arm in range(4) for other in range(4) if other != arm
-        ),
+        movements=tuple((f"stop{arm}", f"exit{other}") for arm in range(4) for other in range(4) if other != arm),
     )
 
 
@@ -94,9 +94,7 @@ def _add_arm(network: RoadNetwork, arm: int) -> None:
     tilt = np.arctan2(radius + half, reach)
     quarter = arm * np.pi / 2
 
-    def arc(
-        start: str, end: str, centre: tuple[float, float], phases: tuple[float, float], left: bool
-    ) -> None:
+    def arc(start: str, end: str, centre: tuple[float, float], phases: tuple[float, float], left: bool) -> None:
         lane = CircularLane(
             _turn(arm, centre),
             radius,
@@ -170,12 +168,7 @@ def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
 
 def _footways() -> Footways:
     """Along both sides of every arm, around every corner, and over every arm at its crosswalk."""
-    nodes = [
-        _turn(arm, (x, side * WALK_M))
-        for arm in range(4)
-        for side in (1, -1)
-        for x in (CROSSWALK_M, FAR_WALK_M)
-    ]
+    nodes = [_turn(arm, (x, side * WALK_M)) for arm in range(4) for side in (1, -1) for x in (CROSSWALK_M, FAR_WALK_M)]
     crossing = np.zeros((16, 16), dtype=bool)
     linked = np.zeros((16, 16), dtype=bool)
     for arm in range(4):
@@ -244,7 +237,7 @@ def _static(lanes: list[Floats], buildings: list[_Building], rsus: tuple[SE3, ..
     return (
         flat_part("ground", [rectangle((-260.0, 260.0), (-260.0, 260.0))], -0.04, GROUND, 0.3),
         flat_part("pavement", _pavements(), -0.01, PAVEMENT, 0.35),
-        flat_part("road", [*lanes, rectangle((-STOP_M, STOP_M), (-STOP_M, STOP_M))], 0.0, ASPHALT, 0.18),
+        flat_part("road", lanes, 0.0, ASPHALT, 0.18),
         flat_part("marking", [stripe for arm in range(4) for stripe in _stripes(arm)], 0.02, MARKING, 0.8),
         *walls,
         *(mast_part("mast", *rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
@@ -254,11 +247,6 @@ def _static(lanes: list[Floats], buildings: list[_Building], rsus: tuple[SE3, ..
 def _stripes(arm: int) -> list[Floats]:
     """A crosswalk's stripes."""
     return [
-        np.array(
-            [
-                _turn(arm, (x, y))
-                for x, y in rectangle((CROSSWALK_M - 1.5, CROSSWALK_M + 1.5), (low, low + 0.5))
-            ]
-        )
+        np.array([_turn(arm, (x, y)) for x, y in rectangle((CROSSWALK_M - 1.5, CROSSWALK_M + 1.5), (low, low + 0.5))])
         for low in np.arange(-LANE_M + 0.25, LANE_M - 0.25, 1.0)
     ]

@@ -50,13 +50,9 @@ def make_highway() -> Layout:
                 StraightLane(ends[0], ends[1], width=LANE_M, speed_limit=SPEED_M_S + 6 - 3 * lane),
             )
     edge = MEDIAN_M / 2 + LANES * LANE_M
-    carriageways = [
-        rectangle((START_M, END_M), sides) for sides in ((-edge, -MEDIAN_M / 2), (MEDIAN_M / 2, edge))
-    ]
+    carriageways = [rectangle((START_M, END_M), sides) for sides in ((-edge, -MEDIAN_M / 2), (MEDIAN_M / 2, edge))]
     slots = _slots(network)
-    rsus = tuple(
-        SE3.from_xyz_yaw([100.0 * k, RSU_Y_M * (-1) ** k, 0.0], np.pi / 2 * (-1) ** k) for k in range(4)
-    )
+    rsus = tuple(SE3.from_xyz_yaw([100.0 * k, RSU_Y_M * (-1) ** k, 0.0], np.pi / 2 * (-1) ** k) for k in range(4))
     shown = [rectangle((START_M, SCENERY_M), tuple(part[[0, 2], 1])) for part in carriageways]
     return Layout(
         network,
@@ -90,9 +86,9 @@ def _slots(network: RoadNetwork) -> tuple[Slot, ...]:
         for lane in range(LANES):
             index = (f"{name}_start", f"{name}_end", lane)
             middle = network.get_lane(index).local_coordinates(np.zeros(2))[0]
-            for x in np.arange(-SPREAD_M, SPREAD_M + 1, SLOT_SPACING_M):
-                # Lanes are staggered, so that cars do not begin side by side.
-                slots.append(Slot(index, float(middle + x + lane * SLOT_SPACING_M / LANES)))
+            # Lanes are staggered, so that cars do not begin side by side.
+            first = middle - SPREAD_M + lane * SLOT_SPACING_M / LANES
+            slots += [Slot(index, float(x)) for x in np.arange(first, first + 2 * SPREAD_M + 1, SLOT_SPACING_M)]
     return tuple(slots)
 
 

@@ -89,9 +89,7 @@ def flat_part(
     name: str, polygons: list[Floats], z_m: float, color: tuple[int, int, int], reflectivity: float
 ) -> StaticPart:
     """Convex polygons (K, 2), counter-clockwise, lying at a height."""
-    vertices = np.concatenate(
-        [np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons]
-    )
+    vertices = np.concatenate([np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons])
     faces, offset = [], 0
     for polygon in polygons:
         count = len(polygon)
@@ -103,9 +101,7 @@ def flat_part(
 
 def mast_part(name: str, x_m: float, y_m: float, height_m: float) -> StaticPart:
     """A round post."""
-    mesh = trimesh.creation.cylinder(
-        radius=0.1, segment=np.array([[x_m, y_m, 0.0], [x_m, y_m, height_m]]), sections=8
-    )
+    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[x_m, y_m, 0.0], [x_m, y_m, height_m]]), sections=8)
     return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
 
 
@@ -117,9 +113,7 @@ def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
 def lane_outline(lane: object, step_m: float = 4.0) -> list[Floats]:
     """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2)."""
     length, half = lane.length, lane.width / 2  # type: ignore[attr-defined]
-    along = np.linspace(
-        0.0, length, 2 if lane.__class__.__name__ == "StraightLane" else max(2, round(length / step_m))
-    )
+    along = np.linspace(0.0, length, 2 if lane.__class__.__name__ == "StraightLane" else max(2, round(length / step_m)))
     left = np.array([lane.position(s, half) for s in along])  # type: ignore[attr-defined]
     right = np.array([lane.position(s, -half) for s in along])  # type: ignore[attr-defined]
     return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]

@@ -72,15 +72,13 @@ def _car(
         width,
     )
     glass = _hull(
-        [(cabin[0], belt, 0.92), (cabin[1], belt, 0.92), (roof[0], height, 0.78), (roof[1], height, 0.78)],
+        [(cabin[0], belt, 0.92), (cabin[1], belt, 0.92), (roof[0], height - 0.02, 0.78), (roof[1], height - 0.02, 0.78)],
         length,
         width,
     )
     roof_panel = _block((roof[0] * length, roof[1] * length), 0.76 * width, (height - 0.03, height))
     wheels = _wheels((0.18 * length, 0.81 * length), width, 0.22 * height + 0.02)
-    return _model(
-        name, ObjectClass.CAR, size, [(body, _PAINT), (glass, _GLASS), (roof_panel, _PAINT), *wheels]
-    )
+    return _model(name, ObjectClass.CAR, size, [(body, _PAINT), (glass, _GLASS), (roof_panel, _PAINT), *wheels])
 
 
 def _truck(name: str, size: tuple[float, float, float], cab_share: float, gap_share: float) -> Model:
@@ -130,9 +128,7 @@ def _person(name: str, size: tuple[float, float, float]) -> Model:
 
 def _hull(stations: Sequence[tuple[float, float, float]], length: float, width: float) -> trimesh.Trimesh:
     """Convex hull of bars across: (share of the length, height m, share of the width)."""
-    points = [
-        (along * length, side * across * width / 2, up) for along, up, across in stations for side in (1, -1)
-    ]
+    points = [(along * length, side * across * width / 2, up) for along, up, across in stations for side in (1, -1)]
     return trimesh.convex.convex_hull(np.array(points))
 
 

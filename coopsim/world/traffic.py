@@ -54,9 +54,7 @@ class _Sized(ControlledVehicle):  # type: ignore[misc]
     model: int
     paint: np.ndarray[Any, np.dtype[np.uint8]]
 
-    def fit(
-        self, actor_id: int, index: int, model: Model, paint: np.ndarray[Any, np.dtype[np.uint8]]
-    ) -> None:
+    def fit(self, actor_id: int, index: int, model: Model, paint: np.ndarray[Any, np.dtype[np.uint8]]) -> None:
         """Take on a model's size and an identity."""
         self.actor_id, self.model, self.paint = actor_id, index, paint
         self.LENGTH, self.WIDTH = float(model.size_m[0]), float(model.size_m[1])
@@ -95,9 +93,7 @@ class _Sized(ControlledVehicle):  # type: ignore[misc]
 class Driver(_Sized, IDMVehicle):  # type: ignore[misc]
     """Drives by itself: IDM and MOBIL, keeping the jam distance between bumpers whatever the lengths."""
 
-    def desired_gap(
-        self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, projected: bool = True
-    ) -> float:
+    def desired_gap(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, projected: bool = True) -> float:
         gap: float = super().desired_gap(ego_vehicle, front_vehicle, projected)
         longer = (ego_vehicle.LENGTH + front_vehicle.LENGTH) / 2 - Vehicle.LENGTH
         return gap + max(0.0, longer)
@@ -123,13 +119,9 @@ class TownDriver(Driver):
         super().act(action)
         if not self.crashed:
             free = self.acceleration(self, None)
-            self.action["acceleration"] = float(
-                np.clip(min(free, self._follow()), -self.ACC_MAX, self.ACC_MAX)
-            )
+            self.action["acceleration"] = float(np.clip(min(free, self._follow()), -self.ACC_MAX, self.ACC_MAX))
 
-    def acceleration(
-        self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, rear_vehicle: Vehicle = None
-    ) -> float:
+    def acceleration(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, rear_vehicle: Vehicle = None) -> float:
         """IDM on a free road, towards the speed that the bends ahead allow."""
         allowed = [
             np.sqrt(lane.speed_limit**2 + 2 * _EASY_BRAKING_M_S2 * max(distance_m, 0.0))
@@ -269,9 +261,7 @@ class Traffic:
         order = [place[slot] for slot in self._layout.connected_first if slot in place]
         return [k for k in order if labels[k] is ObjectClass.CAR][:count]
 
-    def _spawn(
-        self, kind: type[_Sized], slot: Slot, label: ObjectClass, speed_share: float | None = None
-    ) -> _Sized:
+    def _spawn(self, kind: type[_Sized], slot: Slot, label: ObjectClass, speed_share: float | None = None) -> _Sized:
         lane = self._layout.network.get_lane(slot.lane)
         along = slot.along_m + self._rng.uniform(-1.0, 1.0)
         share = self._rng.uniform(0.75, 1.0) if speed_share is None else speed_share
@@ -317,9 +307,7 @@ class Traffic:
             index = (start, end, number)
             lane = self._layout.network.get_lane(index)
             y = lane.position(0.0, 0.0)[1]
-            near = [
-                v for v in self.road.vehicles if abs(v.position[0] - x) < 30 and abs(v.position[1] - y) < 3
-            ]
+            near = [v for v in self.road.vehicles if abs(v.position[0] - x) < 30 and abs(v.position[1] - y) < 3]
             if not [v for v in near if v is not gone]:
                 along = lane.local_coordinates(np.array([x, y]))[0]
                 return self._spawn(Driver, Slot(index, float(along)), label, share)

@@ -48,9 +48,7 @@ class Pedestrians:
         seed: the episode's.
     """
 
-    def __init__(
-        self, footways: Footways | None, count: int, models: Sequence[int], road: Road, seed: int
-    ) -> None:
+    def __init__(self, footways: Footways | None, count: int, models: Sequence[int], road: Road, seed: int) -> None:
         self._rng = rng = stream(seed, "pedestrians")
         self._ways = footways or Footways(
             np.zeros((1, 2)), np.full((1, 1), -1, dtype=np.int64), np.zeros((1, 1), dtype=bool)
@@ -124,9 +122,7 @@ class Pedestrians:
         cars: list[Any] = self._road.vehicles
         if not cars or not len(self):
             return np.ones(len(self), dtype=bool)
-        position, velocity = (
-            np.array([getattr(car, name) for car in cars]) for name in ("position", "velocity")
-        )
+        position, velocity = (np.array([getattr(car, name) for car in cars]) for name in ("position", "velocity"))
         offset = middle[:, None] - position
         distance = np.linalg.norm(offset, axis=2)
         closing = (offset * velocity).sum(axis=2) / np.maximum(distance, 1e-9)

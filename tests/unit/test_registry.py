@@ -28,9 +28,7 @@ def test_duplicate_raises_and_keeps_the_first(fruit: Registry[int]) -> None:
 
 
 def test_unknown_lists_close_and_accepted_names(fruit: Registry[int]) -> None:
-    with pytest.raises(
-        UnknownNameError, match=r"unknown fruit 'aple'. Did you mean 'apple'\?.*apple, banana"
-    ):
+    with pytest.raises(UnknownNameError, match=r"unknown fruit 'aple'. Did you mean 'apple'\?.*apple, banana"):
         fruit.get("aple")
 
 

@@ -79,18 +79,14 @@ def test_bytes_are_those_of_the_encoded_message_once_per_broadcast() -> None:
     range_m=st.floats(0, 150),
     frames=st.integers(1, 15),
 )
-def test_messages_are_conserved(
-    latency_s: float, jitter_s: float, loss: float, range_m: float, frames: int
-) -> None:
+def test_messages_are_conserved(latency_s: float, jitter_s: float, loss: float, range_m: float, frames: int) -> None:
     config = ChannelConfig(GaussianLatency(latency_s, jitter_s), BernoulliLoss(loss), range_m)
     channel, log = run(config, frames)
     counts = channel.counts
     assert counts.sent == 6 * frames == counts.delivered + counts.lost + counts.pending
     assert len(log) == counts.delivered
     channel.deliver(10**15)
-    assert (
-        channel.counts.pending == 0 and channel.counts.sent == channel.counts.delivered + channel.counts.lost
-    )
+    assert channel.counts.pending == 0 and channel.counts.sent == channel.counts.delivered + channel.counts.lost
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,7 @@ def sweep(returns: dict[int, int]) -> Sweep:
     return Sweep(np.zeros((count, 3)), np.zeros(count), np.zeros(count), instance)
 
 
-def detect(
-    returns_each: int, *, range_m: float = 20.0, count: int = 2000, config: SimulatedDetectorConfig = QUIET
-):  # type: ignore[no-untyped-def]
+def detect(returns_each: int, *, range_m: float = 20.0, count: int = 2000, config: SimulatedDetectorConfig = QUIET):  # type: ignore[no-untyped-def]
     truth = actors(count, range_m)
     seen = sweep(dict.fromkeys(truth.id.tolist(), returns_each))
     return SimulatedDetector(config).detect({"lidar": seen}, truth, np.random.default_rng(0)), truth
@@ -86,9 +84,7 @@ def test_hiding_one_actor_does_not_shift_the_noise_of_the_others() -> None:
     returns = {int(each): 500 for each in truth.id}
     detector = SimulatedDetector(replace(QUIET, max_recall=1.0))
     all_seen = detector.detect({"lidar": sweep(returns)}, truth, np.random.default_rng(5))
-    one_hidden = detector.detect(
-        {"lidar": sweep(returns | {int(truth.id[1]): 0})}, truth, np.random.default_rng(5)
-    )
+    one_hidden = detector.detect({"lidar": sweep(returns | {int(truth.id[1]): 0})}, truth, np.random.default_rng(5))
     assert len(all_seen) == 3
     np.testing.assert_array_equal(one_hidden.boxes.array, all_seen.boxes.array[[0, 2]])
 

@@ -1,0 +1,44 @@
+"""AB3DMOT (Weng et al., IROS 2020): the baseline tracker of the field, on the agent's own detections."""
+
+from __future__ import annotations
+
+from coopsim.agents.tracking import TrackingPolicy
+from coopsim.catalog import POLICIES
+from coopsim.tracking.affinity import giou_3d
+from coopsim.tracking.assignment import hungarian
+from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.tracker import Tracker
+
+
+def ab3dmot(gate: float = -0.2, hits: int = 3, age: int = 2) -> Tracker:
+    """The tracker: constant velocity Kalman filter, 3D GIoU, Hungarian, births by hits, deaths by age.
+
+    Args:
+        gate: smallest 3D GIoU of a match, in [-1, 1].
+        hits: detections until a track is reported.
+        age: frames without a detection until a track is dropped.
+    """
+    return Tracker(ConstantVelocity(), Cascade([Stage(giou_3d, hungarian, gate=gate)]), HitsAndAge(hits, age))
+
+
+@POLICIES.register("ab3dmot")
+class AB3DMOT(TrackingPolicy):
+    """AB3DMOT on the agent's own detections; reads no message.
+
+    Args:
+        gate: smallest 3D GIoU of a match, in [-1, 1].
+        hits: detections until a track is reported.
+        age: frames without a detection until a track is dropped.
+    """
+
+    uplink = "none"
+
+    def __init__(self, gate: float = -0.2, hits: int = 3, age: int = 2) -> None:
+        super().__init__()
+        self._settings = (gate, hits, age)
+        self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
+
+    def make_tracker(self) -> Tracker:
+        return ab3dmot(*self._settings)

@@ -1,0 +1,85 @@
+"""What a policy is: the part of coopsim that its users write.
+
+A policy looks at one agent's observation and reports tracks. The smallest one has one method:
+
+```python
+class Copy(coopsim.Policy):
+    uplink = "none"
+
+    def track(self, agent, observation):
+        found = observation.detections
+        still = np.zeros((len(found), 2))
+        return Tracks(np.arange(len(found)), found.boxes, still, found.score, found.label)
+```
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from coopsim.envs.spaces import IDLE, pack_tracks, unpack_observation
+from coopsim.errors import EpisodeStateError, PolicyMismatchError
+from coopsim.rng import stream
+from coopsim.types import AgentSpec, Observation, Tracks
+
+
+class Policy(ABC):
+    """Tracks for any number of agents. One object serves all; state per agent is made in `begin`.
+
+    Attributes:
+        uplink: what the policy needs agents to broadcast; "none" if it reads no message.
+        specs: the agents of the running episode, in the environment's order.
+    """
+
+    uplink: ClassVar[str] = "detections"
+    specs: Mapping[str, AgentSpec]
+
+    @abstractmethod
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        """What `agent` reports for this observation, in its own base frame, now."""
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        """Called once per agent when an episode begins; make the agent's state here.
+
+        Args:
+            spec: the agent.
+            rng: the agent's own random stream, for policies that draw.
+        """
+
+    def drive(self, agent: str, observation: Observation) -> int:
+        """How `agent` drives, a number into `MANEUVERS`; asked only under `control="policy"`."""
+        return IDLE
+
+    def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
+        """Begin an episode with these agents, forgetting the last one.
+
+        Raises:
+            PolicyMismatchError: the environment's agents broadcast something else than the policy needs.
+        """
+        for spec in agent_specs.values():
+            if self.uplink not in ("none", spec.uplink):
+                raise PolicyMismatchError(
+                    f"{type(self).__name__} needs uplink {self.uplink!r}, but {spec.name} broadcasts "
+                    f"{spec.uplink!r}: make the environment with uplink={self.uplink!r}, or use "
+                    "coopsim.evaluate, which does"
+                )
+        self.specs = dict(agent_specs)
+        for name, spec in self.specs.items():
+            self.begin(spec, stream(seed, "policy", name))
+
+    def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Actions for all agents that observed something."""
+        if not hasattr(self, "specs"):
+            raise EpisodeStateError("act before reset: call policy.reset(env.agent_specs) first")
+        return {name: self._act_one(name, observation) for name, observation in observations.items()}
+
+    def _act_one(self, agent: str, packed: Mapping[str, Any]) -> dict[str, Any]:
+        observation = unpack_observation(packed, tuple(self.specs), self.specs[agent])
+        action: dict[str, Any] = {"tracks": pack_tracks(self.track(agent, observation))}
+        if self.specs[agent].drives:
+            action["maneuver"] = self.drive(agent, observation)
+        return action

@@ -1,0 +1,58 @@
+"""coopsim: the gym for cooperative perception.
+
+```python
+import coopsim
+
+env = coopsim.parallel_env("crossing", latency_s=0.2, position_noise_m=0.2)
+policy = coopsim.make_policy("late_fusion")
+observations, infos = env.reset(seed=7)
+policy.reset(env.agent_specs, seed=7)
+while env.agents:
+    observations, rewards, terminations, truncations, infos = env.step(policy.act(observations))
+print(env.score().table())
+```
+
+Names are loaded when first used: importing coopsim is quick, and loads neither torch nor OpenGL.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from coopsim.agents.base import Policy as Policy
+    from coopsim.bench.runner import Evaluation as Evaluation
+    from coopsim.bench.runner import evaluate as evaluate
+    from coopsim.bench.runner import evaluate_recordings as evaluate_recordings
+    from coopsim.catalog import ENVIRONMENTS as ENVIRONMENTS
+    from coopsim.catalog import POLICIES as POLICIES
+    from coopsim.catalog import make_policy as make_policy
+    from coopsim.catalog import parallel_env as parallel_env
+    from coopsim.errors import CoopsimError as CoopsimError
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Policy": "coopsim.agents.base",
+    "Evaluation": "coopsim.bench.runner",
+    "evaluate": "coopsim.bench.runner",
+    "evaluate_recordings": "coopsim.bench.runner",
+    "ENVIRONMENTS": "coopsim.catalog",
+    "POLICIES": "coopsim.catalog",
+    "make_policy": "coopsim.catalog",
+    "parallel_env": "coopsim.catalog",
+    "CoopsimError": "coopsim.errors",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'coopsim' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

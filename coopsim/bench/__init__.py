@@ -1,0 +1,1 @@
+"""Running policies and reporting how they did."""

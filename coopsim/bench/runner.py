@@ -1,0 +1,156 @@
+"""Runs a policy, start to end, and scores it: in simulation, or on recordings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.catalog import make_policy, parallel_env
+from coopsim.data.recording import RecordingSet
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.log import TrackLog
+from coopsim.metrics.score import Score, summarize
+
+if TYPE_CHECKING:
+    from coopsim.agents.base import Policy
+    from coopsim.envs.parallel import CooperativeEnv
+
+OnFrame = Callable[["CooperativeEnv"], None]
+"""Called after every step, to watch; it must not step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """How one policy did in one episode.
+
+    Attributes:
+        score: each agent's and their mean.
+        rewards: (F,) mean over agents, per frame.
+        frames: number of frames.
+        seconds: wall time of environment and policy together, without making them.
+    """
+
+    score: Score
+    rewards: Floats
+    frames: int
+    seconds: float
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time."""
+        return self.frames / self.seconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingsEvaluation:
+    """How one policy did on a set of recordings, all of them pooled.
+
+    Attributes:
+        count: the score with false positives counted.
+        ignore: the score with false positives ignored, to stand beside tables that do so.
+        frames: number of frames, over all sequences.
+        seconds: wall time of tracking and scoring, without reading files.
+    """
+
+    count: Score
+    ignore: Score
+    frames: int
+    seconds: float
+
+
+def evaluate(
+    policy: Policy | str,
+    environment: str = "crossing",
+    *,
+    seed: int = 0,
+    on_frame: OnFrame | None = None,
+    **options: Any,
+) -> Evaluation:
+    """Run a policy through one episode of an environment that broadcasts what the policy needs.
+
+    Args:
+        policy: a policy, or the name of one.
+        environment: name of the environment.
+        seed: decides everything in the episode.
+        on_frame: called after every step.
+        **options: of the environment.
+    """
+    policy = make_policy(policy) if isinstance(policy, str) else policy
+    env = parallel_env(environment, uplink=policy.uplink, **options)
+    try:
+        rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
+        return Evaluation(env.score(), rewards, len(rewards), seconds)
+    finally:
+        env.close()
+
+
+def evaluate_recordings(
+    policy: Policy | str,
+    path: str | Path,
+    detections: tuple[str, ...],
+    *,
+    on_frame: OnFrame | None = None,
+    **options: Any,
+) -> RecordingsEvaluation:
+    """Run a policy over every sequence of a recording set and pool the scores.
+
+    Args:
+        policy: a policy, or the name of one.
+        path: the set's folder.
+        detections: names under `detections/`; each is one agent.
+        on_frame: called after every step.
+        **options: of the replay environment.
+    """
+    policy = make_policy(policy) if isinstance(policy, str) else policy
+    env = parallel_env("replay", path=path, detections=detections, uplink=policy.uplink, **options)
+    logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
+    seconds, sent_bytes, frames = 0.0, dict.fromkeys(logs, 0.0), 0
+    for sequence in RecordingSet(path).sequences:
+        rewards, spent = run_episode(env, policy, seed=0, on_frame=on_frame, sequence=sequence)
+        seconds, frames = seconds + spent, frames + len(rewards)
+        for agent, log in env.logs.items():
+            logs[agent].append(log)
+            sent_bytes[agent] += env.bytes_per_s(agent) * len(rewards)
+    started = time.perf_counter()
+    count, ignore = (
+        Score.mean(
+            {
+                agent: summarize(
+                    logs[agent],
+                    false_positives=protocol,
+                    extra={"bytes_per_s": sent_bytes[agent] / max(frames, 1)},
+                )
+                for agent in logs
+            }
+        )
+        for protocol in ("count", "ignore")
+    )
+    return RecordingsEvaluation(count, ignore, frames, seconds + time.perf_counter() - started)
+
+
+def run_episode(
+    env: CooperativeEnv,
+    policy: Policy,
+    *,
+    seed: int,
+    on_frame: OnFrame | None = None,
+    **reset_options: Any,
+) -> tuple[Floats, float]:
+    """Step until the episode ends; the mean reward per frame (F,), and seconds of wall time."""
+    rewards: list[float] = []
+    observations, _ = env.reset(seed=seed, options=reset_options)
+    policy.reset(env.agent_specs, seed=seed)
+    seconds = 0.0
+    while env.agents:
+        started = time.perf_counter()
+        observations, reward, *_ = env.step(policy.act(observations))
+        seconds += time.perf_counter() - started
+        rewards.append(float(np.mean(list(reward.values()))))
+        if on_frame is not None:
+            on_frame(env)
+    return np.array(rewards), seconds

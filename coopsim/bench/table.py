@@ -1,0 +1,49 @@
+"""The one table that every command prints, and the report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from tabulate import tabulate
+
+from coopsim.bench.runner import Evaluation
+from coopsim.metrics.score import Score
+
+COLUMNS: tuple[tuple[str, str], ...] = (
+    ("sAMOTA", ".1f"),
+    ("AMOTA", ".1f"),
+    ("AMOTP", ".1f"),
+    ("MOTA", ".1f"),
+    ("MOTP", ".1f"),
+    ("IDS", ".1f"),
+    ("FP", ".0f"),
+    ("FN", ".0f"),
+    ("bytes/s", ".0f"),
+    ("frames/s", ".1f"),
+)
+"""Columns and their formats. Percentages, except counts and rates."""
+
+
+def score_row(score: Score, frames_per_s: float) -> dict[str, float]:
+    """A score's values by column name."""
+    rates = {"bytes/s": score["bytes_per_s"], "frames/s": frames_per_s}
+    return {name: rates[name] if name in rates else score[name] for name, _ in COLUMNS}
+
+
+def evaluation_row(evaluation: Evaluation) -> dict[str, float]:
+    """An evaluation's values by column name."""
+    return score_row(evaluation.score, evaluation.frames_per_s)
+
+
+def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) -> str:
+    """Aligned plain text.
+
+    Args:
+        rows: per row what it is about (heading to text; the same headings in every row) and its values.
+    """
+    if not rows:
+        return "no results"
+    headings = [*rows[0][0], *(name for name, _ in COLUMNS)]
+    cells = [[*about.values(), *(format(values[name], form) for name, form in COLUMNS)] for about, values in rows]
+    align = ["left"] * len(rows[0][0]) + ["right"] * len(COLUMNS)
+    return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)

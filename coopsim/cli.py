@@ -1,0 +1,202 @@
+"""The command line: `coopsim demo`, `coopsim replay`, `coopsim list`."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import coopsim
+from coopsim.errors import CoopsimError, InvalidValueError
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells report it."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Suggests the option that was probably meant; takes no abbreviations, which hide typos."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, allow_abbrev=False, **kwargs)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        known, extra = super().parse_known_args(args, namespace)
+        # Here, not in parse_args: a sub-command's parser is only ever asked for this.
+        for word in extra:
+            close = difflib.get_close_matches(word.split("=")[0], self._option_string_actions, n=2, cutoff=0.5)
+            if close:
+                self.error(f"unknown option {word!r}. Did you mean {' or '.join(close)}?")
+        return known, extra
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status: 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except CoopsimError as error:
+        print(f"coopsim: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("coopsim: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away, as `head` does
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (so that the exit does not flush into it again)
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="coopsim", description="The gym for cooperative perception.")
+    parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_demo(commands.add_parser("demo", help="compare policies in simulated traffic, with a report"))
+    _add_replay(commands.add_parser("replay", help="score a policy on recorded detections"))
+    listing = commands.add_parser("list", help="names of policies and environments")
+    listing.set_defaults(command=_list)
+    return parser
+
+
+def _add_demo(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--environment", default="crossing", help="default: %(default)s")
+    add("--policies", type=_names, default=("no_fusion", "late_fusion"), metavar="A,B", help="see `list`")
+    add("--latencies-ms", type=_milliseconds, default=(0.0, 300.0), metavar="0,300")
+    add("--frames", type=_count, default=100, help="length of each run (default: %(default)s)")
+    add("--seed", type=_count_or_zero, default=0, help="default: %(default)s")
+    add("--vehicles", type=_count, default=30, help="default: %(default)s")
+    add("--connected-cars", type=_count_or_zero, default=3, help="default: %(default)s")
+    add("--rsus", type=_count_or_zero, default=1, help="roadside units (default: %(default)s)")
+    add("--pedestrians", type=_count_or_zero, help="default: the environment's own")
+    add("--position-noise-m", type=float, default=0.2, help="default: %(default)s")
+    add("--heading-noise-deg", type=float, default=0.2, help="default: %(default)s")
+    add("--loss", type=float, default=0.0, help="probability in [0, 1] (default: %(default)s)")
+    add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
+    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+    parser.set_defaults(command=_demo)
+
+
+def _add_replay(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("path", type=Path, help="folder with labels/ and detections/<name>/")
+    add("--policy", default="ab3dmot", help="see `list` (default: %(default)s)")
+    add("--detections", type=_names, required=True, metavar="A,B", help="every name is one agent")
+    add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
+    add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
+    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+    parser.set_defaults(command=_replay)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from coopsim.bench.demo import Demo, DemoConfig
+    from coopsim.bench.table import evaluation_row, format_table
+
+    scenario = {name: getattr(options, name) for name in ("vehicles", "connected_cars", "rsus", "pedestrians")}
+    noise = {
+        "position_noise_m": options.position_noise_m,
+        "heading_noise_rad": math.radians(options.heading_noise_deg),
+        "loss": options.loss,
+    }
+    given = {name: value for name, value in {**scenario, **noise}.items() if value is not None}
+    latencies_s = tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
+    demo = Demo(DemoConfig(options.environment, options.policies, latencies_s, options.frames, options.seed, given))
+    for path in (options.report, options.json):
+        _require_writable(path)
+    interrupted = False
+    total = len(options.policies) * len(latencies_s) * options.frames
+    with tqdm(total=total, unit="frame", disable=None, desc="demo") as bar:
+        try:
+            demo.run(lambda: bar.update() and None)
+        except KeyboardInterrupt:
+            interrupted = True
+    rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
+    print(format_table(rows))
+    if options.json is not None:
+        _write_json(options.json, [{**about, **values} for about, values in rows])
+    if demo.runs:
+        print(f"report: {demo.write_report(options.report)}")
+    if interrupted:
+        print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)
+    return INTERRUPTED if interrupted else 0
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from coopsim.bench.runner import evaluate_recordings
+    from coopsim.bench.table import format_table, score_row
+
+    _require_writable(options.json)
+    result = evaluate_recordings(
+        options.policy,
+        options.path,
+        options.detections,
+        latency_s=options.latency_ms / 1000,
+        match_iou=options.match_iou,
+    )
+    frames_per_s = result.frames / result.seconds
+    protocols = {"count": result.count, "ignore": result.ignore}
+    print(
+        format_table(
+            [
+                ({"policy": options.policy, "false positives": name}, score_row(score, frames_per_s))
+                for name, score in protocols.items()
+            ]
+        )
+    )
+    print(f"{result.frames} frames in {result.seconds:.2f} s")
+    if options.json is not None:
+        scores = {name: score.to_dict() for name, score in protocols.items()}
+        _write_json(options.json, {**scores, "frames": result.frames, "seconds": result.seconds})
+    return 0
+
+
+def _list(options: argparse.Namespace) -> int:
+    print("policies:     " + ", ".join(coopsim.POLICIES.names()))
+    print("environments: " + ", ".join(coopsim.ENVIRONMENTS.names()))
+    return 0
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f"must be distinct names with commas between them, got {text!r}")
+    return names
+
+
+def _milliseconds(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be numbers with commas between them, got {text!r}") from None
+
+
+def _count_or_zero(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be an integer >= 0, got {text!r}")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    if _count_or_zero(text) == 0:
+        raise argparse.ArgumentTypeError("must be an integer >= 1, got 0")
+    return int(text)
+
+
+def _require_writable(path: Path | None) -> None:
+    """Fail before the work, not after it."""
+    if path is not None and (path.is_dir() or not os.access(path.absolute().parent, os.W_OK)):
+        raise InvalidValueError(f"cannot write {path}: it must be a file in an existing, writable folder")
+
+
+def _write_json(path: Path, content: object) -> None:
+    with tempfile.NamedTemporaryFile("w", dir=path.absolute().parent, suffix=".tmp", delete=False) as file:
+        json.dump(content, file, indent=2)
+        file.write("\n")
+    os.replace(file.name, path)

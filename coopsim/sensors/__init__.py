@@ -1,0 +1,1 @@
+"""LiDAR and cameras: what the world looks like from an agent."""

@@ -1,0 +1,111 @@
+"""The world as triangles, frame by frame, with no work per actor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+from coopsim.world.snapshot import Actors, Model, StaticPart
+
+STATIC_ID = 0
+_GLASS_COLOR = np.array([24.0, 28.0, 34.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangles:
+    """A scene in the world frame.
+
+    Attributes:
+        vertices: (V, 3) m.
+        faces: (F, 3) int.
+        instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
+        reflectivity: (F,) in [0, 1].
+        color: (F, 3) uint8.
+    """
+
+    vertices: Floats
+    faces: Ints
+    instance: Ints
+    reflectivity: Floats
+    color: NDArray[np.uint8]
+
+    @property
+    def normals(self) -> Floats:
+        """(F, 3) outward unit normals."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        unit: Floats = normal / np.maximum(length, 1e-12)
+        return unit
+
+
+class SceneGeometry:
+    """Makes each frame's triangles from the actors' models and the static parts.
+
+    Which vertex belongs to which actor is worked out once and kept until other actors come; then a frame is one
+    rotation and one shift of all vertices together.
+
+    Args:
+        models: that actors' `model` counts into.
+        static: what never moves.
+    """
+
+    def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
+        self._models = tuple(models)
+        self._static = _static_triangles(static)
+        self._key: tuple[bytes, bytes, bytes] | None = None
+
+    def triangles(self, actors: Actors) -> Triangles:
+        """The scene with these actors, scenery first."""
+        key = (actors.id.tobytes(), actors.model.tobytes(), actors.color.tobytes())
+        if key != self._key:
+            self._arrange(actors)
+            self._key = key
+        boxes = actors.boxes
+        cos, sin = np.cos(boxes.yaw)[self._owner], np.sin(boxes.yaw)[self._owner]
+        local = self._local
+        vertices = self._vertices
+        moved = vertices[len(self._static.vertices) :]
+        moved[:, 0] = local[:, 0] * cos - local[:, 1] * sin
+        moved[:, 1] = local[:, 0] * sin + local[:, 1] * cos
+        moved[:, 2] = local[:, 2]
+        moved += boxes.center[self._owner]
+        return Triangles(vertices.copy(), self._faces, self._instance, self._reflectivity, self._color)
+
+    def _arrange(self, actors: Actors) -> None:
+        models = [self._models[k] for k in actors.model]
+        counts = np.array([len(model.vertices) for model in models], dtype=np.int64)
+        face_counts = [len(model.faces) for model in models]
+        starts = len(self._static.vertices) + np.concatenate([[0], np.cumsum(counts)])
+        none = np.zeros((0, 3))
+        self._owner = np.repeat(np.arange(len(actors)), counts)
+        self._local = np.concatenate([none, *(model.vertices for model in models)])
+        self._vertices = np.concatenate([self._static.vertices, self._local])
+        own_faces = [model.faces + start for model, start in zip(models, starts, strict=False)]
+        self._faces = np.concatenate([self._static.faces, *own_faces])
+        static_count = len(self._static.faces)
+        self._instance = np.concatenate([np.full(static_count, STATIC_ID), np.repeat(actors.id, face_counts)])
+        self._reflectivity = np.concatenate([self._static.reflectivity, *(model.reflectivity for model in models)])
+        tint = np.concatenate([np.zeros(0), *(model.tint for model in models)])[:, None]
+        paint = np.repeat(actors.color, face_counts, axis=0)
+        painted = (tint * paint + (1 - tint) * _GLASS_COLOR).astype(np.uint8)
+        self._color = np.concatenate([self._static.color, painted])
+
+
+def _static_triangles(parts: Sequence[StaticPart]) -> Triangles:
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
+    counts = [len(part.faces) for part in parts]
+    colors = np.array([part.color for part in parts], dtype=np.uint8).reshape(-1, 3)
+    return Triangles(
+        np.concatenate([np.zeros((0, 3)), *(part.vertices for part in parts)]),
+        np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces]),
+        np.full(sum(counts), STATIC_ID),
+        np.repeat([part.reflectivity for part in parts], counts),
+        np.repeat(colors, counts, axis=0),
+    )

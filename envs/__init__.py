@@ -1,0 +1,76 @@
+"""Environments. Importing registers them, here and with PettingZoo, as `coopsim/<name>-v<version>`."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pettingzoo
+
+from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.envs.options import CommonOptions, SimulationOptions, require_positive, sort_options
+from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.replay import Replay
+from coopsim.envs.scoring import MotaReward, Reward
+from coopsim.envs.simulation import Simulation
+from coopsim.envs.spaces import IDLE, MANEUVERS
+from coopsim.world.scenario import Population, make_scenario
+
+__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]
+
+
+def simulation_env(scenario: str, name: str, *, reward: Reward | None = None, **options: Any) -> CooperativeEnv:
+    """A simulated environment.
+
+    Args:
+        scenario: name of the scenario.
+        name: the environment's id.
+        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
+    """
+    common, simulation, numbers = sort_options(options, CommonOptions, SimulationOptions, Population)
+    shared = CommonOptions(**common)
+    source = Simulation(name, make_scenario(scenario, **numbers), SimulationOptions(**simulation), shared.uplink)
+    return CooperativeEnv(source, shared, reward)
+
+
+def replay_env(
+    name: str,
+    *,
+    path: str | Path,
+    detections: tuple[str, ...],
+    dt_s: float = 0.1,
+    reward: Reward | None = None,
+    **options: Any,
+) -> CooperativeEnv:
+    """A recording set as an environment; see `Replay`.
+
+    Args:
+        name: the environment's id.
+        path: the set's folder.
+        detections: names under `detections/`; each is one agent.
+        dt_s: time between two frames.
+        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        **options: fields of `CommonOptions`.
+    """
+    require_positive(dt_s=dt_s)
+    (common,) = sort_options(options, CommonOptions)
+    shared = CommonOptions(**common)
+    return CooperativeEnv(Replay(name, path, detections, dt_s, shared.uplink), shared, reward)
+
+
+def _register() -> None:
+    makers = {
+        "crossing-v0": partial(simulation_env, "crossing"),
+        "highway-v0": partial(simulation_env, "highway"),
+        "replay-v0": replay_env,
+    }
+    for versioned, maker in makers.items():
+        full = f"{NAMESPACE}/{versioned}"
+        make = partial(maker, name=full)
+        ENVIRONMENTS.register(versioned)(make)
+        pettingzoo.register("parallel", full, make)
+
+
+_register()

@@ -1,0 +1,156 @@
+"""Everything a user can set, as frozen dataclasses; keywords are sorted into them by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+from coopsim.sensors.lidar import LidarConfig
+
+from coopsim.comms.channel import ChannelConfig
+from coopsim.comms.latency import GaussianLatency
+from coopsim.comms.loss import BernoulliLoss
+from coopsim.detection.simulated import Detector
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.localization import LocalizationConfig
+
+
+def require_positive(**values: float) -> None:
+    """Raise `InvalidValueError` for the first value that is not a finite number > 0."""
+    for name, value in values.items():
+        if not (isinstance(value, (int, float, np.number)) and np.isfinite(value) and value > 0):
+            raise InvalidValueError(f"{name} must be a finite number > 0, got {value!r}")
+
+
+def require_choice(name: str, value: object, accepted: tuple[object, ...]) -> None:
+    """Raise `UnknownNameError` unless `value` is one of `accepted`."""
+    if value not in accepted:
+        raise UnknownNameError(name, value, map(str, accepted))
+
+
+@dataclass(frozen=True, slots=True)
+class CommonOptions:
+    """What every environment has, simulated or replayed.
+
+    Attributes:
+        uplink: what agents broadcast: "detections" or "none"; a policy states what it needs.
+        latency_s: delay of every message, any value >= 0.
+        latency_jitter_s: standard deviation of the delay.
+        loss: probability that a message is lost on a link, in [0, 1].
+        communication_range_m: farther apart than this, nothing arrives.
+        match_iou: 3D IoU from which a track is on an object, in (0, 1].
+        false_positives: "count", or "ignore" to stand beside tables that ignored them.
+        expose_ground_truth: put the truth into `infos`, for training and export.
+        render_mode: None, "rgb_array" or "human".
+    """
+
+    uplink: str = "detections"
+    latency_s: float = 0.0
+    latency_jitter_s: float = 0.0
+    loss: float = 0.0
+    communication_range_m: float = 300.0
+    match_iou: float = 0.25
+    false_positives: Literal["count", "ignore"] = "count"
+    expose_ground_truth: bool = False
+    render_mode: Literal["rgb_array", "human"] | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("false_positives", self.false_positives, ("count", "ignore"))
+        if self.render_mode is not None:
+            require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
+        if not 0 < self.match_iou <= 1:
+            raise InvalidValueError(f"match_iou must be in (0, 1], got {self.match_iou!r}")
+        self.channel  # noqa: B018  (its own checks run now, not at the first message)
+
+    @property
+    def channel(self) -> ChannelConfig:
+        """The channel's part."""
+        latency = GaussianLatency(self.latency_s, self.latency_jitter_s)
+        return ChannelConfig(latency, BernoulliLoss(self.loss), self.communication_range_m)
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """What only a simulated environment has (next to its scenario's own numbers).
+
+    Attributes:
+        max_cycles: steps until the episode is truncated.
+        dt_s: time between two frames.
+        lidar: name of a beam table (see `coopsim.sensors.patterns`).
+        lidar_columns: firings per turn.
+        lidar_range_m: farthest return.
+        cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
+        renderer: "auto", "opengl" or "raycast".
+        position_noise_m: standard deviation of the global position, x and y.
+        heading_noise_rad: standard deviation of the global heading.
+        odometry_noise_m: of the motion in a frame, x and y.
+        odometry_heading_noise_rad: of the turn in a frame.
+        detector: the detector; None is `SimulatedDetector()`.
+        control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
+        ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".
+        region_x_m: objects within this distance ahead of and behind the agent count.
+        region_y_m: objects within this distance to its left and right count.
+    """
+
+    max_cycles: int = 200
+    dt_s: float = 0.1
+    lidar: str = "HDL-32E"
+    lidar_columns: int = 1024
+    lidar_range_m: float = 120.0
+    cameras: bool = False
+    renderer: Literal["auto", "opengl", "raycast"] = "auto"
+    position_noise_m: float = 0.0
+    heading_noise_rad: float = 0.0
+    odometry_noise_m: float = LocalizationConfig().odometry_noise_m
+    odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
+    detector: Detector | None = None
+    control: Literal["traffic", "policy"] = "traffic"
+    ground_truth: Literal["visible", "all"] = "visible"
+    region_x_m: float = 100.0
+    region_y_m: float = 40.0
+
+    def __post_init__(self) -> None:
+        require_choice("control", self.control, ("traffic", "policy"))
+        require_choice("ground_truth", self.ground_truth, ("visible", "all"))
+        require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
+        require_positive(dt_s=self.dt_s, region_x_m=self.region_x_m, region_y_m=self.region_y_m)
+        if not isinstance(self.max_cycles, (int, np.integer)) or self.max_cycles < 1:
+            raise InvalidValueError(f"max_cycles must be an integer >= 1, got {self.max_cycles!r}")
+        if not (self.detector is None or isinstance(self.detector, Detector)):
+            raise InvalidValueError(f"detector must be a coopsim Detector or None, got {self.detector!r}")
+        self.localization, self.lidar_config  # noqa: B018  (their own checks run now)
+
+    @property
+    def localization(self) -> LocalizationConfig:
+        """The localization's part."""
+        return LocalizationConfig(
+            self.position_noise_m,
+            self.heading_noise_rad,
+            self.odometry_noise_m,
+            self.odometry_heading_noise_rad,
+        )
+
+    @property
+    def lidar_config(self) -> LidarConfig:
+        """The LiDAR's part."""
+        return LidarConfig(pattern=self.lidar, columns=self.lidar_columns, max_range_m=self.lidar_range_m)
+
+
+def sort_options(options: Mapping[str, Any], *groups: type[Any]) -> list[dict[str, Any]]:
+    """Sort keywords by the dataclass that has a field of that name; one dict per group, in order.
+
+    Args:
+        options: keywords as the user gave them.
+        *groups: dataclasses with distinct field names.
+
+    Raises:
+        UnknownNameError: a keyword belongs to none of them.
+    """
+    names = [[field.name for field in fields(group)] for group in groups]
+    known = {name for group in names for name in group}
+    for name in options:
+        if name not in known:
+            raise UnknownNameError("option", name, known)
+    return [{name: options[name] for name in group if name in options} for group in names]

@@ -1,0 +1,310 @@
+"""The environment: PettingZoo's parallel API around a source of frames, a channel and a scorer.
+
+| step | what happens |
+|---|---|
+| 1 | the actions are checked, all of them, before anything changes |
+| 2 | the reported tracks are scored against the truth of the frame they were computed for |
+| 3 | the source advances by one frame: traffic, sensors, localization, detection |
+| 4 | every agent's message is encoded and sent; every message that is due is delivered |
+| 5 | observations, rewards and infos are returned |
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from coopsim.viz.bev import BevFrame, BevRenderer
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from coopsim.comms.channel import Channel, ChannelCounts
+from coopsim.comms.uplink import UPLINKS
+from coopsim.envs.options import CommonOptions
+from coopsim.envs.scoring import MotaReward, Reward, Scorer
+from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
+from coopsim.envs.spaces import action_space, observation_space, pack_observation, unpack_action
+from coopsim.errors import EpisodeStateError, InvalidActionError
+from coopsim.metrics.log import TrackLog
+from coopsim.metrics.score import Score, summarize
+from coopsim.rng import require_seed
+from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
+from coopsim.world.snapshot import RoadMap
+
+Packed = dict[str, Any]
+
+
+class CooperativeEnv(ParallelEnv[str, Packed, Packed]):
+    """Agents perceive, talk, and report tracks; the environment scores them.
+
+    Observation (dict, per agent; base frame: x forward, y left, z up, origin on the ground under the agent):
+
+    | key | shape | meaning |
+    |---|---|---|
+    | time_ns | int | now, since the episode's start |
+    | pose | (4,) | estimated x, y, z m and heading rad in the world frame |
+    | odometry | (4,) | estimated motion since the last observation, in its base frame |
+    | detections | box (N, 7), score (N, 1), label (N,) | the agent's own, base frame |
+    | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
+    | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras=True` |
+    | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
+    | inbox_payload | (B, 1) | their payloads, end to end |
+
+    Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and
+    `maneuver` (see `MANEUVERS`) for a car that the action drives. `coopsim.Policy` packs and unpacks these.
+
+    The reward is `MotaReward` unless another is given. An episode is truncated at its last frame; crashes do
+    not end it.
+    """
+
+    def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
+        self._source, self._options = source, options
+        self._uplink = UPLINKS.get(options.uplink)
+        self._reward = reward or MotaReward()
+        self.possible_agents = list(source.specs)
+        self.agents: list[str] = []
+        self.render_mode = options.render_mode
+        dt_s = next(iter(source.specs.values())).dt_s
+        self.metadata = {
+            "name": source.name,
+            "render_modes": ["rgb_array", "human"],
+            "is_parallelizable": True,
+            "render_fps": round(1 / dt_s),
+        }
+        self._observation_spaces = {
+            name: observation_space(self.possible_agents, source.lidars, source.cameras)
+            for name in self.possible_agents
+        }
+        self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
+        self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
+        self._frame: Frame | None = None
+        self._channel: Channel
+        self._scorer: Scorer
+        self._shown: tuple[Frame, Mapping[str, Tracks]]
+        self._renderer: BevRenderer | None = None
+
+    @property
+    def agent_specs(self) -> Mapping[str, AgentSpec]:
+        """What a policy may know before the first frame, for every possible agent."""
+        return self._source.specs
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """The space of an agent's observations; always the same object."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Dict:
+        """The space of an agent's actions; always the same object."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Packed], dict[str, dict[str, Any]]]:
+        """Begin an episode.
+
+        Args:
+            seed: integer >= 0 that decides everything; None takes a fresh one (it stands in the infos).
+            options: what the source understands (a replay: `{"sequence": "0003"}`); others are warned about.
+        """
+        seed = fresh_seed() if seed is None else seed
+        require_seed(seed)
+        known = {key: value for key, value in (options or {}).items() if key in self._source.reset_options}
+        for key in sorted(set(map(str, options or {})) - set(known)):
+            accepted = ", ".join(self._source.reset_options) or "none"
+            warnings.warn(f"reset option {key!r} is ignored; accepted: {accepted}", stacklevel=2)
+        self._frame = self._source.start(seed, known)
+        self._channel = Channel(self._options.channel, seed)
+        self._scorer = Scorer(
+            tuple(self.possible_agents),
+            self._options.match_iou,
+            self._source.region_m,
+        )
+        self.agents = list(self._frame.agents)
+        self._shown = (self._frame, {})
+        observations = self._exchange(self._frame)
+        infos = {name: {"seed": seed, **self._truth(self._frame.agents[name])} for name in self.agents}
+        self._show_if_human()
+        return observations, infos
+
+    def step(
+        self, actions: dict[str, Packed]
+    ) -> tuple[
+        dict[str, Packed],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Score what is reported for this frame, go to the next one.
+
+        Args:
+            actions: one action for every agent in `agents`, no more and no less.
+
+        Raises:
+            EpisodeStateError: before `reset`, or after the episode's end.
+            InvalidActionError: names the agent and what is wrong. The environment is as it was before.
+        """
+        frame = self._running()
+        tracks, maneuvers = self._check(actions)
+        counts = self._scorer.update(frame.agents, tracks)
+        self._shown = (frame, tracks)
+        self._frame = frame = self._source.advance(maneuvers)
+        observations = self._exchange(frame)
+        reported = self.agents
+        self.agents = [] if frame.last else list(frame.agents)
+        rewards = {name: self._reward(counts[name]) for name in reported}
+        infos = {name: {"counts": counts[name].as_dict(), **self._truth(frame.agents[name])} for name in reported}
+        self._show_if_human()
+        over = dict.fromkeys(reported, frame.last)
+        return observations, rewards, dict.fromkeys(reported, False), over, infos
+
+    def score(self) -> Score:
+        """The episode's score so far: each agent's and their mean."""
+        logs = self.logs
+        if not any(len(log) for log in logs.values()):
+            raise EpisodeStateError("nothing has been scored yet: call reset, then step")
+        return Score.mean(
+            {
+                name: summarize(
+                    [log],
+                    false_positives=self._options.false_positives,
+                    extra={"bytes_per_s": self.bytes_per_s(name)},
+                )
+                for name, log in logs.items()
+            }
+        )
+
+    @property
+    def logs(self) -> dict[str, TrackLog]:
+        """What was reported and what was true, by agent; scores of many episodes pool these."""
+        self._current()
+        return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
+
+    @property
+    def time_ns(self) -> int:
+        """Now, since the episode's start."""
+        return self._current().time_ns
+
+    @property
+    def road_map(self) -> RoadMap:
+        """Outlines for pictures, in the world frame."""
+        return self._source.road_map
+
+    @property
+    def channel_counts(self) -> ChannelCounts:
+        """What became of this episode's messages."""
+        self._current()
+        return self._channel.counts
+
+    def bytes_per_s(self, agent: str) -> float:
+        """What an agent has broadcast per second of simulated time, envelope included."""
+        time_ns = self._current().time_ns
+        dt_s = self.agent_specs[agent].dt_s
+        return self._channel.broadcast_bytes(agent) / (time_ns / NS_PER_S + dt_s)
+
+    def state(self) -> NDArray[np.float64]:
+        """All actors in the world frame, (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy.
+
+        For centralised training; rows beyond the last actor are zero.
+        """
+        return actor_rows(self._current().actors, self._source.capacity)
+
+    def bev_frame(self) -> BevFrame:
+        """The frame that was scored last, with the tracks reported for it, in the world frame."""
+        self._current()
+        frame, tracks = self._shown
+        bodies = {name: agent.body for name, agent in frame.agents.items()}
+        placed = {name: tracks[name].transform(bodies[name].world_SE3_base) for name in tracks}
+        return BevFrame(frame.time_ns, frame.actors, bodies, world_points(frame), placed)
+
+    def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
+        """The current frame through every agent's cameras, also where `cameras` is off; for pictures.
+
+        By agent and camera; empty where there is nothing to photograph (a replay).
+        """
+        self._current()
+        return self._source.photograph()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A bird's-eye picture of `bev_frame()`: (H, W, 3) uint8 as "rgb_array", a window as "human"."""
+        if self.render_mode is None:
+            warnings.warn("render() does nothing: the environment was made without a render_mode", stacklevel=2)
+            return None
+        if self._renderer is None:
+            self._renderer = BevRenderer(self._source.road_map)
+        if self.render_mode == "human":
+            self._renderer.show(self.bev_frame())
+            return None
+        return self._renderer.draw(self.bev_frame())
+
+    def close(self) -> None:
+        """Close the window and release the sensors' resources."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        self._source.close()
+
+    def _current(self) -> Frame:
+        if self._frame is None:
+            raise EpisodeStateError("there is no episode yet: call reset first")
+        return self._frame
+
+    def _running(self) -> Frame:
+        frame = self._current()
+        if not self.agents:
+            raise EpisodeStateError("the episode is over: call reset to begin another")
+        return frame
+
+    def _check(self, actions: object) -> tuple[dict[str, Tracks], dict[str, int]]:
+        if not isinstance(actions, Mapping):
+            raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
+        unknown, missing = set(actions) - set(self.agents), set(self.agents) - set(actions)
+        if unknown or missing:
+            wrong = [f"unknown: {sorted(map(str, unknown))}"] * bool(unknown)
+            wrong += [f"missing: {sorted(missing)}"] * bool(missing)
+            raise InvalidActionError(f"actions need exactly the agents {self.agents}; {', '.join(wrong)}")
+        tracks: dict[str, Tracks] = {}
+        maneuvers: dict[str, int] = {}
+        for name in self.agents:
+            drives = self.agent_specs[name].drives
+            tracks[name], maneuver = unpack_action(name, actions[name], drives=drives)
+            if drives:
+                maneuvers[name] = maneuver
+        return tracks, maneuvers
+
+    def _exchange(self, frame: Frame) -> dict[str, Packed]:
+        """Send every agent's message, deliver what is due, and pack the observations."""
+        positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
+        for name, agent in frame.agents.items():
+            message = self._uplink.message(name, agent.observation)
+            if message is not None:
+                self._channel.send(message, frame.time_ns, positions)
+        arrived = self._channel.deliver(frame.time_ns)
+        return {
+            name: pack_observation(
+                replace(agent.observation, inbox=_by_capture(arrived.get(name, []))), self.possible_agents
+            )
+            for name, agent in frame.agents.items()
+        }
+
+    def _truth(self, agent: AgentFrame) -> dict[str, Any]:
+        if not self._options.expose_ground_truth:
+            return {}
+        truth = {"id": agent.truth.id, "box": agent.truth.boxes.array, "label": agent.truth.label}
+        return {"ground_truth": truth, "instances": dict(agent.instances)}
+
+    def _show_if_human(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+
+def fresh_seed() -> int:
+    """A seed that nobody chose."""
+    return int(np.random.SeedSequence().generate_state(1)[0])
+
+
+def _by_capture(messages: list[Message]) -> tuple[Message, ...]:
+    return tuple(sorted(messages, key=lambda message: message.captured_ns))

@@ -1,0 +1,78 @@
+"""Scores what agents report, one evaluator per agent, and turns counts into rewards."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+
+from coopsim.envs.source import AgentFrame
+from coopsim.geometry.iou import iou_3d
+from coopsim.metrics.evaluator import Evaluator, FrameCounts
+from coopsim.types import Tracks
+
+
+class Reward(ABC):
+    """Turns one frame's counts into one agent's reward."""
+
+    @abstractmethod
+    def __call__(self, counts: FrameCounts) -> float:
+        """The reward for a frame with these counts."""
+
+
+class MotaReward(Reward):
+    """The frame's own MOTA: 1 - (FP + FN + IDSW) / GT, clipped at -1.
+
+    A frame without ground truth gives 1 if nothing is reported, else the clipped value for GT = 1.
+    """
+
+    def __call__(self, counts: FrameCounts) -> float:
+        errors = counts.fp + counts.fn + counts.idsw
+        return max(-1.0, 1.0 - errors / max(counts.gt, 1))
+
+
+class Scorer:
+    """The evaluators of one episode.
+
+    Args:
+        agents: names.
+        match_iou: 3D IoU from which a track is on an object.
+        region_m: half length and width of the evaluation region; None: unlimited.
+    """
+
+    def __init__(
+        self,
+        agents: tuple[str, ...],
+        match_iou: float,
+        region_m: tuple[float, float] | None,
+    ) -> None:
+        self._match_iou, self._region_m = match_iou, region_m
+        self.evaluators = {name: Evaluator(match_iou) for name in agents}
+
+    def update(self, frame: Mapping[str, AgentFrame], tracks: Mapping[str, Tracks]) -> dict[str, FrameCounts]:
+        """Score the tracks that agents report for one frame; each in the agent's base frame."""
+        return {
+            name: self.evaluators[name].update(agent.truth, self.relevant(agent, tracks[name]))
+            for name, agent in frame.items()
+        }
+
+    def relevant(self, agent: AgentFrame, tracks: Tracks) -> Tracks:
+        """Leave out tracks outside the region, and those that are on an object which does not count.
+
+        A tracker that carries on an object that nobody sees any more is right to do so, and is neither
+        paid nor punished for it.
+        """
+        if self._region_m is not None:
+            inside = (np.abs(tracks.boxes.center[:, :2]) <= self._region_m).all(axis=1)
+            tracks = tracks[inside]
+        if not (len(tracks) and len(agent.ignored)):
+            return tracks
+
+        def best(boxes: np.ndarray, label: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+            overlap = iou_3d(tracks.boxes.array, boxes)
+            return np.where(tracks.label[:, None] == label, overlap, 0.0).max(axis=1, initial=0.0)
+
+        on_ignored = best(agent.ignored.array, agent.ignored_label)
+        on_truth = best(agent.truth.boxes.array, agent.truth.label)
+        return tracks[(on_ignored < self._match_iou) | (on_truth >= on_ignored)]

@@ -1,0 +1,199 @@
+"""Observation and action spaces, and the one place where typed structs become dicts of arrays and back.
+
+Spaces use gymnasium's own `Dict`, `Box`, `Discrete` and `Sequence(stack=True)` only, so any PettingZoo tool
+reads them. A stacked sequence of N items is a dict of arrays whose first axis is N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from coopsim.errors import CoopsimError, InvalidActionError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.taxonomy import CLASS_NAMES
+from coopsim.types import (
+    AgentSpec,
+    CameraImage,
+    Detections,
+    Message,
+    Observation,
+    Odometry,
+    PoseEstimate,
+    Sweep,
+    Tracks,
+)
+
+MANEUVERS: tuple[str, ...] = ("lane_left", "idle", "lane_right", "faster", "slower")
+"""The discrete meta-actions, numbered as highway-env numbers them."""
+
+IDLE = MANEUVERS.index("idle")
+
+_COUNTER = 2**62  # what fits an int64 and leaves room to add: nanoseconds, ids
+
+
+def _reals(*shape: int, low: float = -np.inf, dtype: Any = np.float64) -> spaces.Box:
+    return spaces.Box(low, np.inf, shape, dtype)
+
+
+def _rows(**columns: spaces.Space[Any]) -> spaces.Sequence:
+    return spaces.Sequence(spaces.Dict(columns), stack=True)
+
+
+_BOX = spaces.Box(np.array([-np.inf] * 3 + [0.0] * 3 + [-np.inf]), np.full(7, np.inf), dtype=np.float64)
+"""x, y, z, l, w, h, yaw; sizes are positive."""
+
+
+def observation_space(
+    agents: Sequence[str], sensors: Sequence[str], cameras: Mapping[str, tuple[int, int]]
+) -> spaces.Dict:
+    """The space of one agent's observations.
+
+    Args:
+        agents: all agents, in the order in which an inbox numbers its senders.
+        sensors: names of the agent's LiDARs.
+        cameras: height and width of each camera's image.
+    """
+    point = spaces.Sequence(_reals(5, dtype=np.float32), stack=True)
+    image = {
+        name: spaces.Dict(rgb=spaces.Box(0, 255, (*size, 3), np.uint8), depth=_reals(*size, low=0.0, dtype=np.float32))
+        for name, size in cameras.items()
+    }
+    return spaces.Dict(
+        time_ns=spaces.Discrete(_COUNTER),
+        pose=_reals(4),
+        odometry=_reals(4),
+        detections=_rows(box=_BOX, score=_reals(1), label=spaces.Discrete(len(CLASS_NAMES))),
+        sweeps=spaces.Dict(dict.fromkeys(sensors, point)),
+        cameras=spaces.Dict(image),
+        inbox=_rows(
+            sender=spaces.Discrete(len(agents)),
+            captured_ns=spaces.Discrete(_COUNTER),
+            pose=_reals(4),
+            payload_bytes=spaces.Discrete(2**32),
+        ),
+        # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
+        inbox_payload=spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True),
+    )
+
+
+def action_space(*, drives: bool) -> spaces.Dict:
+    """The space of one agent's actions: the tracks it reports and, if it drives, a maneuver."""
+    tracks = _rows(
+        id=spaces.Discrete(_COUNTER),
+        box=_BOX,
+        velocity=_reals(2),
+        score=_reals(1),
+        label=spaces.Discrete(len(CLASS_NAMES)),
+    )
+    parts: dict[str, spaces.Space[Any]] = {"tracks": tracks}
+    if drives:
+        parts["maneuver"] = spaces.Discrete(len(MANEUVERS))
+    return spaces.Dict(parts)
+
+
+def pack_observation(observation: Observation, agents: Sequence[str]) -> dict[str, Any]:
+    """An observation as its space's dict of arrays; `agents` numbers the senders."""
+    inbox = observation.inbox
+    payload = b"".join(message.payload for message in inbox)
+    sent = observation.detections
+    return {
+        "time_ns": np.int64(observation.time_ns),
+        "pose": observation.pose.xyz_yaw,
+        "odometry": observation.odometry.xyz_yaw,
+        "detections": {"box": sent.boxes.array, "score": sent.score[:, None], "label": sent.label},
+        "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
+        "cameras": {name: {"rgb": image.rgb, "depth": image.depth} for name, image in observation.cameras.items()},
+        "inbox": {
+            "sender": np.array([agents.index(message.sender) for message in inbox], dtype=np.int64),
+            "captured_ns": np.array([message.captured_ns for message in inbox], dtype=np.int64),
+            "pose": np.array([message.pose.xyz_yaw for message in inbox]).reshape(-1, 4),
+            "payload_bytes": np.array([len(message.payload) for message in inbox], dtype=np.int64),
+        },
+        "inbox_payload": np.frombuffer(payload, dtype=np.uint8)[:, None],
+    }
+
+
+def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: AgentSpec) -> Observation:
+    """The typed view of what `pack_observation` made."""
+    found = packed["detections"]
+    boxes = Boxes3D.from_array(found["box"])
+    return Observation(
+        time_ns=int(packed["time_ns"]),
+        pose=PoseEstimate(packed["pose"]),
+        odometry=Odometry(packed["odometry"]),
+        detections=Detections(boxes, np.reshape(found["score"], -1), found["label"]),
+        sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
+        cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()},
+        inbox=_unpack_inbox(packed, agents, spec.uplink),
+    )
+
+
+def pack_tracks(tracks: Tracks) -> dict[str, Any]:
+    """Tracks as they stand in an action."""
+    return {
+        "id": tracks.id,
+        "box": tracks.boxes.array,
+        "velocity": tracks.velocity,
+        "score": tracks.score[:, None],
+        "label": tracks.label,
+    }
+
+
+def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, int]:
+    """The tracks and the maneuver in one agent's action, checked.
+
+    Raises:
+        InvalidActionError: names the agent, what is wrong, and what is accepted.
+    """
+    wanted = {"tracks", "maneuver"} if drives else {"tracks"}
+    if not isinstance(action, Mapping) or set(action) != wanted:
+        got = sorted(map(str, action)) if isinstance(action, Mapping) else repr(action)
+        raise InvalidActionError(f"{agent}: an action is a dict with {sorted(wanted)}, got {got}")
+    try:
+        tracks = _unpack_tracks(action["tracks"])
+        tracks.validate()
+    except CoopsimError as error:
+        raise InvalidActionError(f"{agent}: {error}") from error
+    maneuver = action["maneuver"] if drives else IDLE
+    if not isinstance(maneuver, (int, np.integer)) or not 0 <= maneuver < len(MANEUVERS):
+        names = ", ".join(f"{number} {name}" for number, name in enumerate(MANEUVERS))
+        raise InvalidActionError(f"{agent}: maneuver must be one of {names}; got {maneuver!r}")
+    return tracks, int(maneuver)
+
+
+def _unpack_tracks(packed: object) -> Tracks:
+    columns = ("id", "box", "velocity", "score", "label")
+    if not isinstance(packed, Mapping) or set(packed) != set(columns):
+        got = sorted(map(str, packed)) if isinstance(packed, Mapping) else repr(packed)
+        raise InvalidActionError(f"tracks are a dict with {list(columns)}, got {got}")
+    for name in ("id", "label"):
+        if np.asarray(packed[name]).dtype.kind not in "iu" and np.size(packed[name]):
+            raise InvalidActionError(f"track {name} must be integers, got {np.asarray(packed[name]).dtype}")
+    boxes = Boxes3D.from_array(packed["box"])
+    score = np.asarray(packed["score"])
+    score = score[:, 0] if score.ndim == 2 and score.shape[1] == 1 else score
+    return Tracks(packed["id"], boxes, packed["velocity"], score, packed["label"])
+
+
+def _pack_sweep(sweep: Sweep) -> np.ndarray[Any, np.dtype[np.float32]]:
+    return np.column_stack([sweep.points, sweep.intensity, sweep.beam.astype(np.float32)])
+
+
+def _unpack_sweep(points: np.ndarray[Any, np.dtype[np.float32]]) -> Sweep:
+    return Sweep(points[:, :3], points[:, 3], points[:, 4].astype(np.int64))
+
+
+def _unpack_inbox(packed: Mapping[str, Any], agents: Sequence[str], codec: str) -> tuple[Message, ...]:
+    heads, heap = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8).tobytes()
+    ends = np.cumsum(heads["payload_bytes"])
+    starts = ends - heads["payload_bytes"]
+    return tuple(
+        Message(agents[sender], int(captured_ns), PoseEstimate(pose), heap[start:end], codec)
+        for sender, captured_ns, pose, start, end in zip(
+            heads["sender"], heads["captured_ns"], heads["pose"], starts, ends, strict=True
+        )
+    )

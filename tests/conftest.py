@@ -1,0 +1,59 @@
+"""What several tests share: small environments, small recordings, and the path of the real ones."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import coopsim
+
+SMALL: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 12}
+"""Quick to sense, and still with agents that hear each other."""
+
+SIMULATED = ("crossing", "highway")
+
+
+@pytest.fixture
+def make_small() -> Callable[..., Any]:
+    """Make a small environment; keywords override `SMALL`."""
+
+    def make(name: str = "crossing", **options: Any) -> Any:
+        return coopsim.parallel_env(name, **(SMALL | options))
+
+    return make
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> Path:
+    """Two sequences, two detection names: one car that drives ahead at 10 m/s, seen by both."""
+    for sequence, frames in (("0000", 6), ("0001", 4)):
+        labels, found = [], []
+        for k in range(frames):
+            z = 10.0 + k
+            labels.append(f"{k} 7 Car 0 0 0 0 0 0 0 1.6 1.9 4.5 2.0 1.0 {z} -1.5707963")
+            found.append(f"{k},2,0,0,0,0,0.9,1.6,1.9,4.5,2.0,1.0,{z},-1.5707963,0.0")
+        _write(tmp_path / "labels" / f"{sequence}.txt", labels)
+        for name in ("ego", "1"):
+            _write(tmp_path / "detections" / name / f"{sequence}.txt", found)
+    return tmp_path
+
+
+@pytest.fixture
+def v2v4real() -> Path:
+    """The real recordings, where the user has them."""
+    root = os.environ.get("COOPSIM_DATA")
+    if root is None:
+        pytest.skip("needs recordings: set COOPSIM_DATA to a folder that contains v2v4real/val")
+    path = Path(root) / "v2v4real" / "val"
+    if not path.is_dir():
+        pytest.skip(f"needs recordings: COOPSIM_DATA is {root}, which has no v2v4real/val")
+    return path
+
+
+def _write(path: Path, lines: list[str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")

@@ -1,0 +1,131 @@
+"""The commands, as a user types them, typos included."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from coopsim.cli import INTERRUPTED, main
+
+QUICK = ["--frames", "6", "--vehicles", "6", "--pedestrians", "2"]
+
+
+def test_demo_prints_one_table_and_writes_report_and_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
+    assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == 0
+    table = capsys.readouterr().out
+    for column in ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]:
+        assert column in table
+    rows = json.loads(numbers.read_text())
+    assert [(row["policy"], row["latency"]) for row in rows] == [
+        (policy, latency) for policy in ("no_fusion", "late_fusion") for latency in ("0 ms", "300 ms")
+    ]
+    alone, together = rows[0], rows[2]
+    assert alone["bytes/s"] == 0 < together["bytes/s"]
+    # Latency cannot touch who listens to nobody: all but the timing is the same number.
+    assert {**rows[0], "frames/s": 0, "latency": ""} == {**rows[1], "frames/s": 0, "latency": ""}
+    html = report.read_text()
+    assert "late_fusion, 300 ms" in html
+    assert "http://" not in html.replace("http://www.w3.org", "") and "https://" not in html
+
+
+def test_replay_writes_the_numbers_that_it_prints(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers = tmp_path / "replay.json"
+    assert main(["replay", str(recordings), "--detections", "ego", "--json", str(numbers)]) == 0
+    printed = capsys.readouterr().out
+    written = json.loads(numbers.read_text())
+    assert written["frames"] == 10 and written["seconds"] > 0
+    assert written["count"]["FP"] == 0 and written["count"]["GT"] == 10
+    assert f"{written['count']['sAMOTA']:.1f}" in printed
+
+
+def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -> None:
+    numbers = tmp_path / "replay.json"
+    command = ["replay", str(recordings), "--policy", "late_fusion", "--detections", "ego,1"]
+    assert main([*command, "--json", str(numbers)]) == 0
+    assert set(json.loads(numbers.read_text())["count"]["agents"]) == {"ego", "1"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["demo", "--policies", "late_fusoin"], "unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
+        (["demo", "--environment", "crosing"], "Did you mean 'crossing-v0'"),
+        (["demo", "--latencies-ms=-5"], "latency_s must be"),
+        (["demo", "--loss", "2"], "loss must be a probability"),
+        (["demo", "--report", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
+        (["replay", "/nonexistent", "--detections", "ego"], "/nonexistent"),
+        (["replay", "{recordings}", "--detections", "egoo"], "Did you mean 'ego'"),
+        (["replay", "{recordings}", "--detections", "ego", "--policy", "ab3dmt"], "Did you mean 'ab3dmot'"),
+        (["replay", "{recordings}", "--detections", "ego", "--match-iou", "0"], "match_iou must be"),
+    ],
+)
+def test_what_the_user_can_mend_is_said_in_one_line(
+    arguments: list[str], message: str, recordings: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([argument.format(recordings=recordings) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error and "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["demo", "--frame", "5"], "Did you mean --frames"),
+        (["demo", "--frames", "0"], "must be an integer >= 1"),
+        (["demo", "--frames", "many"], "must be an integer >= 0"),
+        (["demo", "--latencies-ms", "a,b"], "must be numbers with commas"),
+        (["demo", "--policies", "a,,b"], "must be distinct names"),
+        (["replay", "x", "--detection", "ego"], "Did you mean --detections"),
+        (["repaly"], "invalid choice"),
+        ([], "required: COMMAND"),
+    ],
+)
+def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    out = capsys.readouterr().out
+    assert "late_fusion" in out and "crossing-v0" in out
+
+
+def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
+    report = tmp_path / "demo.html"
+    command = [sys.executable, "-m", "coopsim", "demo", "--frames", "2000", "--report", str(report)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, text=True)
+    time.sleep(8)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == INTERRUPTED, err
+    assert "interrupted" in err and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == [], "nothing half-written is left"
+    assert out.strip() == "no results"
+
+
+def test_output_may_be_cut_off(recordings: Path) -> None:
+    command = f"{sys.executable} -m coopsim replay {recordings} --detections ego | true"
+    done = subprocess.run(
+        command,
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,127 @@
+"""Policies on hand-made observations: where boxes go, and what is left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import coopsim
+from coopsim.agents.late_fusion import LateFusion, newest_by_sender, without_self
+from coopsim.comms.message import DetectionsCodec
+from coopsim.envs.spaces import pack_observation, pack_tracks, unpack_action, unpack_observation
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
+
+CAR = [4.5, 1.9, 1.6]
+
+
+def detections(*rows: tuple[float, float, float], score: float = 0.9) -> Detections:
+    array = np.array([[x, y, 0.8, *CAR, yaw] for x, y, yaw in rows]).reshape(-1, 7)
+    return Detections(Boxes3D.from_array(array), np.full(len(array), score), np.zeros(len(array), dtype=int))
+
+
+def message(sender: str, captured_ns: int, pose: list[float], found: Detections) -> Message:
+    return Message(sender, captured_ns, PoseEstimate(np.array(pose)), DetectionsCodec().encode(found), "detections")
+
+
+def observe(
+    found: Detections, *inbox: Message, pose: tuple[float, ...] = (0, 0, 0, 0), time_ns: int = 0
+) -> Observation:
+    return Observation(time_ns, PoseEstimate(np.array(pose)), Odometry(np.zeros(4)), found, inbox=tuple(inbox))
+
+
+def specs(*names: str) -> dict[str, AgentSpec]:
+    return {name: AgentSpec(name, "cav", 0.1, "detections") for name in names}
+
+
+def test_boxes_of_others_come_to_the_receivers_frame_by_both_estimates() -> None:
+    # The receiver stands at (100, 0) and looks north; the sender at (100, 50) looks back south, and has a car
+    # 20 m ahead: that is 30 m ahead of the receiver.
+    heard = message("cav_1", 0, [100, 50, 0, -np.pi / 2], detections((20, 1, 0)))
+    found = LateFusion().gather(observe(detections(), heard, pose=(100, 0, 0, np.pi / 2)))
+    np.testing.assert_allclose(found.boxes.center, [[30, -1, 0.8]], atol=1e-5)
+    np.testing.assert_allclose(np.abs(found.boxes.yaw), [np.pi], atol=1e-6)
+
+
+def test_the_same_car_seen_by_both_is_one_car() -> None:
+    heard = message("cav_1", 0, [0, 0, 0, 0], detections((20, 0.3, 0), (40, 0, 0)))
+    found = LateFusion().gather(observe(detections((20, 0, 0)), heard))
+    assert sorted(found.boxes.center[:, 0].round().tolist()) == [20, 40]
+
+
+def test_the_receiver_is_not_its_own_object() -> None:
+    found = without_self(detections((0.8, 0.3, 0.1), (4, 0, 0), (0, 2.5, 0), (1.5, 0, np.pi / 2)))
+    np.testing.assert_allclose(found.boxes.center[:, :2], [[4, 0], [0, 2.5], [1.5, 0]])
+
+
+def test_only_the_newest_capture_of_each_sender_counts() -> None:
+    none = detections()
+    inbox = (message("a", 0, [0] * 4, none), message("b", 5, [0] * 4, none), message("a", 9, [0] * 4, none))
+    assert [(item.sender, item.captured_ns) for item in newest_by_sender(inbox)] == [("a", 9), ("b", 5)]
+
+
+@pytest.mark.parametrize("name", ["ab3dmot", "no_fusion", "late_fusion"])
+def test_a_steady_car_gets_one_id_and_its_velocity(name: str) -> None:
+    policy = coopsim.make_policy(name)
+    policy.reset(specs("cav_0"))
+    ids = set()
+    for k in range(20):
+        tracks = policy.track("cav_0", observe(detections((10 + k, 0, 0)), time_ns=k * 100_000_000))
+        ids |= set(tracks.id.tolist())
+    assert len(ids) == 1
+    np.testing.assert_allclose(tracks.velocity, [[10, 0]], atol=0.3)
+    np.testing.assert_allclose(tracks.boxes.center, [[29, 0, 0.8]], atol=0.2)
+
+
+def test_own_motion_is_not_the_objects_motion() -> None:
+    policy = coopsim.make_policy("no_fusion")
+    policy.reset(specs("cav_0"))
+    for k in range(20):  # driving at 10 m/s and turning, past a car parked at (30, 5)
+        yaw = 0.02 * k
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        dx, dy = 30 - k, 5.0
+        seen = detections((dx * cos + dy * sin, -dx * sin + dy * cos, -yaw))
+        step = np.array([np.cos(yaw - 0.02), -np.sin(yaw - 0.02), 0, 0.02]) if k else np.zeros(4)
+        observation = Observation(k * 100_000_000, PoseEstimate(np.zeros(4)), Odometry(step), seen)
+        tracks = policy.track("cav_0", observation)
+    assert len(tracks) == 1
+    np.testing.assert_allclose(tracks.velocity, [[0, 0]], atol=0.05)
+    np.testing.assert_allclose(tracks.boxes.center, seen.boxes.center, atol=0.02)
+
+
+def test_renaming_and_permuting_agents_permutes_results() -> None:
+    found = {"a": detections((10, 0, 0)), "b": detections((20, 3, 1), (40, 0, 0))}
+    outputs = []
+    for names in (("a", "b"), ("b", "a")):
+        policy = coopsim.make_policy("no_fusion", hits=1)
+        policy.reset(specs(*names))
+        packed = {name: pack_observation(observe(found[name]), names) for name in names}
+        outputs.append(policy.act(packed))
+    for name in found:
+        np.testing.assert_array_equal(outputs[0][name]["tracks"]["box"], outputs[1][name]["tracks"]["box"])
+
+
+def test_observations_survive_packing() -> None:
+    names = ("cav_0", "cav_1", "rsu_0")
+    inbox = (
+        message("cav_1", 100, [1, 2, 0, 0.5], detections((1, 1, 0))),
+        message("rsu_0", 200, [3, 4, 0, -0.5], detections()),
+    )
+    sent = observe(detections((7, 8, 0.2), (9, 9, 0)), *inbox, pose=(5, 6, 0, 1), time_ns=300)
+    got = unpack_observation(pack_observation(sent, names), names, specs("cav_0")["cav_0"])
+    assert got.time_ns == 300
+    np.testing.assert_array_equal(got.pose.xyz_yaw, sent.pose.xyz_yaw)
+    np.testing.assert_array_equal(got.detections.boxes.array, sent.detections.boxes.array)
+    assert [(m.sender, m.captured_ns, m.payload, m.codec) for m in got.inbox] == [
+        (m.sender, m.captured_ns, m.payload, m.codec) for m in inbox
+    ]
+
+
+def test_tracks_survive_packing() -> None:
+    boxes = detections((1, 2, 0.3), (4, 5, 0.6)).boxes
+    sent = Tracks(np.array([3, 9]), boxes, np.ones((2, 2)), np.array([0.5, 0.7]), np.array([0, 7]))
+    got, maneuver = unpack_action("cav_0", {"tracks": pack_tracks(sent)}, drives=False)
+    assert maneuver == 1
+    for name in ("id", "velocity", "score", "label"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(sent, name))
+    np.testing.assert_array_equal(got.boxes.array, sent.boxes.array)

@@ -1,0 +1,97 @@
+"""What only shows once the package is installed elsewhere."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_every_package_is_listed() -> None:
+    """A package missing from the list is silently missing from the wheel."""
+    inits = (ROOT / "coopsim").rglob("__init__.py")
+    found = {".".join(init.parent.relative_to(ROOT).parts) for init in inits}
+    # rglob does not follow the links to envs/ and agents/ in every Python version; they are two more.
+    found |= {"coopsim.envs", "coopsim.agents"}
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(found)
+
+
+def test_every_folder_of_the_library_is_a_package() -> None:
+    folders = {path.parent for path in (ROOT / "coopsim").rglob("*.py")}
+    assert all((folder / "__init__.py").is_file() for folder in folders)
+
+
+def test_links_make_the_source_tree_look_installed() -> None:
+    for name in ("envs", "agents"):
+        link = ROOT / "coopsim" / name
+        assert link.is_symlink() and link.readlink() == Path("..") / name
+
+
+@pytest.mark.parametrize("module", ["coopsim", "coopsim.agents", "coopsim.envs", "coopsim.cli"])
+def test_import_loads_nothing_heavy(module: str) -> None:
+    """Checked by refusing, so that it also holds where torch is not installed."""
+    program = f"""
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("torch", "OpenGL", "pyrender"):
+            raise AssertionError("import of " + name)
+sys.meta_path.insert(0, Refuse())
+import {module}
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def runtime_imports(tree: ast.AST) -> list[str]:
+    """Names of imported modules, without those that only type checkers see."""
+    names: list[str] = []
+    stack = [tree]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            stack.extend(node.orelse)
+        elif isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        else:
+            stack.extend(ast.iter_child_nodes(node))
+    return names
+
+
+def test_the_library_does_not_import_what_is_plugged_into_it() -> None:
+    wrong = {}
+    for path in sorted((ROOT / "coopsim").rglob("*.py")):
+        if path.relative_to(ROOT / "coopsim").parts[0] in ("envs", "agents"):
+            continue
+        names = runtime_imports(ast.parse(path.read_text()))
+        bad = [name for name in names if name.startswith(("coopsim.envs", "coopsim.agents", "envs", "agents"))]
+        if bad:
+            wrong[str(path.relative_to(ROOT))] = bad
+    assert wrong == {}
+
+
+def test_public_names_resolve() -> None:
+    import coopsim
+
+    for name in coopsim.__all__:
+        assert getattr(coopsim, name) is not None
+    with pytest.raises(AttributeError, match="has no attribute 'parallel_evn'"):
+        _ = coopsim.parallel_evn
+    assert "parallel_env" in dir(coopsim)
+
+
+def test_readme_and_package_show_the_same_loop() -> None:
+    """The first loop that a user reads is the one that runs in the tests."""
+    import coopsim
+
+    loop = (coopsim.__doc__ or "").split("```python\n")[1].split("```")[0]
+    assert loop in (ROOT / "README.md").read_text()
