@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.agents.ab3dmot import AB3DMOT
 from coopsim.catalog import POLICIES
+from coopsim.checks import require_threshold
 from coopsim.comms.message import decode_detections
 from coopsim.fusion.late import merge_duplicates
 from coopsim.types import Detections, Message, Observation
@@ -31,6 +32,7 @@ class LateFusion(AB3DMOT):
 
     def __init__(self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2) -> None:
         super().__init__(gate, hits, age)
+        require_threshold(merge_iou=merge_iou)
         self._merge_iou = merge_iou
 
     def gather(self, observation: Observation) -> Detections:

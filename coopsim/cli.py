@@ -23,17 +23,20 @@ INTERRUPTED = 130
 class _Parser(argparse.ArgumentParser):
     """Suggests the option that was probably meant; takes no abbreviations, which hide typos."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, allow_abbrev=False, **kwargs)
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**(kwargs | {"allow_abbrev": False}))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        known, extra = super().parse_known_args(args, namespace)
-        # Here, not in parse_args: a sub-command's parser is only ever asked for this.
-        for word in extra:
-            close = difflib.get_close_matches(word.split("=")[0], self._option_string_actions, n=2, cutoff=0.5)
-            if close:
-                self.error(f"unknown option {word!r}. Did you mean {' or '.join(close)}?")
-        return known, extra
+        # A sub-command's parser is asked here, never through parse_args. Before argparse, which would rather complain
+        # that the option which was mistyped is missing.
+        for word in args or () if self._subparsers is None else ():
+            option = str(word).split("=")[0]
+            if option.startswith("--") and option not in self._option_string_actions:
+                close = difflib.get_close_matches(option, self._option_string_actions, n=2, cutoff=0.5)
+                hint = f" Did you mean {' or '.join(close)}?" if close else ""
+                accepted = ", ".join(name for name in self._option_string_actions if name.startswith("--"))
+                self.error(f"unknown option {option}.{hint} Accepted: {accepted}")
+        return super().parse_known_args(args, namespace)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -114,7 +117,7 @@ def _demo(options: argparse.Namespace) -> int:
     total = len(options.policies) * len(latencies_s) * options.frames
     with tqdm(total=total, unit="frame", disable=None, desc="demo") as bar:
         try:
-            demo.run(lambda: bar.update() and None)
+            demo.run(bar.update)
         except KeyboardInterrupt:
             interrupted = True
     rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]

@@ -8,11 +8,11 @@ runs that differ only in how large the noise is share its shape.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_non_negative
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
 from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw
@@ -35,10 +35,7 @@ class LocalizationConfig:
     odometry_heading_noise_rad: float = 0.0002
 
     def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidValueError(f"{name} must be a finite number >= 0, got {value!r}")
+        require_non_negative(**asdict(self))
 
 
 class Localizer:

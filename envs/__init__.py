@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
-from coopsim.envs.options import CommonOptions, SimulationOptions, require_positive, sort_options
+from coopsim.checks import require_positive
+from coopsim.envs.options import CommonOptions, SimulationOptions, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay
 from coopsim.envs.scoring import MotaReward, Reward
@@ -61,7 +63,7 @@ def replay_env(
 
 
 def _register() -> None:
-    makers = {
+    makers: dict[str, Callable[..., CooperativeEnv]] = {
         "crossing-v0": partial(simulation_env, "crossing"),
         "highway-v0": partial(simulation_env, "highway"),
         "replay-v0": replay_env,

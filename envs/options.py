@@ -6,28 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-import numpy as np
-from coopsim.sensors.lidar import LidarConfig
-
+from coopsim.checks import require_choice, require_count, require_positive, require_threshold
 from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
-
-
-def require_positive(**values: float) -> None:
-    """Raise `InvalidValueError` for the first value that is not a finite number > 0."""
-    for name, value in values.items():
-        if not (isinstance(value, (int, float, np.number)) and np.isfinite(value) and value > 0):
-            raise InvalidValueError(f"{name} must be a finite number > 0, got {value!r}")
-
-
-def require_choice(name: str, value: object, accepted: tuple[object, ...]) -> None:
-    """Raise `UnknownNameError` unless `value` is one of `accepted`."""
-    if value not in accepted:
-        raise UnknownNameError(name, value, map(str, accepted))
+from coopsim.sensors.lidar import LidarConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +46,7 @@ class CommonOptions:
         require_choice("false_positives", self.false_positives, ("count", "ignore"))
         if self.render_mode is not None:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
-        if not 0 < self.match_iou <= 1:
-            raise InvalidValueError(f"match_iou must be in (0, 1], got {self.match_iou!r}")
+        require_threshold(match_iou=self.match_iou)
         self.channel  # noqa: B018  (its own checks run now, not at the first message)
 
     @property
@@ -116,8 +101,7 @@ class SimulationOptions:
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))
         require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
         require_positive(dt_s=self.dt_s, region_x_m=self.region_x_m, region_y_m=self.region_y_m)
-        if not isinstance(self.max_cycles, (int, np.integer)) or self.max_cycles < 1:
-            raise InvalidValueError(f"max_cycles must be an integer >= 1, got {self.max_cycles!r}")
+        require_count(1, max_cycles=self.max_cycles)
         if not (self.detector is None or isinstance(self.detector, Detector)):
             raise InvalidValueError(f"detector must be a coopsim Detector or None, got {self.detector!r}")
         self.localization, self.lidar_config  # noqa: B018  (their own checks run now)

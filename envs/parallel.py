@@ -17,7 +17,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from coopsim.viz.bev import BevFrame, BevRenderer
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
@@ -33,12 +32,13 @@ from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.rng import require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
+from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
 
 
-class CooperativeEnv(ParallelEnv[str, Packed, Packed]):
+class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  # pettingzoo is untyped
     """Agents perceive, talk, and report tracks; the environment scores them.
 
     Observation (dict, per agent; base frame: x forward, y left, z up, origin on the ground under the agent):

@@ -6,11 +6,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.envs.source import AgentFrame
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
+from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.types import Tracks
+from coopsim.types import Ints, Tracks
 
 
 class Reward(ABC):
@@ -64,15 +67,20 @@ class Scorer:
         paid nor punished for it.
         """
         if self._region_m is not None:
-            inside = (np.abs(tracks.boxes.center[:, :2]) <= self._region_m).all(axis=1)
+            inside: NDArray[np.bool_] = (np.abs(tracks.boxes.center[:, :2]) <= self._region_m).all(axis=1)
             tracks = tracks[inside]
         if not (len(tracks) and len(agent.ignored)):
             return tracks
 
-        def best(boxes: np.ndarray, label: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
-            overlap = iou_3d(tracks.boxes.array, boxes)
-            return np.where(tracks.label[:, None] == label, overlap, 0.0).max(axis=1, initial=0.0)
+        on_ignored = _best_overlap(tracks, agent.ignored, agent.ignored_label)
+        on_truth = _best_overlap(tracks, agent.truth.boxes, agent.truth.label)
+        kept: NDArray[np.bool_] = np.maximum(on_truth, self._match_iou) >= on_ignored
+        return tracks[kept]
 
-        on_ignored = best(agent.ignored.array, agent.ignored_label)
-        on_truth = best(agent.truth.boxes.array, agent.truth.label)
-        return tracks[(on_ignored < self._match_iou) | (on_truth >= on_ignored)]
+
+def _best_overlap(tracks: Tracks, boxes: Boxes3D, label: Ints) -> Floats:
+    """(N,) each track's largest 3D IoU with a box of its class."""
+    overlap = iou_3d(tracks.boxes.array, boxes.array)
+    overlap[tracks.label[:, None] != label] = 0.0
+    best: Floats = overlap.max(axis=1, initial=0.0)
+    return best

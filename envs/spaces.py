@@ -58,7 +58,7 @@ def observation_space(
         cameras: height and width of each camera's image.
     """
     point = spaces.Sequence(_reals(5, dtype=np.float32), stack=True)
-    image = {
+    image: dict[str, spaces.Space[Any]] = {
         name: spaces.Dict(rgb=spaces.Box(0, 255, (*size, 3), np.uint8), depth=_reals(*size, low=0.0, dtype=np.float32))
         for name, size in cameras.items()
     }

@@ -66,7 +66,7 @@ class Demo:
         for name in config.policies:
             make_policy(name)  # a typo in the last policy should not cost the runs before it
 
-    def run(self, tick: Callable[[], None]) -> None:
+    def run(self, tick: Callable[[], object]) -> None:
         """Run everything; `tick` is called after every frame."""
         config = self.config
         for policy in config.policies:

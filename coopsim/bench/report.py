@@ -51,7 +51,7 @@ class ReportRun:
 
     Attributes:
         label: as "late_fusion, 300 ms".
-        about: what the run is, heading to text; the same headings in every run.
+        about: what the run is, heading to text, the policy first; the same headings in every run.
         row: values by column name (see `table.COLUMNS`).
         frame_score: (F,) mean reward per frame.
         tracks: per frame, by reporting agent, in the world frame.
@@ -189,6 +189,7 @@ def _data(scene: ReportScene, runs: Sequence[ReportRun]) -> dict[str, Any]:
         "runs": [
             {
                 "label": run.label,
+                "group": next(iter(run.about.values()), ""),
                 "score": np.round(run.frame_score, 4).tolist(),
                 "tracks": [
                     {agent: _boxes(tracks.id % 32768, tracks.boxes, origin) for agent, tracks in frame.items()}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_non_negative
 from coopsim.types import seconds_to_ns
 
 
@@ -23,9 +23,7 @@ class GaussianLatency:
     jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in (("latency_s", self.mean_s), ("latency_jitter_s", self.jitter_s)):
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidValueError(f"{name} must be a finite number of seconds >= 0, got {value!r}")
+        require_non_negative(latency_s=self.mean_s, latency_jitter_s=self.jitter_s)
 
     def draw_ns(self, rng: np.random.Generator) -> int:
         """One message's delay, ns. Takes one normal from `rng`, whatever the parameters."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,7 @@ class BernoulliLoss:
     probability: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.probability <= 1:
-            raise InvalidValueError(f"loss must be a probability in [0, 1], got {self.probability!r}")
+        require_probability(loss=self.probability)
 
     def draw(self, rng: np.random.Generator) -> bool:
         """Whether one message is lost. Takes one uniform from `rng`, whatever the probability."""

@@ -97,10 +97,11 @@ def _lines(path: Path) -> list[str]:
         raise RecordingError(f"{path} is not text: {error}") from error
 
 
-RowCheck = Callable[[Floats], list[tuple[NDArray[np.bool_], str]]]
+Mask = NDArray[np.bool_]
+RowCheck = Callable[[Floats], list[tuple[Mask, str]]]
 
 
-def _check_detection(rows: Floats) -> list[tuple[NDArray[np.bool_], str]]:
+def _check_detection(rows: Floats) -> list[tuple[Mask, str]]:
     known = np.isin(rows[:, 1], list(DETECTION_TYPES))
     types = ", ".join(f"{code} {cls.title}" for code, cls in DETECTION_TYPES.items())
     return [
@@ -109,7 +110,7 @@ def _check_detection(rows: Floats) -> list[tuple[NDArray[np.bool_], str]]:
     ]
 
 
-def _check_label(rows: Floats, types: Sequence[str]) -> list[tuple[NDArray[np.bool_], str]]:
+def _check_label(rows: Floats, types: Sequence[str]) -> list[tuple[Mask, str]]:
     objects = np.array([kind in LABEL_TYPES for kind in types], dtype=bool)
     return [
         (objects & ~(rows[:, 10:13] > 0).all(axis=1), "sizes h, w, l must be > 0"),
@@ -123,9 +124,10 @@ def _numbers(fields: Sequence[Sequence[str]], width: int, path: Path, check: Row
         rows = np.array(fields, dtype=np.float64).reshape(-1, width)
     except ValueError:
         raise _broken_line(fields, width, path) from None
-    problems = [
-        (~np.isfinite(rows).all(axis=1), "all fields must be finite numbers"),
-        ((rows[:, 0] < 0) | (rows[:, 0] != np.floor(rows[:, 0])), "the frame must be an integer >= 0"),
+    odd_frame: Mask = rows[:, 0] != np.abs(np.floor(rows[:, 0]))
+    problems: list[tuple[Mask, str]] = [
+        (np.logical_not(np.isfinite(rows).all(axis=1)), "all fields must be finite numbers"),
+        (odd_frame, "the frame must be an integer >= 0"),
         *check(rows),
     ]
     for bad, reason in problems:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from coopsim.checks import require_count, require_non_negative, require_positive, require_probability
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -81,16 +82,14 @@ class SimulatedDetectorConfig:
     false_positive_logit: float = -1.2
 
     def __post_init__(self) -> None:
-        signed = {"false_positive_logit", "score_offset"}
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if not np.isfinite(value) or (value < 0 and name not in signed):
-                raise InvalidValueError(f"{name} must be a finite number >= 0, got {value!r}")
-        if self.min_points < 1 or self.recall_points <= 0:
-            raise InvalidValueError("min_points must be >= 1 and recall_points > 0")
-        for name in ("max_recall", "yaw_flip"):
-            if getattr(self, name) > 1:
-                raise InvalidValueError(f"{name} must be in [0, 1], got {getattr(self, name)!r}")
+        unsigned = asdict(self)
+        for name in ("score_offset", "false_positive_logit"):
+            if not np.isfinite(unsigned.pop(name)):
+                raise InvalidValueError(f"{name} must be a finite number, got {getattr(self, name)!r}")
+        require_non_negative(**unsigned)
+        require_count(1, min_points=self.min_points)
+        require_positive(recall_points=self.recall_points)
+        require_probability(max_recall=self.max_recall, yaw_flip=self.yaw_flip)
 
 
 class SimulatedDetector(Detector):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_threshold
 from coopsim.geometry.iou import iou_bev
 from coopsim.types import Detections
 
@@ -21,7 +21,7 @@ def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections
     Returns:
         The kept detections, best score first. Boxes that are not finite are left out.
     """
-    require_iou_threshold(iou_threshold)
+    require_threshold(iou_threshold=iou_threshold)
     array = detections.boxes.array
     finite = np.isfinite(array).all(axis=1) & np.isfinite(detections.score)
     order = np.flatnonzero(finite)[np.argsort(-detections.score[finite], kind="stable")]
@@ -34,9 +34,3 @@ def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections
         if kept[row]:
             kept[row + 1 :] &= ~rivals[row, row + 1 :]
     return ordered[kept]
-
-
-def require_iou_threshold(value: float) -> None:
-    """Raise `InvalidValueError` unless `value` is in (0, 1]."""
-    if not 0 < value <= 1:
-        raise InvalidValueError(f"the IoU threshold must be in (0, 1], got {value!r}")

@@ -45,7 +45,7 @@ def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool) -> 
 
 
 # Fast-math is off on purpose: symmetry and exact ones for identical boxes are worth more than the few per cent.
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
     out = np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
@@ -84,7 +84,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _footprint(x: float, y: float, box: Floats, yaw: float, corners: Floats) -> None:
     """Corners of a box at (x, y) with heading `yaw`, counter-clockwise."""
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -96,7 +96,7 @@ def _footprint(x: float, y: float, box: Floats, yaw: float, corners: Floats) -> 
     corners[3, 0], corners[3, 1] = x + lx - wx, y + ly - wy
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _clip_to_rectangle(corners: Floats, half_x: float, half_y: float, polygon: Floats, clipped: Floats) -> float:
     """Area of a convex polygon within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
     count = 4
@@ -124,7 +124,7 @@ def _clip_to_rectangle(corners: Floats, half_x: float, half_y: float, polygon: F
     return _area(polygon, count)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _hull_area(corners: Floats, half_x: float, half_y: float, points: Floats, hull: Floats) -> float:
     """Area of the convex hull of a polygon's 4 corners and a rectangle's (Andrew's monotone chain)."""
     points[:4] = corners
@@ -144,7 +144,7 @@ def _hull_area(corners: Floats, half_x: float, half_y: float, points: Floats, hu
     return _area(hull, count - 1)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _chain(points: Floats, hull: Floats, start: int, forward: bool) -> int:
     """Append the lower (or, backwards, the upper) half of the hull from index `start`; the new length."""
     count = start
@@ -161,7 +161,7 @@ def _chain(points: Floats, hull: Floats, start: int, forward: bool) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def _area(polygon: NDArray[np.float64], count: int) -> float:
     """Area of a polygon's first `count` vertices (shoelace), relative to its first for precision."""
     total = 0.0

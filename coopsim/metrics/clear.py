@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -38,6 +38,9 @@ class Clear:
     objects: int = 0
     mostly_tracked: int = 0
     mostly_lost: int = 0
+
+    def __add__(self, other: Clear) -> Clear:
+        return Clear(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     @property
     def gt(self) -> int:
@@ -101,27 +104,25 @@ def count_clear(
         adjacent_switches: count a switch only from one frame of an object to its next, as KITTI's development
             kit and AB3DMOT do; else also after a gap, as CLEAR and TrackEval do.
     """
-    totals = np.zeros(9)
+    total = Clear()
     scores = [np.zeros(0)]
     for sequence in sequences:
         found = match_sequence(sequence.arrays, sequence.mean_score >= threshold, sequence.objects)
         hit = found.track_of >= 0
         scores.append(sequence.mean_score[found.track_of[hit]])
         share = found.matched / np.maximum(found.present, 1)
-        totals += [
-            hit.sum(),
-            0 if ignore_false_positives else found.false_positives,
-            (~hit).sum(),
-            found.adjacent_switches if adjacent_switches else found.switches,
-            np.maximum(found.fragments - 1, 0).sum(),
-            found.similarity.sum(),
-            sequence.objects,
-            (share > MOSTLY_TRACKED).sum(),
-            (share < MOSTLY_LOST).sum(),
-        ]
-    tp, fp, fn, ids, frag, similarity, objects, tracked, lost = totals.tolist()
-    counts = (int(count) for count in (tp, fp, fn, ids, frag))
-    return Clear(*counts, similarity, int(objects), int(tracked), int(lost)), np.concatenate(scores)
+        total += Clear(
+            tp=int(hit.sum()),
+            fp=0 if ignore_false_positives else int(found.false_positives),
+            fn=int((~hit).sum()),
+            ids=int(found.adjacent_switches if adjacent_switches else found.switches),
+            frag=int(np.maximum(found.fragments - 1, 0).sum()),
+            similarity=float(found.similarity.sum()),
+            objects=sequence.objects,
+            mostly_tracked=int((share > MOSTLY_TRACKED).sum()),
+            mostly_lost=int((share < MOSTLY_LOST).sum()),
+        )
+    return total, np.concatenate(scores)
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_threshold
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -75,8 +78,7 @@ class TrackLog:
     _pairs: list[Candidates] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if not 0 < self.match_iou <= 1:
-            raise InvalidValueError(f"match_iou must be in (0, 1], got {self.match_iou!r}")
+        require_threshold(match_iou=self.match_iou)
 
     def __len__(self) -> int:
         return len(self._truth)
@@ -89,21 +91,19 @@ class TrackLog:
 
     def flat(self) -> FlatLog:
         """All frames as flat arrays."""
-        none = (np.zeros(0, dtype=np.int64),) * 3
-        truth_id, truth_label = (_join([none, *self._truth], k) for k in (0, 1))
-        track_id, track_label, score = (_join([none, *self._tracks], k) for k in (0, 1, 2))
-        pairs = self._pairs
+        truth, tracks, pairs = self._truth, self._tracks, self._pairs
         return FlatLog(
-            *(_starts([len(rows[0]) for rows in part]) for part in (self._truth, self._tracks)),
-            _starts([len(pair.truth) for pair in pairs]),
-            truth_id,
-            truth_label,
-            track_id,
-            track_label,
-            score.astype(np.float64),
-            _join([none[:1], *((pair.truth,) for pair in pairs)], 0),
-            _join([none[:1], *((pair.track,) for pair in pairs)], 0),
-            _join([none[:1], *((pair.similarity,) for pair in pairs)], 0).astype(np.float64),
+            truth_start=_starts([len(ids) for ids, _ in truth]),
+            track_start=_starts([len(ids) for ids, _, _ in tracks]),
+            pair_start=_starts([len(pair.truth) for pair in pairs]),
+            truth_id=_join([ids for ids, _ in truth], np.int64),
+            truth_label=_join([label for _, label in truth], np.int64),
+            track_id=_join([ids for ids, _, _ in tracks], np.int64),
+            track_label=_join([label for _, label, _ in tracks], np.int64),
+            score=_join([score for _, _, score in tracks], np.float64),
+            pair_truth=_join([pair.truth for pair in pairs], np.int64),
+            pair_track=_join([pair.track for pair in pairs], np.int64),
+            similarity=_join([pair.similarity for pair in pairs], np.float64),
         )
 
 
@@ -145,28 +145,21 @@ class FlatLog:
     def only(self, label: int) -> FlatLog:
         """The part of one class."""
         truth, track = self.truth_label == label, self.track_label == label
-        pair_frame = np.repeat(np.arange(len(self.pair_start) - 1), np.diff(self.pair_start))
-        pair = truth[self.truth_start[pair_frame] + self.pair_truth]
-        truth_row, track_row = (
-            _rows_after(kept, start) for kept, start in ((truth, self.truth_start), (track, self.track_start))
-        )
+        frame = np.repeat(np.arange(len(self.pair_start) - 1), np.diff(self.pair_start))
+        truth_row, track_row = self.truth_start[frame] + self.pair_truth, self.track_start[frame] + self.pair_track
+        pair = truth[truth_row]  # pairs are of one class, so the track's is the same
         return FlatLog(
-            *(
-                _starts(_per_frame(kept, start))
-                for kept, start in (
-                    (truth, self.truth_start),
-                    (track, self.track_start),
-                    (pair, self.pair_start),
-                )
-            ),
-            self.truth_id[truth],
-            self.truth_label[truth],
-            self.track_id[track],
-            self.track_label[track],
-            self.score[track],
-            truth_row[self.truth_start[pair_frame] + self.pair_truth][pair],
-            track_row[self.track_start[pair_frame] + self.pair_track][pair],
-            self.similarity[pair],
+            truth_start=_starts(_per_frame(truth, self.truth_start)),
+            track_start=_starts(_per_frame(track, self.track_start)),
+            pair_start=_starts(_per_frame(pair, self.pair_start)),
+            truth_id=self.truth_id[truth],
+            truth_label=self.truth_label[truth],
+            track_id=self.track_id[track],
+            track_label=self.track_label[track],
+            score=self.score[track],
+            pair_truth=_rows_after(truth, self.truth_start)[truth_row][pair],
+            pair_track=_rows_after(track, self.track_start)[track_row][pair],
+            similarity=self.similarity[pair],
         )
 
     def numbered(self) -> tuple[SequenceArrays, int, Floats]:
@@ -187,22 +180,22 @@ class FlatLog:
         return arrays, len(objects), mean_score
 
 
-def _join(parts: list[tuple[np.ndarray, ...]], column: int) -> np.ndarray:  # type: ignore[type-arg]
-    return np.concatenate([part[column] for part in parts])
+def _join(parts: Sequence[NDArray[Any]], dtype: type[Any]) -> NDArray[Any]:
+    return np.concatenate([np.zeros(0, dtype=dtype), *parts])
 
 
-def _starts(lengths: list[int] | Ints) -> Ints:
+def _starts(lengths: Sequence[int] | Ints) -> Ints:
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)]).astype(np.int64)
 
 
-def _per_frame(kept: np.ndarray, start: Ints) -> Ints:  # type: ignore[type-arg]
-    total = np.concatenate([[0], np.cumsum(kept)])
-    return np.diff(total[start])
+def _per_frame(kept: NDArray[np.bool_], start: Ints) -> Ints:
+    """How many are kept in each frame."""
+    return np.diff(_starts(kept.astype(np.int64))[start])
 
 
-def _rows_after(kept: np.ndarray, start: Ints) -> Ints:  # type: ignore[type-arg]
+def _rows_after(kept: NDArray[np.bool_], start: Ints) -> Ints:
     """The row within its frame that each kept element has once the others are gone."""
-    total = np.concatenate([[0], np.cumsum(kept)])
+    total = _starts(kept.astype(np.int64))
     frame = np.repeat(np.arange(len(start) - 1), np.diff(start))
     rows: Ints = total[:-1] - total[start[frame]]
     return rows

@@ -67,7 +67,7 @@ class SequenceMatches(NamedTuple):
     fragments: Ints
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int) -> SequenceMatches:
     """Match a sequence, with only the tracks whose number is `active` (tracks,)."""
     track_of = np.full(len(data.truth), -1)
@@ -118,7 +118,7 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
     )
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weight: Floats) -> Ints:
     """One-to-one matching with the largest sum of weights.
 
@@ -170,7 +170,7 @@ def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weig
     return chosen
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def cheapest_assignment(cost: Floats) -> Ints:
     """The column of each row in the assignment of least total cost; (n,) for (n, m) with n <= m.
 

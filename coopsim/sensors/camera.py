@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from coopsim.checks import require_count
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.geometry import SceneGeometry
@@ -41,9 +42,7 @@ class CameraConfig:
     unit_pitch_rad: float = np.radians(20.0)
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            if not isinstance(getattr(self, name), (int, np.integer)) or getattr(self, name) < 1:
-                raise InvalidValueError(f"{name} must be an integer >= 1, got {getattr(self, name)!r}")
+        require_count(1, width=self.width, height=self.height)
         if not all(np.isfinite(getattr(self, field.name)) for field in fields(self)):
             raise InvalidValueError("a camera's numbers must be finite")
         if not 0 < self.horizontal_fov_rad < np.pi:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.checks import require_non_negative
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
@@ -44,10 +45,12 @@ class LidarConfig:
     def __post_init__(self) -> None:
         if not isinstance(self.columns, (int, np.integer)) or not 1 <= self.columns <= 16384:
             raise InvalidValueError(f"columns must be an integer in 1..16384, got {self.columns!r}")
-        for name in ("min_range_m", "range_noise_m", "dropout_energy", "above_m"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidValueError(f"{name} must be a finite number >= 0, got {value!r}")
+        require_non_negative(
+            min_range_m=self.min_range_m,
+            range_noise_m=self.range_noise_m,
+            dropout_energy=self.dropout_energy,
+            above_m=self.above_m,
+        )
         for name in ("max_range_m", "reference_range_m"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > self.min_range_m):

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.errors import MissingDependencyError, UnknownNameError
+from coopsim.checks import require_choice
+from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.geometry import Triangles
 from coopsim.sensors.raycast import RayScene
@@ -46,17 +47,14 @@ class Renderer(ABC):
         """Release resources; nothing can be drawn any more."""
 
 
-def make_renderer(
-    name: str, models: Sequence[Model], static: Sequence[StaticPart], config: CameraConfig
-) -> Renderer:
+def make_renderer(name: str, models: Sequence[Model], static: Sequence[StaticPart], config: CameraConfig) -> Renderer:
     """The renderer called `name`.
 
     Raises:
         UnknownNameError: no such renderer.
         MissingDependencyError: "opengl" was asked for and does not work here; says what to install.
     """
-    if name not in RENDERERS:
-        raise UnknownNameError("renderer", name, RENDERERS)
+    require_choice("renderer", name, RENDERERS)
     if name == "raycast":
         return RaycastRenderer(config)
     try:
@@ -214,5 +212,3 @@ def _facing(direction: Floats) -> Floats:
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     return pose
-
-

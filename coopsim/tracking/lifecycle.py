@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_count
 from coopsim.types import Ints
 
 Mask = NDArray[np.bool_]
@@ -45,9 +45,7 @@ class HitsAndAge:
     age: int = 2
 
     def __post_init__(self) -> None:
-        for name, value in (("hits", self.hits), ("age", self.age)):
-            if not isinstance(value, (int, np.integer)) or value < 1:
-                raise InvalidValueError(f"{name} must be an integer >= 1, got {value!r}")
+        require_count(1, hits=self.hits, age=self.age)
 
     def reported(self, hits: Ints, misses: Ints, frame: int) -> Mask:
         confirmed = (hits >= self.hits) | (frame <= self.hits)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_positive
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.tracking import kalman
 
@@ -73,10 +73,7 @@ class ConstantVelocity:
     measurement_variance: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidValueError(f"{name} must be a finite number > 0, got {value!r}")
+        require_positive(**asdict(self))
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
         mean = np.concatenate([boxes, np.zeros((len(boxes), 3))], axis=1)

@@ -27,18 +27,25 @@ class _State:
     misses: Ints
 
     def take(self, index: Mask) -> _State:
-        beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
-        rows = (self.id, self.label, self.score, self.hits, self.misses)
-        return _State(beliefs, *(row[index] for row in rows))
+        return _State(
+            Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index]),
+            self.id[index],
+            self.label[index],
+            self.score[index],
+            self.hits[index],
+            self.misses[index],
+        )
 
     def join(self, other: _State) -> _State:
-        beliefs = Beliefs(
-            np.concatenate([self.beliefs.mean, other.beliefs.mean]),
-            np.concatenate([self.beliefs.covariance, other.beliefs.covariance]),
+        mine, theirs = self.beliefs, other.beliefs
+        return _State(
+            Beliefs(np.concatenate([mine.mean, theirs.mean]), np.concatenate([mine.covariance, theirs.covariance])),
+            np.concatenate([self.id, other.id]),
+            np.concatenate([self.label, other.label]),
+            np.concatenate([self.score, other.score]),
+            np.concatenate([self.hits, other.hits]),
+            np.concatenate([self.misses, other.misses]),
         )
-        names = ("id", "label", "score", "hits", "misses")
-        rows = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in names)
-        return _State(beliefs, *rows)
 
 
 class Tracker:

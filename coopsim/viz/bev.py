@@ -106,7 +106,7 @@ class BevRenderer:
             spot = self._pixels(body.world_SE3_base.translation[None, :2], centre)[0]
             if body.actor_id is None:
                 self._pygame.draw.circle(self._surface, palette.AGENT, spot, 5)
-            self._text(name, spot + [8, -16], palette.AGENT)
+            self._text(name, spot + np.array([8, -16]), palette.AGENT)
         self._text(f"{frame.time_ns / NS_PER_S:.1f} s", np.array([10, 8]), palette.TEXT)
         self._text("truth grey, agents yellow, tracks by id", np.array([10, 26]), palette.TEXT)
 

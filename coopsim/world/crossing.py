@@ -240,7 +240,7 @@ def _static(lanes: list[Floats], buildings: list[_Building], rsus: tuple[SE3, ..
         flat_part("road", lanes, 0.0, ASPHALT, 0.18),
         flat_part("marking", [stripe for arm in range(4) for stripe in _stripes(arm)], 0.02, MARKING, 0.8),
         *walls,
-        *(mast_part("mast", *rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
+        *(mast_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
     )
 
 

@@ -69,11 +69,11 @@ def make_highway() -> Layout:
             box_part("wall", (START_M, edge + 9, 0.0), (SCENERY_M, edge + 9.4, 3.5), (150, 140, 120)),
             box_part("wall", (START_M, -edge - 9.4, 0.0), (SCENERY_M, -edge - 9, 3.5), (150, 140, 120)),
             *(
-                mast_part("lamp", x, side * (edge + 6), 9.0)
+                mast_part("lamp", np.array([x, side * (edge + 6)]), 9.0)
                 for x in np.arange(-400.0, 2_000.0, 60.0)
                 for side in (-1, 1)
             ),
-            *(mast_part("mast", *rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
+            *(mast_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
         ),
         RoadMap(tuple(shown), (), (), ()),
         window_m=WINDOW_M,

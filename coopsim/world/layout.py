@@ -99,9 +99,9 @@ def flat_part(
     return StaticPart(name, vertices, np.concatenate(faces), color, reflectivity)
 
 
-def mast_part(name: str, x_m: float, y_m: float, height_m: float) -> StaticPart:
-    """A round post."""
-    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[x_m, y_m, 0.0], [x_m, y_m, height_m]]), sections=8)
+def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
+    """A round post that stands at `foot` (2,) m."""
+    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[*foot, 0.0], [*foot, height_m]]), sections=8)
     return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
 
 

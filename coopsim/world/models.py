@@ -29,6 +29,9 @@ _METAL = _Surface(0.3, 0.45)
 _CLOTH = _Surface(1.0, 0.5)
 _SKIN = _Surface(0.25, 0.45)
 
+_AXLE = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""A quarter turn about x: trimesh's cylinders stand, wheels lie."""
+
 _Part = tuple[trimesh.Trimesh, _Surface]
 
 
@@ -72,7 +75,12 @@ def _car(
         width,
     )
     glass = _hull(
-        [(cabin[0], belt, 0.92), (cabin[1], belt, 0.92), (roof[0], height - 0.02, 0.78), (roof[1], height - 0.02, 0.78)],
+        [
+            (cabin[0], belt, 0.92),
+            (cabin[1], belt, 0.92),
+            (roof[0], height - 0.02, 0.78),
+            (roof[1], height - 0.02, 0.78),
+        ],
         length,
         width,
     )
@@ -129,11 +137,12 @@ def _person(name: str, size: tuple[float, float, float]) -> Model:
 def _hull(stations: Sequence[tuple[float, float, float]], length: float, width: float) -> trimesh.Trimesh:
     """Convex hull of bars across: (share of the length, height m, share of the width)."""
     points = [(along * length, side * across * width / 2, up) for along, up, across in stations for side in (1, -1)]
-    return trimesh.convex.convex_hull(np.array(points))
+    hull: trimesh.Trimesh = trimesh.convex.convex_hull(np.array(points))
+    return hull
 
 
 def _block(x: tuple[float, float], width: float, z: tuple[float, float]) -> trimesh.Trimesh:
-    block = trimesh.creation.box((x[1] - x[0], width, z[1] - z[0]))
+    block: trimesh.Trimesh = trimesh.creation.box((x[1] - x[0], width, z[1] - z[0]))
     block.apply_translation(((x[0] + x[1]) / 2, 0.0, (z[0] + z[1]) / 2))
     return block
 
@@ -143,14 +152,16 @@ def _wheels(axles_m: Sequence[float], width: float, radius: float) -> list[_Part
     for x in axles_m:
         for side in (1, -1):
             wheel = trimesh.creation.cylinder(radius=radius, height=0.22, sections=12)
-            wheel.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+            wheel.apply_transform(_AXLE)
             wheel.apply_translation((x, side * (width / 2 - 0.11), radius))
             wheels.append((wheel, _TYRE))
     return wheels
 
 
 def _limb(start: ArrayLike, end: ArrayLike, radius: float) -> trimesh.Trimesh:
-    return trimesh.creation.cylinder(radius=radius, segment=np.array([start, end], dtype=float), sections=8)
+    segment = np.array([start, end], dtype=float)
+    limb: trimesh.Trimesh = trimesh.creation.cylinder(radius=radius, segment=segment, sections=8)
+    return limb
 
 
 def _model(name: str, label: ObjectClass, size: tuple[float, float, float], parts: Sequence[_Part]) -> Model:

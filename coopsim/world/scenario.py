@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.checks import require_count, require_probability
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
 from coopsim.world.crossing import make_crossing
@@ -34,12 +35,14 @@ class Population:
     rsus: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("vehicles", "pedestrians", "connected_cars", "rsus"):
-            value = getattr(self, name)
-            if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 0:
-                raise InvalidValueError(f"{name} must be an integer >= 0, got {value!r}")
-        if not 0 <= self.truck_share <= 1:
-            raise InvalidValueError(f"truck_share must be in [0, 1], got {self.truck_share!r}")
+        require_count(
+            0,
+            vehicles=self.vehicles,
+            pedestrians=self.pedestrians,
+            connected_cars=self.connected_cars,
+            rsus=self.rsus,
+        )
+        require_probability(truck_share=self.truck_share)
         if self.connected_cars > self.vehicles - self.trucks:
             raise InvalidValueError(
                 f"connected_cars must be at most the number of cars, which is {self.vehicles - self.trucks} "

@@ -50,6 +50,8 @@ class _Sized(ControlledVehicle):  # type: ignore[misc]
     know a turn before it begins.
     """
 
+    route: list[tuple[str, str, int | None]] | None
+    action: dict[str, float]
     actor_id: int
     model: int
     paint: np.ndarray[Any, np.dtype[np.uint8]]
@@ -79,9 +81,9 @@ class _Sized(ControlledVehicle):  # type: ignore[misc]
     def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
         """Roads of the route: index, lane, and distance (m) to its start, <= 0 for the one it is on."""
         self.plan_ahead()
-        roads = []
+        roads: list[tuple[tuple[str, str], AbstractLane, float]] = []
         distance_m = 0.0
-        for start, end, number in self.route:
+        for start, end, number in self.route or ():
             lane = self.road.network.get_lane((start, end, number or 0))
             if not roads:
                 distance_m = -lane.local_coordinates(self.position)[0]
@@ -96,7 +98,7 @@ class Driver(_Sized, IDMVehicle):  # type: ignore[misc]
     def desired_gap(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, projected: bool = True) -> float:
         gap: float = super().desired_gap(ego_vehicle, front_vehicle, projected)
         longer = (ego_vehicle.LENGTH + front_vehicle.LENGTH) / 2 - Vehicle.LENGTH
-        return gap + max(0.0, longer)
+        return float(gap + max(0.0, longer))
 
     def step(self, dt: float) -> None:
         # IDM brakes on after the stop: in a queue highway-env's vehicles creep backwards, and steer while they do.

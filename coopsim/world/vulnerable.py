@@ -128,4 +128,5 @@ class Pedestrians:
         closing = (offset * velocity).sum(axis=2) / np.maximum(distance, 1e-9)
         gap_s = np.where(self._waited_s > PATIENCE_S, HURRIED_GAP_S, GAP_S)
         threatens = (closing > 0.5) & (distance < _CAUTION_M + closing * gap_s[:, None])
-        return ~(threatens | (distance < _CAUTION_M)).any(axis=1)
+        safe: NDArray[np.bool_] = ~(threatens | (distance < _CAUTION_M)).any(axis=1)
+        return safe

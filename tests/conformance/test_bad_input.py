@@ -110,7 +110,7 @@ def test_calls_at_the_wrong_moment(make_small: Make) -> None:
         ({"latency_s": -0.1}, InvalidValueError, "latency_s must be"),
         ({"latency_s": float("nan")}, InvalidValueError, "latency_s must be"),
         ({"latency_jitter_s": -1}, InvalidValueError, "latency_jitter_s must be"),
-        ({"loss": 1.2}, InvalidValueError, r"loss must be a probability in \[0, 1\]"),
+        ({"loss": 1.2}, InvalidValueError, r"loss must be in \[0, 1\]"),
         ({"communication_range_m": -5}, InvalidValueError, "communication_range_m must be >= 0"),
         ({"position_noise_m": -0.1}, InvalidValueError, "position_noise_m must be"),
         ({"heading_noise_rad": np.inf}, InvalidValueError, "heading_noise_rad must be"),

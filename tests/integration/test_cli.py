@@ -63,7 +63,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
         (["demo", "--policies", "late_fusoin"], "unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
         (["demo", "--environment", "crosing"], "Did you mean 'crossing-v0'"),
         (["demo", "--latencies-ms=-5"], "latency_s must be"),
-        (["demo", "--loss", "2"], "loss must be a probability"),
+        (["demo", "--loss", "2"], "loss must be in [0, 1]"),
         (["demo", "--report", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
         (["replay", "/nonexistent", "--detections", "ego"], "/nonexistent"),
         (["replay", "{recordings}", "--detections", "egoo"], "Did you mean 'ego'"),

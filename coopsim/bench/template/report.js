@@ -13,7 +13,8 @@ const runs = scene.runs.map((run) => ({
   tracks: run.tracks.map((frame) => Object.fromEntries(Object.entries(frame).map(([name, text]) => [name, decode(text)]))),
 }));
 
-const state = { frame: 0, playing: false, agent: scene.agents[0], shown: [0, Math.min(1, runs.length - 1)], speed: 1 };
+const rival = runs.findIndex((run) => run.group !== runs[0].group); // side by side: two different policies
+const state = { frame: 0, playing: false, agent: scene.agents[0], shown: [0, rival < 0 ? runs.length - 1 : rival], speed: 1 };
 const layers = { points: true, truth: true, tracks: true, ids: false };
 const home = () => ({ x: scene.centre[0], y: scene.centre[1], span: scene.span });
 let view = home();

@@ -92,9 +92,9 @@ def test_messages_are_conserved(latency_s: float, jitter_s: float, loss: float, 
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: GaussianLatency(-0.1), "latency_s must be a finite number of seconds >= 0, got -0.1"),
+        (lambda: GaussianLatency(-0.1), "latency_s must be a finite number >= 0, got -0.1"),
         (lambda: GaussianLatency(0.1, float("nan")), "latency_jitter_s"),
-        (lambda: BernoulliLoss(1.5), r"loss must be a probability in \[0, 1\], got 1.5"),
+        (lambda: BernoulliLoss(1.5), r"loss must be in \[0, 1\], got 1.5"),
         (lambda: BernoulliLoss(float("nan")), "loss"),
         (lambda: ChannelConfig(range_m=-1), "communication_range_m must be >= 0"),
     ],

@@ -93,7 +93,7 @@ def test_hiding_one_actor_does_not_shift_the_noise_of_the_others() -> None:
     ("setting", "match"),
     [
         ({"max_recall": 1.1}, r"max_recall must be in \[0, 1\]"),
-        ({"min_points": 0}, "min_points must be >= 1"),
+        ({"min_points": 0}, "min_points must be an integer >= 1"),
         ({"position_noise_m": -1.0}, "position_noise_m must be a finite number >= 0"),
         ({"false_positives": np.nan}, "false_positives must be a finite number"),
     ],
