@@ -41,7 +41,7 @@ def require_threshold(**values: float) -> None:
 def require_count(least: int, **values: object) -> None:
     """Each must be an integer >= `least`."""
     for name, value in values.items():
-        if not isinstance(value, numbers.Integral) or isinstance(value, bool) or int(value) < least:
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
             raise InvalidValueError(f"{name} must be an integer >= {least}, got {value!r}")
 
 

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopsim.envs.source import AgentFrame
 from coopsim.geometry.boxes import Boxes3D
@@ -67,15 +66,13 @@ class Scorer:
         paid nor punished for it.
         """
         if self._region_m is not None:
-            inside: NDArray[np.bool_] = (np.abs(tracks.boxes.center[:, :2]) <= self._region_m).all(axis=1)
-            tracks = tracks[inside]
+            x, y = np.abs(tracks.boxes.center[:, :2]).T
+            tracks = tracks[(x <= self._region_m[0]) & (y <= self._region_m[1])]
         if not (len(tracks) and len(agent.ignored)):
             return tracks
-
         on_ignored = _best_overlap(tracks, agent.ignored, agent.ignored_label)
         on_truth = _best_overlap(tracks, agent.truth.boxes, agent.truth.label)
-        kept: NDArray[np.bool_] = np.maximum(on_truth, self._match_iou) >= on_ignored
-        return tracks[kept]
+        return tracks[(on_ignored < self._match_iou) | (on_truth >= on_ignored)]
 
 
 def _best_overlap(tracks: Tracks, boxes: Boxes3D, label: Ints) -> Floats:

@@ -106,14 +106,14 @@ def _check_detection(rows: Floats) -> list[tuple[Mask, str]]:
     types = ", ".join(f"{code} {cls.title}" for code, cls in DETECTION_TYPES.items())
     return [
         (~known, f"unknown type; accepted: {types}"),
-        (~(rows[:, 7:10] > 0).all(axis=1), "sizes h, w, l must be > 0"),
+        (rows[:, 7:10].min(axis=1) <= 0, "sizes h, w, l must be > 0"),
     ]
 
 
 def _check_label(rows: Floats, types: Sequence[str]) -> list[tuple[Mask, str]]:
     objects = np.array([kind in LABEL_TYPES for kind in types], dtype=bool)
     return [
-        (objects & ~(rows[:, 10:13] > 0).all(axis=1), "sizes h, w, l must be > 0"),
+        (objects & (rows[:, 10:13].min(axis=1) <= 0), "sizes h, w, l must be > 0"),
         (objects & (rows[:, 1] != np.floor(rows[:, 1])), "the object id must be an integer"),
     ]
 
@@ -121,12 +121,14 @@ def _check_label(rows: Floats, types: Sequence[str]) -> list[tuple[Mask, str]]:
 def _numbers(fields: Sequence[Sequence[str]], width: int, path: Path, check: RowCheck) -> Floats:
     """All fields as numbers (N, width); the first line that is not as it must be is named."""
     try:
-        rows = np.array(fields, dtype=np.float64).reshape(-1, width)
+        rows = np.array(fields, dtype=np.float64) if fields else np.zeros((0, width))
     except ValueError:
         raise _broken_line(fields, width, path) from None
+    if rows.shape[1] != width:
+        raise _broken_line(fields, width, path)
     odd_frame: Mask = rows[:, 0] != np.abs(np.floor(rows[:, 0]))
     problems: list[tuple[Mask, str]] = [
-        (np.logical_not(np.isfinite(rows).all(axis=1)), "all fields must be finite numbers"),
+        (~np.isfinite(rows.sum(axis=1)), "all fields must be finite numbers"),
         (odd_frame, "the frame must be an integer >= 0"),
         *check(rows),
     ]

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.checks import require_threshold
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
-from coopsim.types import Detections
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Detections, Ints
+
+_LEAST_WEIGHT = 1e-6
 
 
 def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections:
-    """Keep the best-scored of boxes that overlap: greedy non-maximum suppression per class.
+    """One box per object: greedy suppression per class, and what is suppressed refines what suppressed it.
 
     The overlap is the rotated BEV IoU: height is what agents disagree on most, and no two objects share a footprint.
+    A merged box has the score-weighted mean centre and size of its duplicates; everything else is the best-scored
+    one's, heading too, because a mean of headings fails where detectors confuse front and back. A score <= 0 (recorded
+    ones need not be probabilities) has next to no weight.
+
+    On the V2V4Real training recordings (two cars pooled, AB3DMOT) the mean tracks better than the best box alone at
+    every threshold from 0.05 to 0.5: the cars see different sides of an object, and their errors partly cancel. It
+    costs some overlap of the boxes that are matched (AMOTP), and often some identity switches.
 
     Args:
         detections: of all agents, in one frame.
         iou_threshold: boxes of a class with at least this BEV IoU are one object, in (0, 1].
 
     Returns:
-        The kept detections, best score first. Boxes that are not finite are left out.
+        The merged detections, best score first. Boxes that are not finite are left out.
     """
     require_threshold(iou_threshold=iou_threshold)
     array = detections.boxes.array
@@ -28,9 +40,28 @@ def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections
     ordered = detections[order]
     overlap = iou_bev(ordered.boxes.array, ordered.boxes.array)
     rivals = (overlap >= iou_threshold) & (ordered.label[:, None] == ordered.label)
-    # Whoever has a better-scored rival may go; whether it does depends on whether that rival stays.
-    kept = np.ones(len(ordered), dtype=bool)
+    kept = _kept(rivals)
+    owner = np.where(rivals[kept], overlap[kept], -1.0).argmax(axis=0) if len(kept) else kept
+    owner[kept] = np.arange(len(kept))  # said, not found: a box without area does not overlap even itself
+    best = ordered[kept]
+    boxes = _weighted_mean(ordered, owner, best)
+    return Detections(boxes, best.score, best.label, best.covariance, best.embedding)
+
+
+def _kept(rivals: NDArray[np.bool_]) -> Ints:
+    """Rows (K,) that no better kept row rivals; rows are in order of falling score."""
+    kept = np.ones(len(rivals), dtype=bool)
+    # Whoever has a worse-scored rival may suppress; whether it does depends on whether it stays itself.
     for row in np.flatnonzero(np.triu(rivals, k=1).any(axis=1)):
         if kept[row]:
             kept[row + 1 :] &= ~rivals[row, row + 1 :]
-    return ordered[kept]
+    return np.flatnonzero(kept)
+
+
+def _weighted_mean(detections: Detections, owner: Ints, best: Detections) -> Boxes3D:
+    """Mean centre and size of the detections by owner (N,), with the heading of the K best ones."""
+    weight = np.maximum(detections.score, _LEAST_WEIGHT)
+    share = weight / np.bincount(owner, weights=weight, minlength=len(best))[owner]
+    extent: Floats = np.zeros((len(best), 6))
+    np.add.at(extent, owner, share[:, None] * detections.boxes.array[:, :6])
+    return Boxes3D(extent[:, :3], extent[:, 3:], best.boxes.yaw)

@@ -49,8 +49,8 @@ class Clear:
 
     @property
     def mota(self) -> float:
-        """1 - (FP + FN + IDS) / GT."""
-        return 1.0 - _ratio(self.fp + self.fn + self.ids, self.gt)
+        """1 - (FP + FN + IDS) / GT; as in TrackEval, -FP where there is no truth."""
+        return (self.tp - self.fp - self.ids) / max(self.gt, 1)
 
     @property
     def motp(self) -> float:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from tabulate import tabulate
 
+from coopsim.checks import require_choice
 from coopsim.errors import UnknownNameError
 from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
 from coopsim.metrics.clear import Clear, NumberedSequence
@@ -89,7 +90,11 @@ def summarize(
         false_positives: "count", or "ignore": an unmatched track costs nothing. Published V2V4Real tables
             ignore them, because their script drops unmatched boxes that are low in an image which does not exist.
         extra: further values to carry along, such as bytes per second.
+
+    Raises:
+        UnknownNameError: `false_positives` is neither.
     """
+    require_choice("false_positives", false_positives, ("count", "ignore"))
     flats = [log.flat() for log in logs]
     labels = sorted({int(label) for flat in flats for label in flat.labels})
     classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats], false_positives) for label in labels}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.checks import require_count
+from coopsim.checks import require_count, require_non_negative, require_positive
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.geometry import SceneGeometry
@@ -43,11 +43,11 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         require_count(1, width=self.width, height=self.height)
-        if not all(np.isfinite(getattr(self, field.name)) for field in fields(self)):
-            raise InvalidValueError("a camera's numbers must be finite")
-        if not 0 < self.horizontal_fov_rad < np.pi:
+        require_positive(horizontal_fov_rad=self.horizontal_fov_rad, near_m=self.near_m, far_m=self.far_m)
+        require_non_negative(above_m=self.above_m, unit_pitch_rad=self.unit_pitch_rad)
+        if self.horizontal_fov_rad >= np.pi:
             raise InvalidValueError(f"horizontal_fov_rad must be in (0, pi), got {self.horizontal_fov_rad!r}")
-        if not 0 < self.near_m < self.far_m:
+        if self.near_m >= self.far_m:
             raise InvalidValueError(f"0 < near_m < far_m is needed, got {self.near_m!r} and {self.far_m!r}")
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.checks import require_non_negative
+from coopsim.checks import require_count, require_non_negative, require_positive
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
@@ -43,7 +43,8 @@ class LidarConfig:
     above_m: float = 0.35
 
     def __post_init__(self) -> None:
-        if not isinstance(self.columns, (int, np.integer)) or not 1 <= self.columns <= 16384:
+        require_count(1, columns=self.columns)
+        if self.columns > 16384:
             raise InvalidValueError(f"columns must be an integer in 1..16384, got {self.columns!r}")
         require_non_negative(
             min_range_m=self.min_range_m,
@@ -51,12 +52,11 @@ class LidarConfig:
             dropout_energy=self.dropout_energy,
             above_m=self.above_m,
         )
-        for name in ("max_range_m", "reference_range_m"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > self.min_range_m):
-                raise InvalidValueError(
-                    f"{name} must be a finite number > min_range_m = {self.min_range_m}, got {value!r}"
-                )
+        require_positive(max_range_m=self.max_range_m, reference_range_m=self.reference_range_m)
+        if self.max_range_m <= self.min_range_m:
+            raise InvalidValueError(f"max_range_m must be > min_range_m = {self.min_range_m}, got {self.max_range_m!r}")
+        if not isinstance(self.pattern, (str, BeamPattern)):
+            raise InvalidValueError(f"pattern must be a beam table or the name of one, got {self.pattern!r}")
         self.beams  # noqa: B018  (an unknown name is refused now)
 
     @property
@@ -107,10 +107,13 @@ class Lidar:
         bounced = scene.triangles.reflectivity[face] * incidence
         energy = bounced * (config.reference_range_m / distance) ** 2
         instance = scene.triangles.instance[face]
-        returned = chance[kept] >= np.exp(-energy / max(config.dropout_energy, 1e-12))
+        returned = np.ones(len(kept), dtype=np.bool_)
+        if config.dropout_energy > 0:
+            returned = chance[kept] >= np.exp(-energy / config.dropout_energy)
         if own_id is not None:
             returned &= instance != own_id
         measured = distance[returned] + config.range_noise_m * noise[kept][returned]
+        measured = np.clip(measured, config.min_range_m, config.max_range_m)
         points = base_m + directions[returned] * measured[:, None]
         # What sensors report is calibrated for range: what is left is the surface.
         return Sweep(points, bounced[returned], self._beam[kept][returned], instance[returned])

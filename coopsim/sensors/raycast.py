@@ -40,7 +40,8 @@ class RayScene:
         self.normals = triangles.normals
         moving = triangles.vertices[triangles.faces[triangles.instance > 0].ravel()]
         # Embree computes in float32: kilometres from the origin that is centimetres. Measure from the actors' middle.
-        self._origin = np.append(moving[:, :2].mean(axis=0), 0.0) if len(moving) else np.zeros(3)
+        around = moving if len(moving) else triangles.vertices
+        self._origin = np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
         self._scene = EmbreeScene()
         local = np.ascontiguousarray(triangles.vertices - self._origin, dtype=np.float32)
         self._mesh = TriangleMesh(self._scene, local, np.ascontiguousarray(triangles.faces, dtype=np.int32))

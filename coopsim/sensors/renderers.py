@@ -25,7 +25,7 @@ SKY = np.array([168, 196, 222], dtype=np.uint8)
 SUN = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
 """Unit vector towards the light, world frame."""
 
-AMBIENT, DIFFUSE = 0.55, 0.5
+AMBIENT, DIFFUSE, GAMMA = 0.55, 0.5, 2.2
 RENDERERS = ("auto", "opengl", "raycast")
 
 INSTALL = "pip install 'coopsim[camera]', and on Debian: apt-get install libegl1 libgl1-mesa-dri libopengl0"
@@ -89,6 +89,7 @@ class RaycastRenderer(Renderer):
         seen = (hits.face >= 0) & (depth >= config.near_m) & (depth <= config.far_m)
         face = hits.face[seen]
         light = AMBIENT + DIFFUSE * np.maximum(scene.normals[face] @ SUN, 0.0)
+        light **= 1 / GAMMA  # light adds up linearly, colours are sRGB; OpenGL shades in the same way
         rgb = np.broadcast_to(SKY, (len(depth), 3)).copy()
         rgb[seen] = np.clip(scene.triangles.color[face] * light[:, None], 0, 255)
         shape = (config.height, config.width)
@@ -145,11 +146,15 @@ class OpenGLRenderer(Renderer):
             color = np.tile(np.array(part.color, dtype=np.uint8), (len(part.faces), 1))
             self._scene.add(self._mesh(part.vertices, part.faces, color))
         self._nodes: dict[int, Any] = {}
+        self._looks: dict[int, tuple[int, ...]] = {}
 
     def update(self, actors: Actors, triangles: Triangles) -> None:
-        present = set(actors.id.tolist())
-        for gone in set(self._nodes) - present:
+        # A new episode counts ids from the start again: what has another model or colour is another actor.
+        rows = zip(actors.model.tolist(), *actors.color.T.tolist(), strict=True)
+        looks: dict[int, tuple[int, ...]] = dict(zip(actors.id.tolist(), rows, strict=True))
+        for gone in [actor for actor in self._nodes if looks.get(actor) != self._looks[actor]]:
             self._scene.remove_node(self._nodes.pop(gone))
+        self._looks = looks
         boxes = actors.boxes
         for k, actor in enumerate(actors.id.tolist()):
             pose = np.eye(4)
@@ -197,7 +202,7 @@ class OpenGLRenderer(Renderer):
             positions=corners.reshape(-1, 3).astype(np.float32),
             normals=np.repeat(normal, 3, axis=0).astype(np.float32),
             # pyrender takes colours for linear and writes sRGB.
-            color_0=np.repeat((face_color.astype(np.float32) / 255.0) ** 2.2, 3, axis=0),
+            color_0=np.repeat((face_color.astype(np.float32) / 255.0) ** GAMMA, 3, axis=0),
             mode=4,  # triangles
             material=pyrender.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True),
         )

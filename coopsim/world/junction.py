@@ -37,6 +37,7 @@ class Junction:
 
     A vehicle that is granted keeps its grant until it has left; one that is not treats the stop line as an obstacle.
     Who asked first goes first, and whoever would cross somebody that waits longer waits too, so nobody starves.
+    A vehicle bars a movement only until its tail is past the place where the two come close.
 
     Args:
         network: the roads.
@@ -47,18 +48,21 @@ class Junction:
         self._roads = {road: k for k, road in enumerate(roads)}
         lines = [_middle_line(network.get_lane((*road, 0))) for road in roads]
         count = len(roads)
-        self._conflict = np.zeros((count, count), dtype=bool)
+        # [a, b]: how far along b its last place near a is; -inf: there is none, or both start at one stop line.
+        self._clear_m = np.full((count, count), -np.inf)
         for a in range(count):
             for b in range(count):
-                same_arm = roads[a][0] == roads[b][0]
-                gap = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min()
-                self._conflict[a, b] = not same_arm and gap < _CLEARANCE_M
+                gap_m = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min(axis=0)
+                near = np.flatnonzero(gap_m < _CLEARANCE_M)
+                if len(near) and roads[a][0] != roads[b][0]:
+                    self._clear_m[a, b] = near[-1] / (len(lines[b]) - 1) * network.get_lane((*roads[b], 0)).length
         self._queue: dict[Traveller, int] = {}  # in the order of asking
         self._granted: dict[Traveller, int] = {}
 
     def update(self, vehicles: Sequence[Traveller], commanded: Sequence[Traveller]) -> None:
         """Renew the grants; `commanded` vehicles obey nobody, so what they are about to do counts as granted."""
         asking: dict[Traveller, int] = {}
+        tail_m: dict[Traveller, float] = {}  # along its movement
         leaving: set[Traveller] = set()
         for vehicle in vehicles:
             movement, distance_m = self._movement(vehicle)
@@ -68,20 +72,20 @@ class Junction:
                 leaving.add(vehicle)
             if distance_m < REQUEST_M:
                 asking[vehicle] = movement
+                tail_m[vehicle] = -distance_m - vehicle.LENGTH / 2
         self._granted = {vehicle: asking[vehicle] for vehicle in self._granted if vehicle in asking}
         # Whoever is on the junction already is a fact, however it got there.
         self._granted |= {vehicle: asking[vehicle] for vehicle in leaving}
         self._granted |= {vehicle: asking[vehicle] for vehicle in commanded if vehicle in asking}
         order = [*(vehicle for vehicle in self._queue if vehicle in asking), *asking]
         self._queue = {vehicle: asking[vehicle] for vehicle in order if vehicle not in self._granted}
-        waiting: list[int] = []
+        barring = dict(self._granted)
         for vehicle, movement in list(self._queue.items()):
-            rivals = [*self._granted.values(), *waiting]
-            if not self._conflict[movement, rivals].any() and self._room(vehicle, vehicles):
+            barred = any(tail_m[other] < self._clear_m[movement, way] for other, way in barring.items())
+            barring[vehicle] = movement
+            if not barred and self._room(vehicle, vehicles):
                 self._granted[vehicle] = movement
                 del self._queue[vehicle]
-            else:
-                waiting.append(movement)
 
     def must_stop(self, vehicle: Traveller) -> bool:
         """Whether a vehicle has to stop at its stop line."""

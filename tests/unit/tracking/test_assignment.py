@@ -1,0 +1,63 @@
+"""Matchings are optimal or greedy as named, and never cross a gate."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from coopsim.tracking.affinity import center_proximity, giou_3d, iou_3d
+from coopsim.tracking.assignment import greedy, hungarian
+from coopsim.tracking.cascade import Cascade, Stage
+
+shapes = st.tuples(st.integers(0, 6), st.integers(0, 6))
+numbers = st.floats(-1, 1) | st.sampled_from([-np.inf, np.nan])
+matrices = shapes.flatmap(lambda shape: arrays(np.float64, shape, elements=numbers))
+
+
+@pytest.mark.parametrize("assign", [hungarian, greedy])
+@given(affinity=matrices, gate=st.floats(-1, 1))
+def test_one_to_one_and_above_the_gate(assign, affinity: np.ndarray, gate: float) -> None:  # type: ignore[no-untyped-def]
+    rows, columns = assign(affinity, gate)
+    assert len(set(rows)) == len(rows) == len(columns) == len(set(columns))
+    assert (affinity[rows, columns] >= gate).all()
+    assert np.isfinite(affinity[rows, columns]).all()
+
+
+@given(affinity=shapes.flatmap(lambda shape: arrays(np.float64, shape, elements=st.floats(0, 1))))
+def test_hungarian_finds_the_largest_sum(affinity: np.ndarray) -> None:
+    rows, columns = hungarian(affinity, -2.0)
+    wide = affinity if affinity.shape[0] <= affinity.shape[1] else affinity.T
+    count = wide.shape[0]
+    best = max(sum(wide[k, c] for k, c in enumerate(p)) for p in itertools.permutations(range(wide.shape[1]), count))
+    np.testing.assert_allclose(affinity[rows, columns].sum(), best, atol=1e-9)
+
+
+def test_greedy_takes_the_best_first() -> None:
+    affinity = np.array([[0.9, 0.8], [0.85, 0.1]])
+    assert list(zip(*greedy(affinity, 0.0), strict=True)) == [(0, 0), (1, 1)]
+    assert sorted(zip(*hungarian(affinity, 0.0), strict=True)) == [(0, 1), (1, 0)]
+
+
+def boxes(*xs: float) -> np.ndarray:
+    return np.array([[x, 0, 0, 4, 2, 1.5, 0] for x in xs], dtype=float).reshape(-1, 7)
+
+
+def test_classes_never_mix() -> None:
+    cascade = Cascade([Stage(giou_3d, hungarian, gate=-1.0)])
+    rows, columns = cascade.match(boxes(0, 10), np.array([0, 7]), boxes(0.1, 10.1), np.array([7, 0]))
+    assert sorted(zip(rows, columns, strict=True)) == [(0, 1), (1, 0)]
+    rows, _ = cascade.match(boxes(0), np.array([0]), boxes(0), np.array([7]))
+    assert len(rows) == 0
+
+
+def test_later_stages_get_what_is_left() -> None:
+    cascade = Cascade([Stage(iou_3d, hungarian, 0.5), Stage(center_proximity, greedy, -6.0)])
+    labels = np.zeros(3, dtype=int)
+    rows, columns = cascade.match(boxes(0, 20, 50), labels, boxes(25, 0.2, 70), labels)
+    assert list(zip(rows, columns, strict=True)) == [(0, 1), (1, 0)]
+    assert cascade.match(boxes(), labels[:0], boxes(1), labels[:1])[0].shape == (0,)

@@ -1,0 +1,108 @@
+"""The tracker's life: birth, report, coasting, death; and what it does with rubbish."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from coopsim.agents.ab3dmot import ab3dmot
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Detections, Tracks
+
+FRAME_NS = 100_000_000
+
+
+def cars(*xy: tuple[float, float], score: float = 0.8) -> Detections:
+    rows = np.array([[x, y, 0.8, 4.5, 1.9, 1.6, 0.0] for x, y in xy]).reshape(-1, 7)
+    return Detections(Boxes3D.from_array(rows), np.full(len(rows), score), np.zeros(len(rows), dtype=int))
+
+
+def run(frames: list[Detections], **settings: int) -> list[Tracks]:
+    tracker = ab3dmot(**settings)  # type: ignore[arg-type]
+    return [tracker.step(found, k * FRAME_NS) for k, found in enumerate(frames)]
+
+
+def test_every_track_is_reported_in_the_first_frames_then_only_confirmed_ones() -> None:
+    late = cars((0, 0), (50, 0))
+    reports = run([cars((0, 0))] * 5 + [late] * 4)
+    assert [len(tracks) for tracks in reports] == [1] * 5 + [1, 1, 2, 2]
+
+
+def test_a_missed_track_is_carried_on_for_age_less_one_frames() -> None:
+    moving = [cars((k * 1.0, 0)) for k in range(10)]
+    reports = run([*moving, cars(), cars(), cars()], age=3)
+    assert [len(tracks) for tracks in reports[-3:]] == [1, 1, 0]
+    np.testing.assert_allclose(reports[-2].boxes.center[0, 0], 11.0, atol=0.3)
+
+
+def test_ids_are_kept_and_never_used_twice() -> None:
+    reports = run([cars((0, 0), (20, 0))] * 5 + [cars()] * 3 + [cars((0, 0))] * 5)
+    first, second = set(reports[4].id.tolist()), set(reports[-1].id.tolist())
+    assert len(first) == 2 and len(second) == 1 and not first & second
+
+
+def test_the_score_is_that_of_the_last_detection() -> None:
+    reports = run([cars((0, 0), score=0.3), cars((0, 0), score=0.9), cars()])
+    assert [tracks.score.tolist() for tracks in reports] == [[0.3], [0.9], [0.9]]
+
+
+def test_time_between_frames_may_be_anything() -> None:
+    tracker = ab3dmot()
+    time_ns = 0
+    for dt_s in (0.0, 0.05, 0.2, 0.1, 0.31, 0.02, 0.1, 0.1):
+        time_ns += round(dt_s * 1e9)
+        tracks = tracker.step(cars((10.0 * time_ns / 1e9, 0)), time_ns)
+    np.testing.assert_allclose(tracks.velocity, [[10.0, 0]], atol=0.5)
+
+
+def test_time_must_not_go_back() -> None:
+    tracker = ab3dmot()
+    tracker.step(cars((0, 0)), 5)
+    with pytest.raises(InvalidValueError, match="time must not go back, got 4 ns after 5 ns"):
+        tracker.step(cars((0, 0)), 4)
+    assert len(tracker.step(cars((0, 0)), 5)) == 1
+
+
+def test_rubbish_is_left_out_and_poisons_nothing() -> None:
+    rows = np.tile([0.0, 0, 0.8, 4.5, 1.9, 1.6, 0], (6, 1))
+    rows[1, 0], rows[2, 3], rows[3, 4], rows[4, 6] = np.nan, -1.0, 0.0, np.inf
+    scores = np.array([0.9, 0.9, 0.9, 0.9, 0.9, np.nan])
+    bad = Detections(Boxes3D.from_array(rows), scores, np.zeros(6, dtype=int))
+    for tracks in run([bad, bad, cars((0, 0)), bad]):
+        assert len(tracks) == 1
+        tracks.validate()
+
+
+def test_thousands_of_boxes_in_a_frame() -> None:
+    rng = np.random.default_rng(0)
+    crowd = cars(*rng.uniform(-500, 500, (2000, 2)).tolist())
+    first, again = run([crowd, crowd])
+    assert len(first) == len(again) == 2000
+    assert set(first.id) == set(again.id)
+
+
+def test_reset_forgets() -> None:
+    tracker = ab3dmot()
+    tracker.step(cars((0, 0)), 10)
+    tracker.reset()
+    assert tracker.step(cars((0, 0)), 0).id.tolist() == [1]
+
+
+def test_memory_is_that_of_the_tracks_alive() -> None:
+    rng = np.random.default_rng(0)
+    tracker = ab3dmot()
+
+    def play(first: int, frames: int) -> None:
+        for k in range(first, first + frames):
+            tracker.step(cars(*rng.uniform(-50, 50, (5, 2)).tolist()), k * FRAME_NS)
+
+    play(0, 200)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    play(200, 2000)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 100_000
