@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.checks import require_count, require_non_negative, require_positive
+from coopsim.arrays import frozen, require_finite
+from coopsim.checks import require_count, require_positive
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.geometry import SceneGeometry
@@ -44,7 +45,8 @@ class CameraConfig:
     def __post_init__(self) -> None:
         require_count(1, width=self.width, height=self.height)
         require_positive(horizontal_fov_rad=self.horizontal_fov_rad, near_m=self.near_m, far_m=self.far_m)
-        require_non_negative(above_m=self.above_m, unit_pitch_rad=self.unit_pitch_rad)
+        mount = frozen([self.above_m, self.unit_pitch_rad], (2,), np.float64, "above_m and unit_pitch_rad")
+        require_finite(mount, "above_m and unit_pitch_rad")
         if self.horizontal_fov_rad >= np.pi:
             raise InvalidValueError(f"horizontal_fov_rad must be in (0, pi), got {self.horizontal_fov_rad!r}")
         if self.near_m >= self.far_m:

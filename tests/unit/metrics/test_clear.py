@@ -45,7 +45,7 @@ CASES: dict[str, tuple[list[Frame], dict[str, float]]] = {
     "perfect": ([({1: 0}, {9: 0})] * 4, {"TP": 4, "FP": 0, "FN": 0, "IDS": 0, "FRAG": 0, "MOTA": 100, "MT": 100}),
     "nothing reported": ([({1: 0}, {})] * 4, {"TP": 0, "FN": 4, "MOTA": 0, "ML": 100, "MOTP": 0}),
     "nothing there": ([({}, {9: 0})] * 4, {"FP": 4, "GT": 0, "objects": 0}),
-    "nothing at all": ([({}, {})] * 2, {"TP": 0, "FP": 0, "FN": 0, "MOTA": 100}),
+    "nothing at all": ([({}, {})] * 2, {"TP": 0, "FP": 0, "FN": 0, "MOTA": 0}),
     "a switch": (
         [({1: 0}, {9: 0})] * 2 + [({1: 0}, {8: 0})] * 2,
         {"TP": 4, "IDS": 1, "FRAG": 0, "MOTA": 75},

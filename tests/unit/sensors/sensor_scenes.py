@@ -1,0 +1,61 @@
+"""Small scenes made by hand, whose geometry is known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.sensors.geometry import SceneGeometry, Triangles
+from coopsim.world.snapshot import Actors, Model, StaticPart
+
+CAR = (4.0, 2.0, 1.6)
+POST = (0.6, 0.6, 2.0)
+
+
+def box_model(size_m: Sequence[float], *, reflectivity: float = 0.5, tint: float = 1.0) -> Model:
+    mesh = trimesh.creation.box(extents=size_m)
+    faces = len(mesh.faces)
+    return Model(
+        "box",
+        0,
+        np.array(size_m),
+        np.array(mesh.vertices),
+        np.array(mesh.faces),
+        np.full(faces, tint),
+        np.full(faces, reflectivity),
+    )
+
+
+def box_part(
+    center_m: ArrayLike, size_m: Sequence[float], *, yaw_rad: float = 0.0, reflectivity: float = 0.5
+) -> StaticPart:
+    mesh = trimesh.creation.box(extents=size_m, transform=trimesh.transformations.rotation_matrix(yaw_rad, [0, 0, 1]))
+    vertices = np.array(mesh.vertices) + np.asarray(center_m)
+    return StaticPart("box", vertices, np.array(mesh.faces), (150, 90, 60), reflectivity)
+
+
+def ground(half_m: float = 150.0, *, reflectivity: float = 0.3) -> StaticPart:
+    corners = half_m * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    return StaticPart("ground", corners, np.array([[0, 1, 2], [0, 2, 3]]), (90, 90, 90), reflectivity)
+
+
+MODELS = (box_model(CAR), box_model(POST, reflectivity=0.8))
+
+
+def actors(rows: ArrayLike, *, model: ArrayLike = 0, first_id: int = 1, color: ArrayLike = (200, 20, 20)) -> Actors:
+    """Actors that stand on the ground. `rows` (N, 3): x, y m and yaw rad."""
+    place = np.asarray(rows, dtype=np.float64).reshape(-1, 3)
+    count = len(place)
+    which: NDArray[np.int64] = np.broadcast_to(np.asarray(model), (count,)).astype(np.int64)
+    size = np.array([shape.size_m for shape in MODELS])[which].reshape(-1, 3)
+    boxes = Boxes3D(np.column_stack([place[:, :2], size[:, 2] / 2]), size, place[:, 2])
+    colors = np.broadcast_to(np.asarray(color, dtype=np.uint8), (count, 3))
+    return Actors(np.arange(first_id, first_id + count), boxes, np.zeros((count, 2)), which, which, colors)
+
+
+def triangles(who: Actors | None = None, static: Sequence[StaticPart] = ()) -> Triangles:
+    return SceneGeometry(MODELS, static).triangles(actors([]) if who is None else who)
