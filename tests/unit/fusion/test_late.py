@@ -1,6 +1,7 @@
-"""Duplicates go, neighbours stay."""
+"""Duplicates become one box, neighbours stay."""
 
 import numpy as np
+import pytest
 
 from coopsim.fusion.late import merge_duplicates
 from coopsim.geometry.boxes import Boxes3D
@@ -18,13 +19,35 @@ def kept(detections: Detections, iou_threshold: float = 0.2) -> list[tuple[float
     return list(zip(merged.boxes.center[:, 0].tolist(), merged.score.tolist(), strict=True))
 
 
-def test_the_best_of_a_heap_stays() -> None:
-    assert kept(found((0.0, 0.5, 0), (0.3, 0.9, 0), (0.1, 0.2, 0), (10.0, 0.4, 0))) == [(0.3, 0.9), (10.0, 0.4)]
+def test_a_heap_becomes_its_weighted_mean_with_the_best_score() -> None:
+    (x, score), neighbour = kept(found((0.0, 0.5, 0), (0.3, 0.9, 0), (0.1, 0.2, 0), (10.0, 0.4, 0)))
+    assert x == pytest.approx((0.3 * 0.9 + 0.1 * 0.2) / 1.6) and score == 0.9
+    assert neighbour == (10.0, 0.4)
 
 
 def test_a_suppressed_box_suppresses_nobody() -> None:
     """A chain of three: the middle one goes to the first, so the last has no rival left."""
-    assert kept(found((0.0, 0.9, 0), (2.5, 0.8, 0), (5.0, 0.7, 0))) == [(0.0, 0.9), (5.0, 0.7)]
+    (first, _), last = kept(found((0.0, 0.9, 0), (2.5, 0.8, 0), (5.0, 0.7, 0)))
+    assert first == pytest.approx(2.5 * 0.8 / 1.7) and last == (5.0, 0.7)
+
+
+def test_size_is_averaged_and_heading_is_the_best_ones() -> None:
+    """A detector that confuses front and back must not turn the merged box aside."""
+    rows = np.array([[0, 0, 0, 4, 2, 1.5, 0.1], [0, 0, 0, 5, 2, 1.5, 0.1 + np.pi]])
+    merged = merge_duplicates(Detections(Boxes3D.from_array(rows), np.array([0.6, 0.3]), np.zeros(2, dtype=int)), 0.2)
+    np.testing.assert_allclose(merged.boxes.array, [[0, 0, 0, 4 * 2 / 3 + 5 / 3, 2, 1.5, 0.1]])
+
+
+def test_scores_need_not_be_probabilities() -> None:
+    assert kept(found((0.0, -3.0, 0), (0.4, -1.0, 0))) == [(pytest.approx(0.2), -1.0)]
+    assert kept(found((0.0, -3.0, 0), (0.4, 5.0, 0)))[0][0] == pytest.approx(0.4, abs=1e-6)
+
+
+def test_boxes_without_duplicates_and_without_area_keep_their_bits() -> None:
+    rows = np.array([[0.1, 0, 0, 4, 2, 1.5, 0.3], [9.7, 0, 0, 0, 0, 0, 0], [30.3, 1, 0, 4, 2, 1.5, 7]])
+    score = np.array([0.7, 0.31, 0.13])
+    merged = merge_duplicates(Detections(Boxes3D.from_array(rows), score, np.zeros(3, dtype=int)), 0.2)
+    np.testing.assert_array_equal(merged.boxes.array, rows)
 
 
 def test_other_classes_are_no_rivals() -> None:

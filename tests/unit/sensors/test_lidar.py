@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -78,7 +79,12 @@ def test_beams_point_where_the_table_says() -> None:
 @pytest.mark.parametrize("noise_m", [0.0, 0.5])
 def test_ranges_stay_within_the_configured(noise_m: float) -> None:
     sweep = sense(
-        actors([[3.0, 0.0, 0.0]]), [ground()], min_range_m=4.0, max_range_m=30.0, range_noise_m=noise_m, dropout_energy=0
+        actors([[3.0, 0.0, 0.0]]),
+        [ground()],
+        min_range_m=4.0,
+        max_range_m=30.0,
+        range_noise_m=noise_m,
+        dropout_energy=0,
     )
     assert len(sweep) > 1000
     assert ranges(sweep).min() >= 4.0 - 1e-4 and ranges(sweep).max() <= 30.0 + 1e-4
@@ -111,7 +117,7 @@ def test_drop_out_grows_with_range_as_documented() -> None:
         expected = 1 - np.exp(-0.5 * (50.0 / distance_m) ** 2 / energy)
         assert share == pytest.approx(expected, abs=4 * np.sqrt(0.25 / possible) + 0.01)
         shares.append(share)
-    assert all(near >= far for near, far in zip(shares, shares[1:], strict=False))
+    assert all(near >= far for near, far in itertools.pairwise(shares))
     share_far, _ = share_returned(wall(100.0), dropout_energy=0.2)
     assert share_far < 0.7 < shares[0]
 
