@@ -6,10 +6,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from coopsim.sensors.camera import CameraRig
-from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.lidar import Lidar
-from coopsim.sensors.raycast import RayScene
 
 from coopsim.detection.simulated import SimulatedDetector
 from coopsim.envs.options import SimulationOptions
@@ -17,6 +13,10 @@ from coopsim.envs.source import AgentFrame, Frame, FrameSource
 from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
+from coopsim.sensors.camera import CameraRig
+from coopsim.sensors.geometry import SceneGeometry
+from coopsim.sensors.lidar import Lidar
+from coopsim.sensors.raycast import RayScene
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody
