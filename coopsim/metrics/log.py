@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from array import array
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -64,47 +64,52 @@ def candidates(truth: GroundTruth, tracks: Tracks, match_iou: float) -> Candidat
     return Candidates(rows, columns, similarity[rows, columns])
 
 
-@dataclass(slots=True)
+_COLUMNS = {
+    "truth_id": "q",
+    "truth_label": "b",
+    "track_id": "q",
+    "track_label": "b",
+    "score": "d",
+    "pair_truth": "i",
+    "pair_track": "i",
+    "similarity": "d",
+}
+"""What is logged, and its type as `array` and numpy name it."""
+
+
 class TrackLog:
     """One sequence of one agent, frame by frame.
 
-    Attributes:
+    Columns grow as flat arrays: an hour of frames costs what is in them, not an object for each.
+
+    Args:
         match_iou: the threshold of the candidates.
     """
 
-    match_iou: float
-    _truth: list[tuple[Ints, Ints]] = field(default_factory=list)
-    _tracks: list[tuple[Ints, Ints, Floats]] = field(default_factory=list)
-    _pairs: list[Candidates] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        require_threshold(match_iou=self.match_iou)
+    def __init__(self, match_iou: float) -> None:
+        require_threshold(match_iou=match_iou)
+        self.match_iou = match_iou
+        self._starts = {name: array("q", [0]) for name in ("truth_start", "track_start", "pair_start")}
+        self._columns = {name: array(code) for name, code in _COLUMNS.items()}
 
     def __len__(self) -> int:
-        return len(self._truth)
+        return len(self._starts["truth_start"]) - 1
 
     def append(self, truth: GroundTruth, tracks: Tracks, pairs: Candidates) -> None:
         """Add a frame."""
-        self._truth.append((truth.id, truth.label))
-        self._tracks.append((tracks.id, tracks.label, tracks.score))
-        self._pairs.append(pairs)
+        for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs.truth)), strict=True):
+            start.append(start[-1] + count)
+        paired = (pairs.truth, pairs.track, pairs.similarity)
+        rows = (truth.id, truth.label, tracks.id, tracks.label, tracks.score, *paired)
+        for column, values in zip(self._columns.values(), rows, strict=True):
+            column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
 
     def flat(self) -> FlatLog:
         """All frames as flat arrays."""
-        truth, tracks, pairs = self._truth, self._tracks, self._pairs
-        return FlatLog(
-            truth_start=_starts([len(ids) for ids, _ in truth]),
-            track_start=_starts([len(ids) for ids, _, _ in tracks]),
-            pair_start=_starts([len(pair.truth) for pair in pairs]),
-            truth_id=_join([ids for ids, _ in truth], np.int64),
-            truth_label=_join([label for _, label in truth], np.int64),
-            track_id=_join([ids for ids, _, _ in tracks], np.int64),
-            track_label=_join([label for _, label, _ in tracks], np.int64),
-            score=_join([score for _, _, score in tracks], np.float64),
-            pair_truth=_join([pair.truth for pair in pairs], np.int64),
-            pair_track=_join([pair.track for pair in pairs], np.int64),
-            similarity=_join([pair.similarity for pair in pairs], np.float64),
-        )
+        wide = {"q": np.int64, "b": np.int64, "i": np.int64, "d": np.float64}
+        columns = {**self._starts, **self._columns}
+        arrays: dict[str, Any] = {name: np.array(column, wide[column.typecode]) for name, column in columns.items()}
+        return FlatLog(**arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,22 +185,19 @@ class FlatLog:
         return arrays, len(objects), mean_score
 
 
-def _join(parts: Sequence[NDArray[Any]], dtype: type[Any]) -> NDArray[Any]:
-    return np.concatenate([np.zeros(0, dtype=dtype), *parts])
-
-
-def _starts(lengths: Sequence[int] | Ints) -> Ints:
-    return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)]).astype(np.int64)
+def _starts(lengths: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Ints:
+    """Offsets (N + 1,) of N parts of these lengths."""
+    return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
 
 
 def _per_frame(kept: NDArray[np.bool_], start: Ints) -> Ints:
     """How many are kept in each frame."""
-    return np.diff(_starts(kept.astype(np.int64))[start])
+    return np.diff(_starts(kept)[start])
 
 
 def _rows_after(kept: NDArray[np.bool_], start: Ints) -> Ints:
     """The row within its frame that each kept element has once the others are gone."""
-    total = _starts(kept.astype(np.int64))
+    total = _starts(kept)
     frame = np.repeat(np.arange(len(start) - 1), np.diff(start))
     rows: Ints = total[:-1] - total[start[frame]]
     return rows
