@@ -1,6 +1,7 @@
 """Late fusion: agents share boxes; each receiver pools them, merges duplicates, and tracks the rest.
 
-The baseline of every cooperative-perception benchmark (V2V4Real, Xu et al. 2023, sec. 5.2; methods card 4).
+The baseline of that name in the tables of cooperative perception (V2V4Real, Xu et al., CVPR 2023; DINO-CoDT, He et al.,
+Table II).
 A box is moved by the *estimated* poses of sender and receiver and taken as if it were measured now, so both
 pose noise and latency show in full.
 """
