@@ -7,12 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import coopsim
 from coopsim.bench.report import ReportRun, ReportScene, write_report
 from coopsim.bench.runner import Evaluation, evaluate
 from coopsim.bench.table import evaluation_row
 from coopsim.catalog import make_policy
+from coopsim.checks import require_non_negative
+from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 from coopsim.viz.bev import BevFrame
+from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -53,47 +57,36 @@ class DemoRun:
     @property
     def about(self) -> dict[str, str]:
         """What the run is, for the table."""
-        return {"policy": self.policy, "latency": f"{self.latency_s * 1000:.0f} ms"}
+        return {"policy": self.policy, "latency": f"{self.latency_s * 1000:g} ms"}
 
 
 class Demo:
-    """Runs the demonstration; what is finished stays in `runs`, also when it is interrupted."""
+    """Runs the demonstration; what is finished stays in `runs`, also when it is interrupted.
+
+    Raises:
+        UnknownNameError: there is no such policy.
+        InvalidValueError: a latency is not accepted. Both at once, since they should not cost the runs before them.
+    """
 
     def __init__(self, config: DemoConfig) -> None:
         self.config = config
         self.runs: list[DemoRun] = []
-        self._scene = _SceneRecorder(middle=config.frames // 2)
+        self._scene: ReportScene | None = None
         for name in config.policies:
-            make_policy(name)  # a typo in the last policy should not cost the runs before it
+            make_policy(name)
+        for latency_s in config.latencies_s:
+            require_non_negative(latency_s=latency_s)
 
     def run(self, tick: Callable[[], object]) -> None:
         """Run everything; `tick` is called after every frame."""
-        config = self.config
-        for policy in config.policies:
-            for latency_s in config.latencies_s:
-                tracks: list[Mapping[str, Tracks]] = []
-                watch_scene = self._scene if not self.runs else None
-
-                def on_frame(env: CooperativeEnv) -> None:
-                    shown = env.bev_frame()
-                    tracks.append(shown.tracks)  # noqa: B023  (called before the next turn of the loop)
-                    if watch_scene is not None:  # noqa: B023
-                        watch_scene.add(env, shown)  # noqa: B023
-                    tick()
-
-                evaluation = evaluate(
-                    policy,
-                    config.environment,
-                    seed=config.seed,
-                    on_frame=on_frame,
-                    latency_s=latency_s,
-                    max_cycles=config.frames,
-                    **config.options,
-                )
-                self.runs.append(DemoRun(policy, latency_s, evaluation, tracks))
+        for policy in self.config.policies:
+            for latency_s in self.config.latencies_s:
+                self.runs.append(self._run_one(policy, latency_s, tick))
 
     def write_report(self, path: Path) -> Path:
         """Write what has been run as one HTML file."""
+        if self._scene is None:
+            raise EpisodeStateError("nothing has been run yet: call run first")
         runs = [
             ReportRun(
                 label=f"{run.policy}, {run.about['latency']}",
@@ -104,47 +97,78 @@ class Demo:
             )
             for run in self.runs
         ]
-        return write_report(path, self._scene.finish(self.config), runs)
+        return write_report(path, self._scene, runs)
+
+    def _run_one(self, policy: str, latency_s: float, tick: Callable[[], object]) -> DemoRun:
+        config = self.config
+        tracks: list[Mapping[str, Tracks]] = []
+        recorder = _SceneRecorder(config) if self._scene is None else None
+
+        def on_frame(env: CooperativeEnv) -> None:
+            shown = env.bev_frame()
+            tracks.append(shown.tracks)
+            if recorder is not None:
+                recorder.add(env, shown)
+            tick()
+
+        evaluation = evaluate(
+            policy,
+            config.environment,
+            seed=config.seed,
+            on_frame=on_frame,
+            latency_s=latency_s,
+            max_cycles=config.frames,
+            **config.options,
+        )
+        if recorder is not None:
+            self._scene = recorder.scene(evaluation)
+        return DemoRun(policy, latency_s, evaluation, tracks)
 
 
 class _SceneRecorder:
-    """Collects what all runs share: truth, points, and one moment through the cameras."""
+    """Collects from one run what all runs share: truth, points, and one moment through the cameras."""
 
-    def __init__(self, middle: int) -> None:
-        self._middle = middle
+    def __init__(self, config: DemoConfig) -> None:
+        self._config = config
         self._frames: list[BevFrame] = []
         self._images: Mapping[str, Mapping[str, CameraImage]] = {}
         self._images_ns = 0
-        self._env: CooperativeEnv | None = None
+        self._dt_s = 0.0
+        self._road_map: RoadMap
 
     def add(self, env: CooperativeEnv, shown: BevFrame) -> None:
         # The report shows thousands of points, not a hundred thousand: every n-th of the sweeps' order, which
         # runs around the sensor, thins them evenly.
         stride = max(1, -(-len(shown.points) // _POINTS_SHOWN))
         self._frames.append(replace(shown, points=shown.points[::stride], tracks={}))
-        if len(self._frames) == self._middle + 1:
+        if len(self._frames) == self._config.frames // 2 + 1:
             self._images, self._images_ns = env.photograph(), env.time_ns
-        self._env = env
+        self._dt_s = next(iter(env.agent_specs.values())).dt_s
+        self._road_map = env.road_map
 
-    def finish(self, config: DemoConfig) -> ReportScene:
-        assert self._env is not None, "nothing has been run"
-        images = {
-            agent: {camera: image.rgb for camera, image in cameras.items()} for agent, cameras in self._images.items()
-        }
-        spec = next(iter(self._env.agent_specs.values()))
+    def scene(self, evaluation: Evaluation) -> ReportScene:
+        config = self._config
+        counted = {"count": "counted", "ignore": "ignored"}[evaluation.score.false_positives]
         settings = {
             "environment": config.environment,
             "seed": str(config.seed),
-            "frames": f"{config.frames} at {1 / spec.dt_s:g} Hz",
-            "false positives": "counted",
-            **{name: f"{value:.4g}" for name, value in config.options.items()},
+            "frames": f"{len(self._frames)} at {1 / self._dt_s:g} Hz",
+            "false positives": counted,
+            **{
+                name: f"{value:.4g}" if isinstance(value, float) else str(value)
+                for name, value in config.options.items()
+            },
+            "coopsim": coopsim.__version__,
         }
         return ReportScene(
             title=f"coopsim: {config.environment}",
-            dt_s=spec.dt_s,
-            road_map=self._env.road_map,
+            dt_s=self._dt_s,
+            road_map=self._road_map,
             frames=self._frames,
-            cameras=images,
+            cameras={
+                agent: {camera: image.rgb for camera, image in cameras.items()}
+                for agent, cameras in self._images.items()
+            },
             camera_time_ns=self._images_ns,
             settings=settings,
         )

@@ -19,16 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from coopsim.bench.table import COLUMNS
+from coopsim.bench.table import COLUMNS, format_value
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S, Ints, Tracks
+from coopsim.viz import palette
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
-UNIT_M = 0.05
-TURN_RAD = 1e-4
-_REACH_M = 32767 * UNIT_M
+UNIT_M, TURN_RAD = 0.05, 1e-4
+"""What one step means of the integers that store lengths and headings."""
+_INT16_MAX, _IDS = 2**15 - 1, 2**31
 
 MEANING: Mapping[str, str] = {
     "sAMOTA": "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
@@ -42,7 +44,16 @@ MEANING: Mapping[str, str] = {
     "bytes/s": "what an agent broadcasts per second, envelope included",
     "frames/s": "frames of environment and policy per second of wall time",
 }
+_COLORS: Mapping[str, palette.RGB] = palette.MAP | {
+    "background": palette.BACKGROUND,
+    "point": palette.POINT,
+    "truth": palette.TRUTH,
+    "agent": palette.AGENT,
+    "text": palette.TEXT,
+}
 _LESS_IS_BETTER = ("IDS", "FP", "FN", "bytes/s")
+_NOT_COMPARED = ("frames/s",)
+"""Timing says more about the machine than about the policy; the first run also pays for warming up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +65,7 @@ class ReportRun:
         about: what the run is, heading to text, the policy first; the same headings in every run.
         row: values by column name (see `table.COLUMNS`).
         frame_score: (F,) mean reward per frame.
-        tracks: per frame, by reporting agent, in the world frame.
+        tracks: per frame of the scene, by reporting agent, in the world frame.
     """
 
     label: str
@@ -72,7 +83,7 @@ class ReportScene:
         title: of the report.
         dt_s: between frames.
         road_map: outlines.
-        frames: truth, agents and points per frame; tracks in them are not read.
+        frames: at least one: truth, agents and points; tracks in them are not read.
         cameras: (H, W, 3) uint8 by agent and camera, of one moment; may be empty.
         camera_time_ns: that moment.
         settings: names and values for the reader.
@@ -94,9 +105,20 @@ def write_report(path: str | os.PathLike[str], scene: ReportScene, runs: Sequenc
         path: of the HTML file, in an existing folder.
         scene: what all runs share.
         runs: at least one.
+
+    Raises:
+        InvalidValueError: there is nothing to show, or the file cannot be written.
     """
     target = Path(path)
     text = render_report(scene, runs)
+    try:
+        _write_whole(target, text)
+    except OSError as error:
+        raise InvalidValueError(f"cannot write {target}: {error.strerror}") from error
+    return target
+
+
+def _write_whole(target: Path, text: str) -> None:
     handle, temporary = tempfile.mkstemp(dir=target.absolute().parent, suffix=".tmp")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -106,25 +128,38 @@ def write_report(path: str | os.PathLike[str], scene: ReportScene, runs: Sequenc
     except BaseException:
         os.unlink(temporary)
         raise
-    return target
 
 
 def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:
     """The report's HTML."""
     frames = len(scene.frames)
+    if not runs or not frames:
+        raise InvalidValueError(f"a report needs at least one run and one frame, got {len(runs)} and {frames}")
+    for run in runs:
+        if not frames == len(run.tracks) == len(run.frame_score):
+            raise InvalidValueError(
+                f"run {run.label!r} must have tracks and scores for the scene's {frames} frames, "
+                f"got {len(run.tracks)} and {len(run.frame_score)}"
+            )
+    counted = f"{len(runs)} run{'s' * (len(runs) > 1)} of {frames} frames ({frames * scene.dt_s:g} s)"
     return Template(_template("report.html")).substitute(
         title=html.escape(scene.title),
-        summary=html.escape(f"{len(runs)} runs of {frames} frames ({frames * scene.dt_s:g} s) in the same traffic"),
+        summary=html.escape(counted + " in the same traffic" * (len(runs) > 1)),
         style=_template("report.css"),
         script=_template("report.js"),
         table=_table(runs),
+        meaning=_definitions(MEANING),
         cameras=_mosaic(scene),
-        settings="".join(
-            f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in scene.settings.items()
-        ),
-        # "</" would end the script element, whatever string it stands in.
-        data=json.dumps(_data(scene, runs), separators=(",", ":")).replace("</", "<\\/"),
+        settings=_definitions(scene.settings),
+        # "<" could end the script element ("</script>") or keep it from ending ("<!--<script>"), whatever string
+        # it stands in.
+        data=json.dumps(_data(scene, runs), separators=(",", ":")).replace("<", "\\u003c"),
     )
+
+
+def _definitions(texts: Mapping[str, str]) -> str:
+    items = (f"<dt>{html.escape(name)}</dt><dd>{html.escape(text)}</dd>" for name, text in texts.items())
+    return f"<dl>{''.join(items)}</dl>"
 
 
 def _template(name: str) -> str:
@@ -132,21 +167,25 @@ def _template(name: str) -> str:
 
 
 def _table(runs: Sequence[ReportRun]) -> str:
-    best = {}
-    for name, form in COLUMNS:
-        shown = [format(run.row[name], form) for run in runs]
-        pick = min if name in _LESS_IS_BETTER else max
-        best[name] = pick(shown, key=float) if len(set(shown)) > 1 else None
+    best = {name: _best([format_value(run.row[name], form) for run in runs], name) for name, form in COLUMNS}
     heads = [f'<th class="about">{html.escape(name)}</th>' for name in runs[0].about]
     heads += [f'<th title="{html.escape(MEANING[name])}">{html.escape(name)}</th>' for name, _ in COLUMNS]
     rows = []
     for run in runs:
         cells = [f'<td class="about">{html.escape(text)}</td>' for text in run.about.values()]
         for name, form in COLUMNS:
-            text = format(run.row[name], form)
+            text = format_value(run.row[name], form)
             cells.append(f"<td{' class=best' if text == best[name] else ''}>{text}</td>")
         rows.append(f"<tr>{''.join(cells)}</tr>")
     return f"<table><thead><tr>{''.join(heads)}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _best(shown: Sequence[str], column: str) -> str | None:
+    """The best text of a column; None where all are alike, or are not to be compared."""
+    numbers = [text for text in shown if text != "-"]
+    if column in _NOT_COMPARED or len(set(numbers)) < 2:
+        return None
+    return (min if column in _LESS_IS_BETTER else max)(numbers, key=float)
 
 
 def _mosaic(scene: ReportScene) -> str:
@@ -170,29 +209,28 @@ def _jpeg(image: NDArray[np.uint8]) -> str:
 
 
 def _data(scene: ReportScene, runs: Sequence[ReportRun]) -> dict[str, Any]:
-    origin = _origin(scene)
+    middles = [_middle(frame) for frame in scene.frames]
+    home = middles[len(middles) // 2]
     road_map = scene.road_map
-    outlines = {
-        name: [(polygon - origin).clip(-_REACH_M, _REACH_M).round(2).tolist() for polygon in getattr(road_map, name)]
-        for name in ("pavements", "lanes", "crosswalks", "buildings")
-    }
-    numbers: dict[int, int] = {}
     return {
         "dt_s": scene.dt_s,
         "unit": UNIT_M,
         "turn": TURN_RAD,
-        "centre": [0.0, 0.0],
-        "span": 150.0,
-        "agents": list(scene.frames[0].agents) if scene.frames else [],
-        "map": outlines,
-        "frames": [_frame(frame, origin, numbers) for frame in scene.frames],
+        "colors": {name: f"rgb{color}" for name, color in _COLORS.items()},
+        "hue_step": palette.HUE_STEP,
+        "saturation": palette.SATURATION,
+        "lightness": palette.LIGHTNESS,
+        "map": {
+            name: [(polygon - home).round(2).tolist() for polygon in getattr(road_map, name)] for name in palette.MAP
+        },
+        "frames": [_frame(frame, middle, home) for frame, middle in zip(scene.frames, middles, strict=True)],
         "runs": [
             {
                 "label": run.label,
                 "group": next(iter(run.about.values()), ""),
                 "score": np.round(run.frame_score, 4).tolist(),
                 "tracks": [
-                    {agent: _boxes(tracks.id % 32768, tracks.boxes, origin) for agent, tracks in frame.items()}
+                    {agent: _boxes(tracks.id, tracks.boxes, home) for agent, tracks in frame.items()}
                     for frame in run.tracks
                 ],
             }
@@ -201,32 +239,33 @@ def _data(scene: ReportScene, runs: Sequence[ReportRun]) -> dict[str, Any]:
     }
 
 
-def _frame(frame: BevFrame, origin: Floats, numbers: dict[int, int]) -> dict[str, Any]:
-    short = [numbers.setdefault(actor, len(numbers) % 32768) for actor in frame.actors.id.tolist()]
+def _middle(frame: BevFrame) -> Floats:
+    """Where the frame's agents are, m."""
+    places = [body.world_SE3_base.translation[:2] for body in frame.agents.values()]
+    middle: Floats = np.mean(places or [np.zeros(2)], axis=0)
+    return middle.round()
+
+
+def _frame(frame: BevFrame, middle: Floats, home: Floats) -> dict[str, Any]:
+    # Points are most of the file: two bytes each, from where the agents are now, reach 1.6 km whatever they drive.
+    points = np.round((frame.points[:, :2] - middle) / UNIT_M)
     return {
-        "truth": _boxes(np.array(short, dtype=np.int64), frame.actors.boxes, origin),
-        "points": _int16((frame.points[:, :2] - origin) / UNIT_M),
+        "origin": (middle - home).tolist(),
+        "truth": _boxes(frame.actors.id, frame.actors.boxes, home),
+        "points": _base64(points[(np.abs(points) <= _INT16_MAX).all(axis=1)], "<i2"),
         "agents": [
-            [name, *(body.world_SE3_base.translation[:2] - origin).round(2).tolist(), body.actor_id is not None]
+            [name, *(body.world_SE3_base.translation[:2] - home).round(2).tolist(), body.actor_id is not None]
             for name, body in frame.agents.items()
         ],
     }
 
 
-def _origin(scene: ReportScene) -> Floats:
-    """The middle of where the agents are in the middle of the episode; all coordinates are relative to it."""
-    if not scene.frames:
-        return np.zeros(2)
-    bodies = scene.frames[len(scene.frames) // 2].agents.values()
-    middle: Floats = np.mean([body.world_SE3_base.translation[:2] for body in bodies] or [np.zeros(2)], axis=0)
-    return middle.round()
-
-
-def _boxes(ids: Ints, boxes: Boxes3D, origin: Floats) -> str:
+def _boxes(ids: Ints, boxes: Boxes3D, home: Floats) -> str:
     """id, x, y, length, width, yaw by box."""
-    spots = (boxes.center[:, :2] - origin) / UNIT_M
-    return _int16(np.column_stack([ids, spots, boxes.size[:, :2] / UNIT_M, boxes.yaw / TURN_RAD]))
+    spots = (boxes.center[:, :2] - home) / UNIT_M
+    rows = [ids % _IDS, spots, boxes.size[:, :2] / UNIT_M, wrap_angle(boxes.yaw) / TURN_RAD]
+    return _base64(np.round(np.column_stack(rows)), "<i4")
 
 
-def _int16(values: Floats) -> str:
-    return base64.b64encode(np.clip(np.round(values), -32768, 32767).astype("<i2").tobytes()).decode()
+def _base64(values: NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(values.astype(dtype).tobytes()).decode()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,11 @@ import numpy as np
 
 from coopsim.catalog import make_policy, parallel_env
 from coopsim.data.recording import RecordingSet
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
+from coopsim.types import NS_PER_S
 
 if TYPE_CHECKING:
     from coopsim.agents.base import Policy
@@ -78,10 +80,13 @@ def evaluate(
         environment: name of the environment.
         seed: decides everything in the episode.
         on_frame: called after every step.
-        **options: of the environment.
+        **options: of the environment, but not `uplink`: the policy says which.
+
+    Raises:
+        CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
     """
-    policy = make_policy(policy) if isinstance(policy, str) else policy
-    env = parallel_env(environment, uplink=policy.uplink, **options)
+    policy = _instance(policy)
+    env = _listening_env(environment, policy, options)
     try:
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
         return Evaluation(env.score(), rewards, len(rewards), seconds)
@@ -92,8 +97,9 @@ def evaluate(
 def evaluate_recordings(
     policy: Policy | str,
     path: str | Path,
-    detections: tuple[str, ...],
+    detections: Sequence[str],
     *,
+    seed: int = 0,
     on_frame: OnFrame | None = None,
     **options: Any,
 ) -> RecordingsEvaluation:
@@ -103,19 +109,29 @@ def evaluate_recordings(
         policy: a policy, or the name of one.
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
+        seed: decides what the channel loses and delays.
         on_frame: called after every step.
-        **options: of the replay environment.
+        **options: of the replay environment, but not `uplink`: the policy says which.
+
+    Raises:
+        CoopsimError: a name is unknown, a value not accepted, or a file broken; the message says which.
     """
-    policy = make_policy(policy) if isinstance(policy, str) else policy
-    env = parallel_env("replay", path=path, detections=detections, uplink=policy.uplink, **options)
+    policy = _instance(policy)
+    env = _listening_env("replay", policy, options | {"path": path, "detections": detections})
     logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
-    seconds, sent_bytes, frames = 0.0, dict.fromkeys(logs, 0.0), 0
-    for sequence in RecordingSet(path).sequences:
-        rewards, spent = run_episode(env, policy, seed=0, on_frame=on_frame, sequence=sequence)
-        seconds, frames = seconds + spent, frames + len(rewards)
-        for agent, log in env.logs.items():
-            logs[agent].append(log)
-            sent_bytes[agent] += env.bytes_per_s(agent) * len(rewards)
+    sent_bytes = dict.fromkeys(logs, 0.0)
+    dt_s = next(iter(env.agent_specs.values())).dt_s
+    seconds, simulated_s, frames = 0.0, 0.0, 0
+    try:
+        for sequence in RecordingSet(path).sequences:
+            rewards, spent = run_episode(env, policy, seed=seed, on_frame=on_frame, sequence=sequence)
+            on_air_s = env.time_ns / NS_PER_S + dt_s
+            seconds, simulated_s, frames = seconds + spent, simulated_s + on_air_s, frames + len(rewards)
+            for agent, log in env.logs.items():
+                logs[agent].append(log)
+                sent_bytes[agent] += env.bytes_per_s(agent) * on_air_s
+    finally:
+        env.close()
     started = time.perf_counter()
     count, ignore = (
         Score.mean(
@@ -123,7 +139,7 @@ def evaluate_recordings(
                 agent: summarize(
                     logs[agent],
                     false_positives=protocol,
-                    extra={"bytes_per_s": sent_bytes[agent] / max(frames, 1)},
+                    extra={"bytes_per_s": sent_bytes[agent] / simulated_s},
                 )
                 for agent in logs
             }
@@ -154,3 +170,22 @@ def run_episode(
         if on_frame is not None:
             on_frame(env)
     return np.array(rewards), seconds
+
+
+def _instance(policy: Policy | str) -> Policy:
+    if isinstance(policy, str):
+        return make_policy(policy)
+    if isinstance(policy, type):
+        raise InvalidValueError(f"policy must be an object, got the class {policy.__name__}: write {policy.__name__}()")
+    if not hasattr(policy, "act"):
+        raise InvalidValueError(f"policy must be a coopsim.Policy or the name of one, got {policy!r}")
+    return policy
+
+
+def _listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
+    """The environment whose agents broadcast what the policy needs."""
+    if "uplink" in options:
+        raise InvalidValueError(
+            f"uplink is not an option here: {type(policy).__name__} decides it, and says {policy.uplink!r}"
+        )
+    return parallel_env(environment, uplink=policy.uplink, **options)

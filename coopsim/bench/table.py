@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from tabulate import tabulate
@@ -24,6 +25,11 @@ COLUMNS: tuple[tuple[str, str], ...] = (
 """Columns and their formats. Percentages, except counts and rates."""
 
 
+def format_value(value: float, form: str) -> str:
+    """A value as both tables show it; a dash where there is none (not a number)."""
+    return "-" if math.isnan(value) else format(value, form)
+
+
 def score_row(score: Score, frames_per_s: float) -> dict[str, float]:
     """A score's values by column name."""
     rates = {"bytes/s": score["bytes_per_s"], "frames/s": frames_per_s}
@@ -44,6 +50,6 @@ def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) 
     if not rows:
         return "no results"
     headings = [*rows[0][0], *(name for name, _ in COLUMNS)]
-    cells = [[*about.values(), *(format(values[name], form) for name, form in COLUMNS)] for about, values in rows]
+    cells = [[*about.values(), *(format_value(values[name], form) for name, form in COLUMNS)] for about, values in rows]
     align = ["left"] * len(rows[0][0]) + ["right"] * len(COLUMNS)
     return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)

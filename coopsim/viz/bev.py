@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Tracks
@@ -17,7 +18,9 @@ from coopsim.viz import palette
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
-"""How much of the world the picture's width shows at least."""
+"""How much of the world the picture's width shows."""
+
+SCALE_BAR_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +50,9 @@ def outlines(boxes: Boxes3D) -> Floats:
 class BevRenderer:
     """Draws frames over a map: truth grey, connected agents yellow, tracks by the colour of their id.
 
-    The view is centred on the agents and steps in tens of metres, so that it holds still.
+    North (y) is up. The view is centred on the agents and steps in tens of metres, so that it holds still.
+    Ids of different agents have nothing to do with each other, and most objects are tracked by several: the first
+    agent's tracks are bold and on top, so that a change of colour is a change of its id.
 
     Args:
         road_map: outlines to draw beneath.
@@ -64,7 +69,7 @@ class BevRenderer:
         self._surface = pygame.Surface(self._size)
         self._window: Any = None
         pygame.font.init()
-        self._font = pygame.font.Font(None, 18)
+        self._font = pygame.font.Font(None, 20)
         self._ground: tuple[tuple[float, float], Any] | None = None
 
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
@@ -74,22 +79,33 @@ class BevRenderer:
         return np.ascontiguousarray(pixels.transpose(1, 0, 2))
 
     def show(self, frame: BevFrame) -> None:
-        """The picture in a window, which opens at the first call."""
-        pygame = self._pygame
+        """The picture in a window, which opens at the first call.
+
+        Raises:
+            InvalidValueError: there is no screen to open it on.
+        """
         if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode(self._size)
-            pygame.display.set_caption("coopsim")
-        pygame.event.pump()
+            self._window = self._open()
+        self._pygame.event.pump()  # a window that takes no events counts as hanging
         self._paint(frame)
-        self._window.blit(self._surface, (0, 0))
-        pygame.display.flip()
+        self._window.get_surface().blit(self._surface, (0, 0))
+        self._window.flip()
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one; the next `show` opens another."""
         if self._window is not None:
-            self._pygame.display.quit()
+            self._window.destroy()
             self._window = None
+
+    def _open(self) -> Any:
+        try:
+            self._pygame.display.init()
+            # A window of its own, where pygame.display has but one for all environments of a process.
+            return self._pygame.Window("coopsim", self._size)
+        except self._pygame.error as error:
+            raise InvalidValueError(
+                f'render_mode "human" cannot open a window here ({error}); "rgb_array" needs no screen'
+            ) from None
 
     def _paint(self, frame: BevFrame) -> None:
         centre = self._centre(frame)
@@ -99,16 +115,28 @@ class BevRenderer:
         connected = np.isin(frame.actors.id, riding)
         self._polygons(outlines(frame.actors.boxes[~connected]), centre, palette.TRUTH, width=1)
         self._polygons(outlines(frame.actors.boxes[connected]), centre, palette.AGENT, width=0)
-        for tracks in frame.tracks.values():
+        first = next(iter(frame.tracks), None)
+        for name, tracks in reversed(list(frame.tracks.items())):
             for track_id, corners in zip(tracks.id.tolist(), outlines(tracks.boxes), strict=True):
-                self._polygons(corners[None], centre, palette.track_color(track_id), width=2)
+                width = 2 if name == first else 1
+                self._polygons(corners[None], centre, palette.track_color(track_id), width)
         for name, body in frame.agents.items():
             spot = self._pixels(body.world_SE3_base.translation[None, :2], centre)[0]
             if body.actor_id is None:
                 self._pygame.draw.circle(self._surface, palette.AGENT, spot, 5)
-            self._text(name, spot + np.array([8, -16]), palette.AGENT)
-        self._text(f"{frame.time_ns / NS_PER_S:.1f} s", np.array([10, 8]), palette.TEXT)
-        self._text("truth grey, agents yellow, tracks by id", np.array([10, 26]), palette.TEXT)
+            self._text(name, spot + np.array([8, -18]), palette.AGENT)
+        self._legend(frame.time_ns, first)
+
+    def _legend(self, time_ns: int, first: str | None) -> None:
+        lines = [f"{time_ns / NS_PER_S:.1f} s", "truth grey, agents yellow"]
+        if first is not None:
+            lines.append(f"tracks by id, bold those of {first}")
+        for k, line in enumerate(lines):
+            self._text(line, np.array([10, 8 + 18 * k]), palette.TEXT)
+        left, bottom = 12, self._size[1] - 14
+        right = left + SCALE_BAR_M * self._size[0] / SPAN_M
+        self._pygame.draw.line(self._surface, palette.TEXT, (left, bottom), (right, bottom), 3)
+        self._text(f"{SCALE_BAR_M:.0f} m", np.array([left, bottom - 20]), palette.TEXT)
 
     def _centre(self, frame: BevFrame) -> tuple[float, float]:
         places = np.array([body.world_SE3_base.translation[:2] for body in frame.agents.values()]).reshape(-1, 2)
@@ -120,29 +148,26 @@ class BevRenderer:
         if self._ground is None or self._ground[0] != centre:
             surface = self._pygame.Surface(self._size)
             surface.fill(palette.BACKGROUND)
-            for polygons, color in (
-                (self._map.pavements, palette.PAVEMENT),
-                (self._map.lanes, palette.ROAD),
-                (self._map.crosswalks, palette.CROSSWALK),
-                (self._map.buildings, palette.BUILDING),
-            ):
-                for polygon in polygons:
+            for name, color in palette.MAP.items():
+                for polygon in getattr(self._map, name):
                     self._pygame.draw.polygon(surface, color, self._pixels(polygon, centre))
             self._ground = (centre, surface)
         return self._ground[1]
 
     def _points(self, points: Floats, centre: tuple[float, float]) -> None:
-        pixels = self._pixels(points[:, :2], centre).astype(np.int64)
+        pixels = np.floor(self._pixels(points[:, :2], centre)).astype(np.int64)
         inside = ((pixels >= 0) & (pixels < self._size)).all(axis=1)
         array = self._pygame.surfarray.pixels3d(self._surface)
         array[pixels[inside, 0], pixels[inside, 1]] = palette.POINT
         del array  # the surface stays locked as long as its pixels are borrowed
 
-    def _polygons(self, corners: Floats, centre: tuple[float, float], color: tuple[int, int, int], width: int) -> None:
+    def _polygons(self, corners: Floats, centre: tuple[float, float], color: palette.RGB, width: int) -> None:
         for polygon in self._pixels(corners, centre):
             self._pygame.draw.polygon(self._surface, color, polygon, width)
-            # The front edge twice as bold: which way it heads.
-            self._pygame.draw.line(self._surface, color, polygon[0], polygon[3], width + 1)
+            # From near the middle to the front: which way it heads.
+            front, middle = (polygon[0] + polygon[3]) / 2, polygon.mean(axis=0)
+            tick = color if width else palette.BACKGROUND
+            self._pygame.draw.line(self._surface, tick, front, 0.4 * front + 0.6 * middle, max(width, 2))
 
     def _pixels(self, points: Floats, centre: tuple[float, float]) -> Floats:
         scale = self._size[0] / SPAN_M
@@ -150,5 +175,9 @@ class BevRenderer:
         pixels: Floats = offset + np.array(self._size) / 2
         return np.clip(pixels, -1e4, 1e4)
 
-    def _text(self, text: str, spot: NDArray[Any], color: tuple[int, int, int]) -> None:
-        self._surface.blit(self._font.render(text, True, color), (float(spot[0]), float(spot[1])))
+    def _text(self, text: str, spot: NDArray[Any], color: palette.RGB) -> None:
+        # On a dark halo, to be read over points and boxes.
+        for layer, shifts in ((palette.BACKGROUND, ((-1, 0), (1, 0), (0, -1), (0, 1))), (color, ((0, 0),))):
+            letters = self._font.render(text, True, layer)
+            for dx, dy in shifts:
+                self._surface.blit(letters, (float(spot[0]) + dx, float(spot[1]) + dy))

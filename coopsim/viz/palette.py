@@ -1,25 +1,34 @@
-"""Colours that mean something, the same in every picture; ids keep theirs."""
+"""Colours that mean something, the same in every picture and in the report; ids keep theirs."""
 
 from __future__ import annotations
 
 import colorsys
 
-GOLDEN_ANGLE = 0.38196601125
-"""Successive ids step around the colour wheel by the golden angle, so that neighbours never look alike."""
+RGB = tuple[int, int, int]
 
-BACKGROUND = (24, 27, 32)
-ROAD = (44, 48, 55)
-CROSSWALK = (70, 75, 84)
-PAVEMENT = (34, 38, 44)
-BUILDING = (58, 52, 48)
-POINT = (96, 132, 150)
-TRUTH = (150, 155, 162)
-AGENT = (255, 206, 84)
-TEXT = (214, 218, 224)
+BACKGROUND: RGB = (24, 27, 32)
+POINT: RGB = (96, 132, 150)
+TRUTH: RGB = (150, 155, 162)
+AGENT: RGB = (255, 206, 84)
+TEXT: RGB = (214, 218, 224)
+
+MAP: dict[str, RGB] = {
+    "pavements": (34, 38, 44),
+    "lanes": (44, 48, 55),
+    "crosswalks": (70, 75, 84),
+    "buildings": (58, 52, 48),
+}
+"""Colours of a road map's polygons by field, in the order in which they are painted."""
+
+HUE_STEP = 0.38196601125
+"""Successive ids step around the colour wheel (1 is a whole turn) by the golden angle: neighbours never look alike."""
+
+SATURATION, LIGHTNESS = 0.75, 0.68
+"""Of tracks; light enough that blue, too, stands out from the road."""
 
 
-def track_color(track_id: int) -> tuple[int, int, int]:
-    """The colour of a track's id, RGB; the report's script follows the same rule."""
-    hue = (track_id * GOLDEN_ANGLE) % 1.0
-    red, green, blue = colorsys.hls_to_rgb(hue, 0.62, 0.75)
+def track_color(track_id: int) -> RGB:
+    """The colour of a track's id."""
+    hue = (track_id * HUE_STEP) % 1.0
+    red, green, blue = colorsys.hls_to_rgb(hue, LIGHTNESS, SATURATION)
     return round(red * 255), round(green * 255), round(blue * 255)

@@ -1,27 +1,45 @@
 "use strict";
 
-// Numbers come as int16 in base64; `unit` metres (or radians) to the step.
+// Numbers come as integers in base64: `unit` metres, or `turn` radians, to the step.
 const scene = JSON.parse(document.getElementById("data").textContent);
-const decode = (text) => {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  return new Int16Array(bytes.buffer);
-};
+const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
+const boxesOf = (text) => new Int32Array(bytes(text));
 const BOX = 6; // id, x, y, length, width, yaw
-const frames = scene.frames.map((frame) => ({ points: decode(frame.points), truth: decode(frame.truth) }));
+const frames = scene.frames.map((frame) => ({
+  ...frame,
+  points: new Int16Array(bytes(frame.points)), // from the frame's origin
+  truth: boxesOf(frame.truth),
+}));
 const runs = scene.runs.map((run) => ({
   ...run,
-  tracks: run.tracks.map((frame) => Object.fromEntries(Object.entries(frame).map(([name, text]) => [name, decode(text)]))),
+  tracks: run.tracks.map((frame) => Object.fromEntries(Object.entries(frame).map(([name, text]) => [name, boxesOf(text)]))),
 }));
 
-const rival = runs.findIndex((run) => run.group !== runs[0].group); // side by side: two different policies
-const state = { frame: 0, playing: false, agent: scene.agents[0], shown: [0, rival < 0 ? runs.length - 1 : rival], speed: 1 };
+// Side by side: two different policies, else the first and the last run; a single run needs one panel.
+const rival = runs.findIndex((run) => run.group !== runs[0].group);
+const names = [...new Set(scene.frames.flatMap((frame) => frame.agents.map(([name]) => name)))];
+const state = { frame: 0, playing: false, agent: names[0], shown: [0, rival < 0 ? runs.length - 1 : rival], speed: 1 };
 const layers = { points: true, truth: true, tracks: true, ids: false };
-const home = () => ({ x: scene.centre[0], y: scene.centre[1], span: scene.span });
-let view = home();
+const SPAN_M = 150;
+const TRAIL_S = 1;
+const home = () => ({ x: 0, y: 0, span: SPAN_M });
+let view = home(); // of its centre: metres from the scene's home, or from the agent that it follows
+const far = (frame) => Math.hypot(...frame.origin) > SPAN_M / 4;
+let follow = scene.frames.some(far); // who drives away would soon be out of sight
 
-const hue = (id) => (id * 0.38196601125) % 1; // the same rule as in the library's pictures
-const trackColor = (id) => `hsl(${hue(id) * 360} 75% 62%)`;
-const runColor = (k) => `hsl(${(k * 360) / Math.max(runs.length, 1) + 200} 60% 50%)`;
+const percent = (share) => `${share * 100}%`;
+const trackColor = (id) =>
+  `hsl(${((id * scene.hue_step) % 1) * 360} ${percent(scene.saturation)} ${percent(scene.lightness)})`;
+
+// Colour says the policy, the dash which of its runs: runs of a policy that come out alike look alike.
+const COLORS = ["#2f7fc1", "#d4601c", "#2a9260", "#b0529e", "#a07d13", "#5f6ad4"]; // 3:1 on white and on black
+const DASHES = [[], [7, 4], [2, 3], [12, 3, 2, 3]];
+const groups = [...new Set(runs.map((run) => run.group))];
+const runColor = (run) => COLORS[groups.indexOf(run.group) % COLORS.length];
+const runDash = (run) => DASHES[runs.filter((other) => other.group === run.group).indexOf(run) % DASHES.length];
+
+if (runs.length < 2) document.querySelector('#panels canvas[data-panel="1"]').parentElement.remove();
+const panels = [...document.querySelectorAll("#panels canvas")];
 
 function fit(canvas) {
   const ratio = window.devicePixelRatio || 1;
@@ -33,12 +51,34 @@ function fit(canvas) {
   return [context, canvas.clientWidth, canvas.clientHeight];
 }
 
+const spot = (boxes, k) => [boxes[k + 1] * scene.unit, boxes[k + 2] * scene.unit];
+
+/** The world's point in the middle of the panels. */
+function eye() {
+  const { agents, origin } = frames[state.frame];
+  const [, x, y] = agents.find(([name]) => name === state.agent) ?? [null, ...origin];
+  return follow ? [x + view.x, y + view.y] : [view.x, view.y];
+}
+
+/** Text on a dark halo, to be read over points and boxes. */
+function write(context, text, x, y) {
+  context.save();
+  context.strokeStyle = scene.colors.background;
+  context.lineWidth = 3;
+  context.lineJoin = "round";
+  context.strokeText(text, x, y);
+  context.restore();
+  context.fillText(text, x, y);
+}
+
 function drawPanel(canvas, run) {
   const [context, width, height] = fit(canvas);
   const scale = width / view.span;
-  const toX = (x) => width / 2 + (x - view.x) * scale;
-  const toY = (y) => height / 2 - (y - view.y) * scale;
-  context.clearRect(0, 0, width, height);
+  const [eyeX, eyeY] = eye();
+  const toX = (x) => width / 2 + (x - eyeX) * scale;
+  const toY = (y) => height / 2 - (y - eyeY) * scale;
+  context.fillStyle = scene.colors.background;
+  context.fillRect(0, 0, width, height);
   const fill = (polygons, color) => {
     context.fillStyle = color;
     context.beginPath();
@@ -48,20 +88,19 @@ function drawPanel(canvas, run) {
     }
     context.fill("nonzero");
   };
-  fill(scene.map.pavements, "#22262c");
-  fill(scene.map.lanes, "#2c3037");
-  fill(scene.map.crosswalks, "#464b54");
-  fill(scene.map.buildings, "#3a3430");
+  for (const [name, polygons] of Object.entries(scene.map)) fill(polygons, scene.colors[name]);
   const frame = frames[state.frame];
   if (layers.points) {
-    context.fillStyle = "#5f8496";
-    const { points } = frame;
+    context.fillStyle = scene.colors.point;
+    const { points, origin } = frame;
     for (let k = 0; k < points.length; k += 2) {
-      context.fillRect(toX(points[k] * scene.unit), toY(points[k + 1] * scene.unit), 1.2, 1.2);
+      context.fillRect(toX(origin[0] + points[k] * scene.unit), toY(origin[1] + points[k + 1] * scene.unit), 1.2, 1.2);
     }
   }
   const outline = (boxes, k, grow = 0) => {
-    const [x, y, length, width_, yaw] = [1, 2, 3, 4, 5].map((n) => boxes[k + n] * (n === 5 ? scene.turn : scene.unit));
+    const [x, y] = spot(boxes, k);
+    const [length, width_] = [boxes[k + 3] * scene.unit, boxes[k + 4] * scene.unit];
+    const yaw = boxes[k + 5] * scene.turn;
     const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
     const [a, b] = [length / 2 + grow, width_ / 2 + grow];
     const corner = (u, v) => [toX(x + u * cos - v * sin), toY(y + u * sin + v * cos)];
@@ -76,7 +115,7 @@ function drawPanel(canvas, run) {
     return [toX(x), toY(y)];
   };
   if (layers.truth) {
-    context.strokeStyle = "#969ba2";
+    context.strokeStyle = scene.colors.truth;
     context.lineWidth = 1;
     for (let k = 0; k < frame.truth.length; k += BOX) {
       outline(frame.truth, k);
@@ -84,31 +123,34 @@ function drawPanel(canvas, run) {
     }
   }
   context.font = "12px system-ui, sans-serif";
-  for (const [name, x, y, riding] of scene.frames[state.frame].agents) {
-    context.fillStyle = name === state.agent ? "#ffce54" : "#a98a3c";
+  if (layers.tracks) drawTracks(context, run, outline, toX, toY);
+  for (const [name, x, y, riding] of frame.agents) {
+    context.globalAlpha = name === state.agent ? 1 : 0.7;
+    context.fillStyle = scene.colors.agent;
     context.beginPath();
     context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
     context.fill();
-    context.fillText(name, toX(x) + 8, toY(y) - 8);
+    write(context, name, toX(x) + 8, toY(y) - 8);
   }
-  if (layers.tracks) drawTracks(context, run, outline, toX, toY);
+  context.globalAlpha = 1;
+  drawScaleBar(context, scale, height);
 }
 
 function drawTracks(context, run, outline, toX, toY) {
-  const now = run.tracks[state.frame]?.[state.agent] ?? [];
-  const trail = run.tracks.slice(Math.max(0, state.frame - Math.round(1 / scene.dt_s)), state.frame + 1);
+  const now = run.tracks[state.frame][state.agent] ?? [];
+  const first = Math.max(0, state.frame - Math.round(TRAIL_S / scene.dt_s));
   for (let k = 0; k < now.length; k += BOX) {
     const id = now[k];
     context.strokeStyle = context.fillStyle = trackColor(id);
     context.lineWidth = 1.5;
     context.beginPath();
     let started = false;
-    for (const past of trail) {
-      const boxes = past[state.agent] ?? [];
+    for (let past = first; past <= state.frame; past++) {
+      const boxes = run.tracks[past][state.agent] ?? [];
       for (let j = 0; j < boxes.length; j += BOX) {
         if (boxes[j] !== id) continue;
-        const spot = [toX(boxes[j + 1] * scene.unit), toY(boxes[j + 2] * scene.unit)];
-        started ? context.lineTo(...spot) : context.moveTo(...spot);
+        const [x, y] = spot(boxes, j);
+        started ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y));
         started = true;
       }
     }
@@ -116,66 +158,81 @@ function drawTracks(context, run, outline, toX, toY) {
     context.lineWidth = 2;
     const [x, y] = outline(now, k, 0.15);
     context.stroke();
-    if (layers.ids) context.fillText(String(id), x + 6, y - 6);
+    if (layers.ids) write(context, String(id), x + 6, y - 6);
   }
+}
+
+const nice = (least) => {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return power * [1, 2, 5, 10].find((digit) => digit * power >= least * 0.999);
+};
+
+function drawScaleBar(context, scale, height) {
+  const metres = nice(60 / scale);
+  context.fillStyle = scene.colors.text;
+  context.fillRect(12, height - 14, metres * scale, 3);
+  write(context, `${+metres.toPrecision(1)} m`, 12, height - 20);
 }
 
 function drawChart() {
   const canvas = document.getElementById("chart");
   const [context, width, height] = fit(canvas);
   const style = getComputedStyle(document.documentElement);
-  const [left, right, top, bottom] = [44, 12, 12, 26 + 20 * Math.ceil(runs.length / Math.max(1, Math.floor(width / 190)))];
+  context.font = "12px system-ui, sans-serif";
+  const swatch = 28;
+  const column = swatch + 24 + Math.max(...runs.map((run) => context.measureText(run.label).width));
+  const [left, right, top] = [56, 20, 12];
+  const perLine = Math.max(1, Math.floor((width - left) / column));
+  const bottom = 30 + 20 * Math.ceil(runs.length / perLine);
   const count = frames.length;
   const toX = (k) => left + (count < 2 ? 0 : (k / (count - 1)) * (width - left - right));
-  const values = runs.flatMap((run) => run.score);
-  const low = Math.min(0, ...values);
+  const low = Math.floor(Math.min(0, ...runs.flatMap((run) => run.score)) * 4) / 4;
   const toY = (value) => top + ((1 - value) / (1 - low)) * (height - top - bottom);
+  const line = (points) => {
+    context.beginPath();
+    points.forEach((point, k) => (k ? context.lineTo(...point) : context.moveTo(...point)));
+    context.stroke();
+  };
   context.clearRect(0, 0, width, height);
-  context.font = "12px system-ui, sans-serif";
   context.strokeStyle = style.getPropertyValue("--line");
   context.fillStyle = style.getPropertyValue("--dim");
   context.lineWidth = 1;
-  for (let value = Math.ceil(low * 4) / 4; value <= 1.001; value += 0.25) {
-    context.beginPath();
-    context.moveTo(left, toY(value));
-    context.lineTo(width - right, toY(value));
-    context.stroke();
-    context.textAlign = "right";
+  context.textAlign = "right";
+  for (let value = low; value <= 1.001; value += 0.25) {
+    line([[left, toY(value)], [width - right, toY(value)]]);
     context.fillText(value.toFixed(2), left - 8, toY(value) + 4);
   }
   context.textAlign = "center";
-  const step = Math.max(1, Math.round(count / 10 / 10) * 10);
-  for (let k = 0; k < count; k += step) context.fillText(`${(k * scene.dt_s).toFixed(1)} s`, toX(k), height - bottom + 16);
+  const seconds = (count - 1) * scene.dt_s;
+  const step = nice(Math.max(scene.dt_s, (seconds * 64) / (width - left - right)));
+  for (let n = 0; n * step <= seconds + 1e-9; n++) {
+    context.fillText(`${+(n * step).toPrecision(6)} s`, toX((n * step) / scene.dt_s), height - bottom + 18);
+  }
+  context.save();
+  context.translate(12, (top + height - bottom) / 2);
+  context.rotate(-Math.PI / 2);
+  context.fillText("reward", 0, 0);
+  context.restore();
+  context.textAlign = "left";
   runs.forEach((run, n) => {
-    context.strokeStyle = runColor(n);
-    context.lineWidth = state.shown.includes(n) ? 2.2 : 1.1;
-    context.beginPath();
-    run.score.forEach((value, k) => (k ? context.lineTo(toX(k), toY(value)) : context.moveTo(toX(k), toY(value))));
-    context.stroke();
+    context.strokeStyle = runColor(run);
+    context.lineWidth = panels.some((panel) => state.shown[panel.dataset.panel] === n) ? 2.4 : 1.2;
+    context.setLineDash(runDash(run));
+    line(run.score.map((value, k) => [toX(k), toY(value)]));
+    const [x, y] = [left + (n % perLine) * column, height - bottom + 38 + 20 * Math.floor(n / perLine)];
+    line([[x, y - 4], [x + swatch, y - 4]]);
+    context.fillStyle = style.getPropertyValue("--ink");
+    context.fillText(run.label, x + swatch + 6, y);
   });
+  context.setLineDash([]);
   context.strokeStyle = style.getPropertyValue("--ink");
   context.lineWidth = 1;
-  context.beginPath();
-  context.moveTo(toX(state.frame), top);
-  context.lineTo(toX(state.frame), height - bottom);
-  context.stroke();
-  context.textAlign = "left";
-  const perLine = Math.max(1, Math.floor(width / 190));
-  runs.forEach((run, n) => {
-    const [x, y] = [left + (n % perLine) * 190, height - bottom + 36 + 20 * Math.floor(n / perLine)];
-    context.fillStyle = runColor(n);
-    context.fillRect(x, y - 9, 14, 4);
-    context.fillStyle = style.getPropertyValue("--ink");
-    context.fillText(run.label, x + 20, y);
-  });
-  canvas.onclick = (event) => {
-    const share = (event.offsetX - left) / (width - left - right);
-    go(Math.round(share * (count - 1)));
-  };
+  line([[toX(state.frame), top], [toX(state.frame), height - bottom]]);
+  canvas.onclick = (event) => go(Math.round(((event.offsetX - left) / (width - left - right)) * (count - 1)));
 }
 
 function draw() {
-  document.querySelectorAll("#panels canvas").forEach((canvas) => drawPanel(canvas, runs[state.shown[canvas.dataset.panel]]));
+  panels.forEach((canvas) => drawPanel(canvas, runs[state.shown[canvas.dataset.panel]]));
   drawChart();
   document.getElementById("time").value = state.frame;
   document.getElementById("clock").value = `${(state.frame * scene.dt_s).toFixed(1)} s`;
@@ -191,7 +248,7 @@ function tick(now) {
   if (!state.playing) return;
   const due = (scene.dt_s * 1000) / state.speed;
   if (now - since >= due) {
-    since = now;
+    since = now - ((now - since) % due); // no drift from the screen's own rhythm
     go((state.frame + 1) % frames.length);
   }
   requestAnimationFrame(tick);
@@ -215,18 +272,21 @@ slider.oninput = () => go(Number(slider.value));
 document.getElementById("speed").onchange = (event) => (state.speed = Number(event.target.value));
 const option = (text, value, selected) => new Option(text, value, selected, selected);
 const agents = document.getElementById("agent");
-scene.agents.forEach((name) => agents.add(option(name, name, name === state.agent)));
+names.forEach((name) => agents.add(option(name, name, name === state.agent)));
 agents.onchange = () => { state.agent = agents.value; draw(); };
 document.querySelectorAll("select[data-panel]").forEach((select) => {
   const panel = Number(select.dataset.panel);
   runs.forEach((run, k) => select.add(option(run.label, k, k === state.shown[panel])));
   select.onchange = () => { state.shown[panel] = Number(select.value); draw(); };
 });
+const following = document.getElementById("follow");
+following.checked = follow;
+following.onchange = () => { follow = following.checked; view = home(); draw(); };
 document.querySelectorAll("[data-layer]").forEach((box) => {
   box.onchange = () => { layers[box.dataset.layer] = box.checked; draw(); };
 });
 
-document.querySelectorAll("#panels canvas").forEach((canvas) => {
+panels.forEach((canvas) => {
   const touches = new Map();
   const zoom = (factor, x, y) => {
     const scale = view.span / canvas.clientWidth;
@@ -237,6 +297,7 @@ document.querySelectorAll("#panels canvas").forEach((canvas) => {
     draw();
   };
   canvas.onwheel = (event) => {
+    if (!event.ctrlKey) return; // a plain wheel scrolls the page
     event.preventDefault();
     zoom(Math.exp(event.deltaY / 600), event.offsetX, event.offsetY);
   };
