@@ -57,7 +57,7 @@ class SceneGeometry:
 
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
         self._models = tuple(models)
-        self._static = _static_triangles(static)
+        self._static = static_triangles(static)
         self._key: tuple[bytes, bytes, bytes] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
@@ -97,7 +97,8 @@ class SceneGeometry:
         self._color = np.concatenate([self._static.color, painted])
 
 
-def _static_triangles(parts: Sequence[StaticPart]) -> Triangles:
+def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
+    """The scenery alone."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
     counts = [len(part.faces) for part in parts]

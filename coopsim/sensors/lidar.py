@@ -97,13 +97,14 @@ class Lidar:
         """
         config = self.config
         base_m = np.array([0.0, 0.0, mount_height_m + config.above_m])
-        hits = scene.cast(world_SE3_base.apply(base_m), world_SE3_base.rotate(self._directions))
+        toward = world_SE3_base.rotate(self._directions)
+        hits = scene.cast(world_SE3_base.apply(base_m), toward)
         # For all rays, hit or not: what one ray meets must not shift the noise of the next.
         noise, chance = rng.standard_normal(len(hits.face), np.float32), rng.random(len(hits.face), np.float32)
         kept = np.flatnonzero((hits.range_m >= config.min_range_m) & (hits.range_m <= config.max_range_m))
         face, distance = hits.face[kept], hits.range_m[kept]
         directions = self._directions[kept]
-        incidence = np.abs(np.einsum("ij,ij->i", scene.normals[face], world_SE3_base.rotate(directions)))
+        incidence = np.abs(np.einsum("ij,ij->i", scene.normals[face], toward[kept]))
         bounced = scene.triangles.reflectivity[face] * incidence
         energy = bounced * (config.reference_range_m / distance) ** 2
         instance = scene.triangles.instance[face]

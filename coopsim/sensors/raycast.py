@@ -42,7 +42,7 @@ class RayScene:
         # Embree computes in float32: kilometres from the origin that is centimetres. Measure from the actors' middle.
         around = moving if len(moving) else triangles.vertices
         self._origin = np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
-        self._scene = EmbreeScene()
+        self._scene = EmbreeScene(robust=True)  # else rays slip through between faces that share an edge
         local = np.ascontiguousarray(triangles.vertices - self._origin, dtype=np.float32)
         self._mesh = TriangleMesh(self._scene, local, np.ascontiguousarray(triangles.faces, dtype=np.int32))
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from coopsim.errors import MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.sensors.camera import CameraConfig, CameraRig
 from coopsim.sensors.geometry import SceneGeometry, Triangles
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
@@ -59,3 +62,16 @@ def actors(rows: ArrayLike, *, model: ArrayLike = 0, first_id: int = 1, color: A
 
 def triangles(who: Actors | None = None, static: Sequence[StaticPart] = ()) -> Triangles:
     return SceneGeometry(MODELS, static).triangles(actors([]) if who is None else who)
+
+
+def make_rig(
+    renderer: str,
+    static: Sequence[StaticPart] = (),
+    models: Sequence[Model] = MODELS,
+    config: CameraConfig | None = None,
+) -> CameraRig:
+    """Cameras; skips the test where it needs an OpenGL that is not there."""
+    try:
+        return CameraRig(models, static, config, renderer)
+    except MissingDependencyError as error:
+        pytest.skip(str(error))

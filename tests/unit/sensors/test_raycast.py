@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from sensor_scenes import actors, box_part, ground, triangles
 
 from coopsim.sensors.geometry import Triangles
@@ -63,6 +64,20 @@ def test_distances_known_exactly() -> None:
     np.testing.assert_allclose(hits.range_m, [8.0, 19.0, 1.0, np.inf, np.inf], atol=1e-5)
     assert scene.triangles.instance[hits.face[:3]].tolist() == [1, 0, 0]
     assert (hits.face[3:] == -1).all()
+
+
+def test_no_ray_slips_through_between_faces() -> None:
+    """Rays from within a closed ball, at its edges and corners, which faces share."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=20.0)
+    corners = np.array(ball.vertices)
+    ends = corners[ball.edges_unique]
+    along = np.linspace(0.0, 1.0, 50)[:, None, None]
+    targets = (ends[:, 0] * (1 - along) + ends[:, 1] * along).reshape(-1, 3)
+    origin = np.array([3.0, 1.0, 2.0])
+    rays = targets - origin
+    distance_m = np.linalg.norm(rays, axis=1)
+    hits = RayScene(soup(corners[ball.faces])).cast(origin, rays / distance_m[:, None])
+    np.testing.assert_allclose(hits.range_m, distance_m, atol=1e-4)
 
 
 @pytest.mark.parametrize("instance", [0, 1], ids=["scenery", "actor"])
