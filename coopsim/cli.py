@@ -8,13 +8,13 @@ import json
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.files import write_whole
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells report it."""
@@ -123,7 +123,7 @@ def _demo(options: argparse.Namespace) -> int:
     rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
     print(format_table(rows))
     if options.json is not None:
-        _write_json(options.json, [{**about, **values} for about, values in rows])
+        write_whole(options.json, _json([{**about, **values} for about, values in rows]))
     if demo.runs:
         print(f"report: {demo.write_report(options.report)}")
     if interrupted:
@@ -156,7 +156,7 @@ def _replay(options: argparse.Namespace) -> int:
     print(f"{result.frames} frames in {result.seconds:.2f} s")
     if options.json is not None:
         scores = {name: score.to_dict() for name, score in protocols.items()}
-        _write_json(options.json, {**scores, "frames": result.frames, "seconds": result.seconds})
+        write_whole(options.json, _json({**scores, "frames": result.frames, "seconds": result.seconds}))
     return 0
 
 
@@ -198,8 +198,5 @@ def _require_writable(path: Path | None) -> None:
         raise InvalidValueError(f"cannot write {path}: it must be a file in an existing, writable folder")
 
 
-def _write_json(path: Path, content: object) -> None:
-    with tempfile.NamedTemporaryFile("w", dir=path.absolute().parent, suffix=".tmp", delete=False) as file:
-        json.dump(content, file, indent=2)
-        file.write("\n")
-    os.replace(file.name, path)
+def _json(content: object) -> str:
+    return json.dumps(content, indent=2) + "\n"

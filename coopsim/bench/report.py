@@ -7,7 +7,6 @@ import html
 import io
 import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -21,6 +20,7 @@ from PIL import Image
 
 from coopsim.bench.table import COLUMNS, format_value
 from coopsim.errors import InvalidValueError
+from coopsim.files import write_whole
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S, Ints, Tracks
@@ -53,7 +53,7 @@ _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
 }
 _LESS_IS_BETTER = ("IDS", "FP", "FN", "bytes/s")
 _NOT_COMPARED = ("frames/s",)
-"""Timing says more about the machine than about the policy; the first run also pays for warming up."""
+"""Timing says more about the machine than about the policy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,25 +109,7 @@ def write_report(path: str | os.PathLike[str], scene: ReportScene, runs: Sequenc
     Raises:
         InvalidValueError: there is nothing to show, or the file cannot be written.
     """
-    target = Path(path)
-    text = render_report(scene, runs)
-    try:
-        _write_whole(target, text)
-    except OSError as error:
-        raise InvalidValueError(f"cannot write {target}: {error.strerror}") from error
-    return target
-
-
-def _write_whole(target: Path, text: str) -> None:
-    handle, temporary = tempfile.mkstemp(dir=target.absolute().parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    return write_whole(path, render_report(scene, runs))
 
 
 def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:

@@ -63,12 +63,19 @@ class SE3:
 
     def apply(self, points_m: ArrayLike) -> Floats:
         """Points (..., 3) in src, in dst."""
-        return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation
+        return self.rotate(points_m) + self.translation
 
     def rotate(self, vectors: ArrayLike) -> Floats:
         """Vectors (..., 3) (velocities, directions) in src, in dst: rotated, not moved."""
-        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        return _turned(vectors, self.rotation)
 
     def rotate_planar(self, vectors: ArrayLike) -> Floats:
         """Horizontal vectors (..., 2), rotated by the planar part (exact when gravity-aligned)."""
-        return np.asarray(vectors, dtype=np.float64) @ self.rotation[:2, :2].T
+        return _turned(vectors, self.rotation[:2, :2])
+
+
+def _turned(vectors: ArrayLike, rotation: Floats) -> Floats:
+    # Not by @: BLAS would take several threads for a sweep, stall where cores are busy, and may round otherwise for
+    # another number of threads.
+    turned: Floats = np.einsum("...j,ij->...i", np.asarray(vectors, dtype=np.float64), rotation)
+    return turned
