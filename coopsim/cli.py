@@ -181,14 +181,16 @@ def _milliseconds(text: str) -> tuple[float, ...]:
 
 
 def _count_or_zero(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be an integer >= 0, got {text!r}")
-    return int(text)
+    return _integer(text, least=0)
 
 
 def _count(text: str) -> int:
-    if _count_or_zero(text) == 0:
-        raise argparse.ArgumentTypeError("must be an integer >= 1, got 0")
+    return _integer(text, least=1)
+
+
+def _integer(text: str, least: int) -> int:
+    if not (text.isdecimal() and int(text) >= least):
+        raise argparse.ArgumentTypeError(f"must be an integer >= {least}, got {text!r}")
     return int(text)
 
 

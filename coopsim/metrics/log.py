@@ -60,7 +60,8 @@ def candidates(truth: GroundTruth, tracks: Tracks, match_iou: float) -> Candidat
     """The pairs of a frame whose 3D IoU is at least `match_iou`."""
     similarity = iou_3d(truth.boxes.array, tracks.boxes.array)
     similarity[truth.label[:, None] != tracks.label] = 0.0
-    rows, columns = np.nonzero(similarity >= match_iou)
+    # Contiguous, so that the compiled matching is compiled for one layout.
+    rows, columns = map(np.ascontiguousarray, np.nonzero(similarity >= match_iou))
     return Candidates(rows, columns, similarity[rows, columns])
 
 

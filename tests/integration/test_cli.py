@@ -84,7 +84,7 @@ def test_what_the_user_can_mend_is_said_in_one_line(
     [
         (["demo", "--frame", "5"], "Did you mean --frames"),
         (["demo", "--frames", "0"], "must be an integer >= 1"),
-        (["demo", "--frames", "many"], "must be an integer >= 0"),
+        (["demo", "--frames", "many"], "must be an integer >= 1"),
         (["demo", "--latencies-ms", "a,b"], "must be numbers with commas"),
         (["demo", "--policies", "a,,b"], "must be distinct names"),
         (["replay", "x", "--detection", "ego"], "Did you mean --detections"),
