@@ -16,7 +16,8 @@ from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
-from coopsim.envs.spaces import IDLE, MANEUVERS
+from coopsim.envs.spaces import IDLE
+from coopsim.world.drivers import MANEUVERS
 from coopsim.world.scenario import Population, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]

@@ -26,9 +26,7 @@ from coopsim.types import (
     Sweep,
     Tracks,
 )
-
-MANEUVERS: tuple[str, ...] = ("lane_left", "idle", "lane_right", "faster", "slower")
-"""The discrete meta-actions, numbered as highway-env numbers them."""
+from coopsim.world.drivers import MANEUVERS
 
 IDLE = MANEUVERS.index("idle")
 

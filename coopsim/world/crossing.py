@@ -58,6 +58,7 @@ def make_crossing() -> Layout:
         _footways(),
         rsus,
         RSU_HEIGHT_M,
+        (0.0, _SPEED / 2, _SPEED),
         _static(lanes, buildings, rsus),
         RoadMap(
             tuple(lanes),

@@ -30,6 +30,7 @@ SLOT_SPACING_M = 24.0
 SPREAD_M = 170.0
 WINDOW_M = 220.0
 SPEED_M_S = 28.0
+CRUISE_M_S = 25.0  # below every lane's limit
 RSU_Y_M = -18.5
 RSU_HEIGHT_M = 6.0
 
@@ -61,6 +62,7 @@ def make_highway() -> Layout:
         None,
         rsus,
         RSU_HEIGHT_M,
+        (20.0, CRUISE_M_S, 30.0),
         (
             flat_part("ground", [rectangle((START_M, END_M), (-300.0, 300.0))], -0.04, GROUND, 0.3),
             flat_part("road", carriageways, 0.0, ASPHALT, 0.18),
@@ -77,6 +79,7 @@ def make_highway() -> Layout:
         ),
         RoadMap(tuple(shown), (), (), ()),
         window_m=WINDOW_M,
+        cruise_m_s=CRUISE_M_S,
     )
 
 
@@ -93,12 +96,12 @@ def _slots(network: RoadNetwork) -> tuple[Slot, ...]:
 
 
 def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
-    """Cars going east, from the middle outwards; then the others."""
+    """Cars going east, from the middle outwards, the passing lane's last; then the others."""
 
-    def rank(index: int) -> tuple[bool, float]:
+    def rank(index: int) -> tuple[bool, bool, float]:
         slot = slots[index]
         along = slot.along_m + START_M if slot.lane[0].startswith("east") else END_M - slot.along_m
-        return (slot.lane[0].startswith("west"), abs(along))
+        return (slot.lane[0].startswith("west"), slot.lane[2] == 0, abs(along))
 
     return tuple(sorted(range(len(slots)), key=rank))
 

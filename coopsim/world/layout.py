@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from highway_env.road.lane import AbstractLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
@@ -47,6 +48,15 @@ class Footways:
     neighbours: np.ndarray[tuple[int, int], np.dtype[np.int64]]
     crossing: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
 
+    @property
+    def room(self) -> int:
+        """For how many people there is room: one on every two metres of pavement."""
+        start, place = np.nonzero(self.neighbours >= 0)
+        end = self.neighbours[start, place]
+        length_m = np.linalg.norm(self.nodes[end] - self.nodes[start], axis=1)
+        once = (start < end) & ~self.crossing[start, end]
+        return int(length_m[once].sum() / 2.0)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
@@ -59,10 +69,12 @@ class Layout:
         footways: None where nobody walks.
         rsus: `world_SE3_base` of possible roadside units, in order; origin on the ground, x towards the road.
         rsu_height_m: of their masts.
+        speeds_m_s: what a policy can choose from, evenly spaced.
         static: meshes.
         road_map: outlines.
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
-        window_m: vehicles farther than this along x from every connected car are replaced; None: roads are closed.
+        window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
+        cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
     """
 
     network: RoadNetwork
@@ -71,10 +83,12 @@ class Layout:
     footways: Footways | None
     rsus: tuple[SE3, ...]
     rsu_height_m: float
+    speeds_m_s: tuple[float, ...]
     static: tuple[StaticPart, ...]
     road_map: RoadMap
     movements: tuple[tuple[str, str], ...] = ()
     window_m: float | None = None
+    cruise_m_s: float | None = None
 
 
 def box_part(
@@ -110,10 +124,10 @@ def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
     return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
 
 
-def lane_outline(lane: object, step_m: float = 4.0) -> list[Floats]:
+def lane_outline(lane: AbstractLane, step_m: float = 4.0) -> list[Floats]:
     """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2)."""
-    length, half = lane.length, lane.width / 2  # type: ignore[attr-defined]
-    along = np.linspace(0.0, length, 2 if lane.__class__.__name__ == "StraightLane" else max(2, round(length / step_m)))
-    left = np.array([lane.position(s, half) for s in along])  # type: ignore[attr-defined]
-    right = np.array([lane.position(s, -half) for s in along])  # type: ignore[attr-defined]
+    length, half = lane.length, lane.width / 2
+    along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else max(2, round(length / step_m)))
+    left = np.array([lane.position(s, half) for s in along])
+    right = np.array([lane.position(s, -half) for s in along])
     return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-
 from coopsim.checks import require_count, require_probability
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
@@ -75,7 +73,7 @@ class Scenario:
         room = {
             "vehicles": len(self.layout.slots),
             "rsus": len(self.layout.rsus),
-            "pedestrians": np.inf if self.layout.footways is not None else 0,
+            "pedestrians": self.layout.footways.room if self.layout.footways is not None else 0,
         }
         for name, most in room.items():
             if getattr(self.population, name) > most:

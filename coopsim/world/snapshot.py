@@ -21,7 +21,7 @@ class Actors:
     Attributes:
         id: (N,) int >= 1, unique within an episode, never reused.
         boxes: tight boxes; the bottom face stands on the ground.
-        velocity: (N, 2) m/s.
+        velocity: (N, 2) m/s, of the middle; that of the last step, up to what a vehicle turns and brakes within it.
         label: (N,) int, an `ObjectClass`.
         model: (N,) int, index into the world's `models`.
         color: (N, 3) uint8.

@@ -45,7 +45,7 @@ class World:
 
         Args:
             dt_s: time step.
-            maneuvers: highway-env's meta-actions by agent's name, under policy control.
+            maneuvers: numbers into `coopsim.world.drivers.MANEUVERS` by agent's name, under policy control.
         """
         told = (maneuvers or {}) if self._policy_control else {}
         self._traffic.step(dt_s, {int(name.removeprefix("cav_")): told[name] for name in told})
@@ -59,7 +59,7 @@ class World:
         ground = np.array([*(vehicle.position for vehicle in vehicles), *people.position]).reshape(-1, 2)
         yaw = np.array([*(vehicle.heading for vehicle in vehicles), *people.yaw])
         label = np.array([shape.label for shape in self.models])[model]
-        velocity = np.array([*(vehicle.velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
+        velocity = np.array([*(vehicle.ground_velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
         color = np.array([*(vehicle.paint for vehicle in vehicles), *people.color]).reshape(-1, 3)
         identity = [*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))]
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
