@@ -120,11 +120,11 @@ def _demo(options: argparse.Namespace) -> int:
             demo.run(bar.update)
         except KeyboardInterrupt:
             interrupted = True
-    rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
-    print(format_table(rows))
-    if options.json is not None:
-        write_whole(options.json, _json([{**about, **values} for about, values in rows]))
-    if demo.runs:
+    if demo.runs:  # an interrupt before the first is finished leaves older files as they are
+        rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
+        print(format_table(rows))
+        if options.json is not None:
+            write_whole(options.json, _json([{**about, **values} for about, values in rows]))
         print(f"report: {demo.write_report(options.report)}")
     if interrupted:
         print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)

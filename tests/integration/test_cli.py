@@ -105,17 +105,36 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert "late_fusion" in out and "crossing-v0" in out
 
 
-def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
-    report = tmp_path / "demo.html"
-    command = [sys.executable, "-m", "coopsim", "demo", "--frames", "2000", "--report", str(report)]
+def test_ctrl_c_before_anything_is_finished_leaves_older_files(tmp_path: Path) -> None:
+    report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
+    numbers.write_text("older")
+    command = [sys.executable, "-m", "coopsim", "demo", "--frames", "2000"]
+    command += ["--report", str(report), "--json", str(numbers)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, text=True)
     time.sleep(8)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED, err
     assert "interrupted" in err and "Traceback" not in err
-    assert list(tmp_path.iterdir()) == [], "nothing half-written is left"
-    assert out.strip() == "no results"
+    assert list(tmp_path.iterdir()) == [numbers] and numbers.read_text() == "older"
+    assert out == ""
+
+
+def test_ctrl_c_later_keeps_what_is_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
+    ticks = iter(range(100))
+
+    def update(bar: object, n: int = 1) -> None:
+        if next(ticks) == 8:  # in the second run of six frames
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("tqdm.tqdm.update", update)
+    assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == INTERRUPTED
+    shown = capsys.readouterr()
+    assert "1 finished runs were kept" in shown.err and shown.out.count("no_fusion") == 1
+    assert len(json.loads(numbers.read_text())) == 1 and report.stat().st_size > 10_000
 
 
 def test_output_may_be_cut_off(recordings: Path) -> None:
