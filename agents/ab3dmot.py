@@ -17,28 +17,32 @@ def ab3dmot(gate: float = -0.2, hits: int = 3, age: int = 2) -> Tracker:
 
     Args:
         gate: smallest 3D GIoU of a match, in [-1, 1].
-        hits: detections until a track is reported.
+        hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
     """
     return Tracker(ConstantVelocity(), Cascade([Stage(giou_3d, hungarian, gate=gate)]), HitsAndAge(hits, age))
 
 
-@POLICIES.register("ab3dmot")
-class AB3DMOT(TrackingPolicy):
-    """AB3DMOT on the agent's own detections; reads no message.
+class AB3DMOTBased(TrackingPolicy):
+    """A policy whose tracker is AB3DMOT's.
 
     Args:
         gate: smallest 3D GIoU of a match, in [-1, 1].
-        hits: detections until a track is reported.
+        hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
+        late: what to do with messages that come late, see `TrackingPolicy`.
     """
 
-    uplink = "none"
-
-    def __init__(self, gate: float = -0.2, hits: int = 3, age: int = 2) -> None:
-        super().__init__()
+    def __init__(self, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current") -> None:
         self._settings = (gate, hits, age)
-        self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
+        super().__init__(late)
 
     def make_tracker(self) -> Tracker:
         return ab3dmot(*self._settings)
+
+
+@POLICIES.register("ab3dmot")
+class AB3DMOT(AB3DMOTBased):
+    """AB3DMOT on the agent's own detections; reads no message."""
+
+    uplink = "none"

@@ -300,6 +300,8 @@ class AgentSpec:
         dt_s: time between two observations.
         uplink: what the environment lets agents broadcast ("none", "detections").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
+        is_object: others see it over the origin of its base frame, but it is not its own object. Not so for a mast, nor
+            for a recording, which does not say where its agents are.
     """
 
     name: str
@@ -307,6 +309,7 @@ class AgentSpec:
     dt_s: float
     uplink: str
     drives: bool = False
+    is_object: bool = True
 
 
 def stack_xyz_yaw(pose: SE3) -> Floats:

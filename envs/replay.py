@@ -47,7 +47,7 @@ class Replay(FrameSource):
         self.name = name
         self._set = RecordingSet(path)
         self._set.require_detections(detections)
-        self.specs = {agent: AgentSpec(agent, "cav", dt_s, uplink) for agent in detections}
+        self.specs = {agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False) for agent in detections}
         self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in detections}
         self._dt_s = dt_s
         self._recording = self._set.load(self.sequences[0], tuple(self.specs))

@@ -46,7 +46,7 @@ class Simulation(FrameSource):
         self.region_m = (options.region_x_m, options.region_y_m)
         self._world = self._make_world(seed=0)
         self.specs = {
-            name: AgentSpec(name, body.kind, options.dt_s, uplink, self._drives(body))
+            name: AgentSpec(name, body.kind, options.dt_s, uplink, self._drives(body), body.actor_id is not None)
             for name, body in self._world.agents().items()
         }
         self.road_map = self._world.map

@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import Floats
 from coopsim.tracking.affinity import Affinity
 from coopsim.tracking.assignment import Assigner, Pairs
-from coopsim.types import Ints
+from coopsim.tracking.tracked import Tracked
+from coopsim.types import Detections
+
+Mask = NDArray[np.bool_]
+Chooser = Callable[[Any], Mask]
+"""Who takes part in a stage: tracks or detections to a mask (N,)."""
+
+
+def everyone(of: Tracked | Detections) -> Mask:
+    """All of them."""
+    return np.ones(len(of), dtype=bool)
+
+
+def score_from(threshold: float) -> Chooser:
+    """Those with at least this score."""
+    return lambda of: of.score >= threshold
+
+
+def score_below(threshold: float) -> Chooser:
+    """Those with less than this score."""
+    return lambda of: of.score < threshold
+
+
+def of_class(*labels: int) -> Chooser:
+    """Those of these classes."""
+    return lambda of: np.isin(of.label, labels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +45,18 @@ class Stage:
     """One round of matching.
 
     Attributes:
-        affinity: of boxes, larger is better.
+        affinity: larger is better.
         assigner: picks pairs.
         gate: smallest affinity of a pair.
+        tracks: which tracks take part.
+        found: which detections take part.
     """
 
     affinity: Affinity
     assigner: Assigner
     gate: float
+    tracks: Chooser = everyone
+    found: Chooser = everyone
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.gate):
@@ -34,7 +64,7 @@ class Stage:
 
 
 class Cascade:
-    """Matches tracks to detections, class by class, in stages.
+    """Matches tracks to detections of the same class, in stages.
 
     Args:
         stages: tried in order.
@@ -43,26 +73,19 @@ class Cascade:
     def __init__(self, stages: Sequence[Stage]) -> None:
         self._stages = tuple(stages)
 
-    def match(self, tracks: Floats, track_label: Ints, found: Floats, found_label: Ints) -> Pairs:
-        """Indices of matched tracks and of their detections, (K,) each.
-
-        Args:
-            tracks: boxes (N, 7).
-            track_label: (N,).
-            found: boxes (M, 7), in the same frame.
-            found_label: (M,).
-        """
-        rows, columns = [], []
-        left, right = np.arange(len(tracks)), np.arange(len(found))
+    def match(self, tracks: Tracked, found: Detections) -> Pairs:
+        """Indices of matched tracks and of their detections, (K,) each."""
+        rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        free_row, free_column = np.ones(len(tracks), dtype=bool), np.ones(len(found), dtype=bool)
         for stage in self._stages:
+            left = np.flatnonzero(free_row & stage.tracks(tracks))
+            right = np.flatnonzero(free_column & stage.found(found))
             if not (len(left) and len(right)):
-                break
+                continue
             affinity = stage.affinity(tracks[left], found[right])
-            affinity[track_label[left, None] != found_label[right]] = -np.inf
+            affinity = np.where(tracks.label[left, None] == found.label[right], affinity, -np.inf)
             row, column = stage.assigner(affinity, stage.gate)
             rows.append(left[row])
             columns.append(right[column])
-            left, right = np.delete(left, row), np.delete(right, column)
-        if not rows:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+            free_row[left[row]] = free_column[right[column]] = False
         return np.concatenate(rows), np.concatenate(columns)

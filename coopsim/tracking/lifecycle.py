@@ -8,8 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.checks import require_count
-from coopsim.types import Ints
+from coopsim.checks import require_count, require_non_negative
+from coopsim.errors import InvalidValueError
+from coopsim.tracking.tracked import Tracked
 
 Mask = NDArray[np.bool_]
 
@@ -17,16 +18,10 @@ Mask = NDArray[np.bool_]
 class Lifecycle(Protocol):
     """Decides for N tracks at once."""
 
-    def reported(self, hits: Ints, misses: Ints, frame: int) -> Mask:
-        """Which to report, (N,).
+    def reported(self, tracks: Tracked, frame: int) -> Mask:
+        """Which to report, (N,); `frame` is the number of this frame, from 1."""
 
-        Args:
-            hits: (N,) detections so far.
-            misses: (N,) frames since the last detection; 0 if detected in this one.
-            frame: number of this frame, from 1.
-        """
-
-    def alive(self, misses: Ints) -> Mask:
+    def alive(self, tracks: Tracked) -> Mask:
         """Which to keep, (N,)."""
 
 
@@ -47,9 +42,69 @@ class HitsAndAge:
     def __post_init__(self) -> None:
         require_count(1, hits=self.hits, age=self.age)
 
-    def reported(self, hits: Ints, misses: Ints, frame: int) -> Mask:
-        confirmed = (hits >= self.hits) | (frame <= self.hits)
-        return confirmed & (misses < self.age)
+    def reported(self, tracks: Tracked, frame: int) -> Mask:
+        return (tracks.hits >= self.hits) | (frame <= self.hits)
 
-    def alive(self, misses: Ints) -> Mask:
-        return misses < self.age
+    def alive(self, tracks: Tracked) -> Mask:
+        return tracks.misses < self.age
+
+
+@dataclass(frozen=True, slots=True)
+class ByScore:
+    """Reported from a score, dropped below one, or after `age` frames without a detection.
+
+    Attributes:
+        report: smallest score of a reported track.
+        drop: a track with a smaller score is dropped.
+        age: frames without a detection until a track is dropped.
+        coast: frames without a detection for which a track is still reported.
+    """
+
+    report: float
+    drop: float = -np.inf
+    age: int = 2
+    coast: int = 1
+
+    def __post_init__(self) -> None:
+        require_count(1, age=self.age)
+        require_count(0, coast=self.coast)
+        if np.isnan(self.report) or np.isnan(self.drop):
+            raise InvalidValueError(f"report and drop must be numbers, got {self.report!r} and {self.drop!r}")
+
+    def reported(self, tracks: Tracked, frame: int) -> Mask:
+        return (tracks.score >= self.report) & (tracks.misses <= self.coast)
+
+    def alive(self, tracks: Tracked) -> Mask:
+        return (tracks.misses < self.age) & (tracks.score >= self.drop)
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityAdaptiveAge:
+    """Confirmed by hits; the faster an object, the longer its track is kept (DINO-CoDT, He et al., eq. 10).
+
+    The maximum age is `age + age_per_m_s * speed`: who is fast soon comes out from behind what hid it.
+
+    Attributes:
+        hits: detections until a track is reported.
+        age: frames without a detection until the track of something that stands is dropped.
+        age_per_m_s: frames more per m/s (the paper's alpha), >= 0.
+        coast: frames without a detection for which a track is still reported.
+    """
+
+    hits: int = 3
+    age: int = 2
+    age_per_m_s: float = 0.2
+    coast: int = 1
+
+    def __post_init__(self) -> None:
+        require_count(1, hits=self.hits, age=self.age)
+        require_count(0, coast=self.coast)
+        require_non_negative(age_per_m_s=self.age_per_m_s)
+
+    def reported(self, tracks: Tracked, frame: int) -> Mask:
+        return ((tracks.hits >= self.hits) | (frame <= self.hits)) & (tracks.misses <= self.coast)
+
+    def alive(self, tracks: Tracked) -> Mask:
+        speed_m_s = np.linalg.norm(tracks.velocity, axis=1)
+        alive: Mask = tracks.misses < self.age + self.age_per_m_s * speed_m_s
+        return alive

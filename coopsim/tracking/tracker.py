@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,43 +10,36 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.cascade import Cascade
-from coopsim.tracking.lifecycle import Lifecycle, Mask
+from coopsim.tracking.cascade import Cascade, Chooser, everyone
+from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion import Beliefs, Motion
-from coopsim.types import NS_PER_S, Detections, Ints, Tracks
+from coopsim.tracking.tracked import Tracked
+from coopsim.types import NS_PER_S, Detections, Tracks
+
+ScoreRule = Callable[[Floats, Floats], Floats]
+"""A track's score so far and that of its new detection, (K,) each, to its score from now on."""
+
+
+def latest(before: Floats, found: Floats) -> Floats:
+    """AB3DMOT's rule: a track has the score of its last detection."""
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _State:
-    """N tracks, reported or not; all arrays have N rows."""
+class TrackerState:
+    """All that a tracker knows. It is never changed, so keeping one is free; see `Tracker.state`.
 
-    beliefs: Beliefs
-    id: Ints
-    label: Ints
-    score: Floats
-    hits: Ints
-    misses: Ints
+    Attributes:
+        tracked: the tracks, reported or not.
+        next_id: the id of the next track.
+        frame: number of frames so far.
+        time_ns: of the last frame; None before the first.
+    """
 
-    def take(self, index: Mask) -> _State:
-        return _State(
-            Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index]),
-            self.id[index],
-            self.label[index],
-            self.score[index],
-            self.hits[index],
-            self.misses[index],
-        )
-
-    def join(self, other: _State) -> _State:
-        mine, theirs = self.beliefs, other.beliefs
-        return _State(
-            Beliefs(np.concatenate([mine.mean, theirs.mean]), np.concatenate([mine.covariance, theirs.covariance])),
-            np.concatenate([self.id, other.id]),
-            np.concatenate([self.label, other.label]),
-            np.concatenate([self.score, other.score]),
-            np.concatenate([self.hits, other.hits]),
-            np.concatenate([self.misses, other.misses]),
-        )
+    tracked: Tracked
+    next_id: int
+    frame: int
+    time_ns: int | None
 
 
 class Tracker:
@@ -58,17 +52,26 @@ class Tracker:
         motion: the motion model and its filter.
         association: matches predicted tracks to detections.
         lifecycle: what is reported and what is dropped.
+        score: how a track's score follows its detections'.
+        born: which of the detections that no track matches begin a track.
     """
 
-    def __init__(self, motion: Motion, association: Cascade, lifecycle: Lifecycle) -> None:
-        self._motion, self._association, self._lifecycle = motion, association, lifecycle
+    def __init__(
+        self,
+        motion: Motion,
+        association: Cascade,
+        lifecycle: Lifecycle,
+        *,
+        score: ScoreRule = latest,
+        born: Chooser = everyone,
+    ) -> None:
+        self.motion, self.association, self._lifecycle = motion, association, lifecycle
+        self._score, self._born = score, born
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self._state = self._born(Detections.empty(), first_id=1)
-        self._next_id, self._frame = 1, 0
-        self._time_ns: int | None = None
+        self.state = TrackerState(self._begin(Detections.empty(), 1), next_id=1, frame=0, time_ns=None)
 
     def step(self, detections: Detections, time_ns: int) -> Tracks:
         """Take in one frame's detections; the tracks at its time.
@@ -82,50 +85,77 @@ class Tracker:
         Raises:
             InvalidValueError: time went back.
         """
-        found = sane(detections)
-        state = self._predicted(time_ns)
-        rows, columns = self._association.match(
-            self._motion.boxes(state.beliefs), state.label, found.boxes.array, found.label
-        )
-        state = self._updated(state, rows, found[columns])
-        born = self._born(found[np.setdiff1d(np.arange(len(found)), columns)], self._next_id)
-        self._next_id += len(born.id)
-        state = state.join(born)
-        self._state = state.take(self._lifecycle.alive(state.misses))
-        return self._report(self._state)
+        return self.step_in_turn([detections], time_ns)
 
-    def _predicted(self, time_ns: int) -> _State:
-        elapsed_ns = 0 if self._time_ns is None else time_ns - self._time_ns
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
+        """Take in one frame's detections from several sources, one after another.
+
+        Each group is matched to the tracks as the groups before left them, those that these began included. A frame
+        counts as one hit or one miss, however many groups there are.
+
+        Args:
+            groups: in the tracker's frame.
+            time_ns: of the frame; must not go back.
+
+        Raises:
+            InvalidValueError: time went back.
+        """
+        tracked, next_id = self.predicted(time_ns), self.state.next_id
+        for group in groups:
+            found = sane(group)
+            rows, columns = self.association.match(tracked, found)
+            tracked = self._updated(tracked, rows, found[columns])
+            unmatched = found[np.setdiff1d(np.arange(len(found)), columns)]
+            born = self._begin(unmatched[self._born(unmatched)], next_id)
+            next_id += len(born)
+            tracked = tracked.join(born)
+        tracked = tracked[self._lifecycle.alive(tracked)]
+        self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
+        return self.report()
+
+    def predicted(self, time_ns: int) -> Tracked:
+        """The tracks as they are expected at a time, one frame older; the tracker stays as it is."""
+        before = self.state.tracked
+        elapsed_ns = 0 if self.state.time_ns is None else time_ns - self.state.time_ns
         if elapsed_ns < 0:
-            raise InvalidValueError(f"time must not go back, got {time_ns} ns after {self._time_ns} ns")
-        self._time_ns, self._frame = time_ns, self._frame + 1
-        beliefs = self._motion.predict(self._state.beliefs, elapsed_ns / NS_PER_S)
-        return replace(self._state, beliefs=beliefs, misses=self._state.misses + 1)
+            raise InvalidValueError(f"time must not go back, got {time_ns} ns after {self.state.time_ns} ns")
+        beliefs = self.motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
+        older = replace(before, misses=before.misses + 1, age=before.age + 1)
+        return self._believing(older, beliefs)
 
-    def _updated(self, state: _State, rows: Ints, found: Detections) -> _State:
-        if not len(rows):
-            return state
-        mean, covariance = state.beliefs.mean.copy(), state.beliefs.covariance.copy()
-        matched = Beliefs(mean[rows], covariance[rows])
-        matched = self._motion.update(matched, found.boxes.array, found.covariance)
-        mean[rows], covariance[rows] = matched.mean, matched.covariance
-        score, hits, misses = state.score.copy(), state.hits.copy(), state.misses.copy()
-        score[rows], misses[rows] = found.score, 0
-        hits[rows] += 1
-        return _State(Beliefs(mean, covariance), state.id, state.label, score, hits, misses)
-
-    def _born(self, found: Detections, first_id: int) -> _State:
-        count = len(found)
-        beliefs = self._motion.initiate(found.boxes.array, found.covariance)
-        ids, ones = first_id + np.arange(count), np.ones(count, dtype=np.int64)
-        return _State(beliefs, ids, found.label, found.score, ones, np.zeros(count, dtype=np.int64))
-
-    def _report(self, state: _State) -> Tracks:
-        shown = state.take(self._lifecycle.reported(state.hits, state.misses, self._frame))
-        boxes = Boxes3D.from_array(self._motion.boxes(shown.beliefs))
+    def report(self) -> Tracks:
+        """The tracks that are worth it, at the time of the last frame."""
+        tracked = self.state.tracked
+        shown = tracked[self._lifecycle.reported(tracked, self.state.frame)]
+        boxes = Boxes3D.from_array(shown.boxes)
         # A filter may shrink a box through zero; a report of it would be refused.
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
-        return Tracks(shown.id, boxes, self._motion.velocity(shown.beliefs), shown.score, shown.label)
+        return Tracks(shown.id, boxes, shown.velocity, shown.score, shown.label)
+
+    def _updated(
+        self, tracked: Tracked, rows: np.ndarray[tuple[int], np.dtype[np.int64]], found: Detections
+    ) -> Tracked:
+        if not len(rows):
+            return tracked
+        mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
+        matched = self.motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
+        mean[rows], covariance[rows] = matched.mean, matched.covariance
+        score, hits, misses = tracked.score.copy(), tracked.hits.copy(), tracked.misses.copy()
+        score[rows] = self._score(score[rows], found.score)
+        hits[rows] += misses[rows] > 0
+        misses[rows] = 0
+        return self._believing(replace(tracked, score=score, hits=hits, misses=misses), Beliefs(mean, covariance))
+
+    def _begin(self, found: Detections, first_id: int) -> Tracked:
+        count = len(found)
+        beliefs = self.motion.initiate(found.boxes.array, found.covariance)
+        ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
+        boxes, velocity = self.motion.boxes(beliefs), self.motion.velocity(beliefs)
+        return Tracked(beliefs, boxes, velocity, ids, found.label, found.score, ones, none, none)
+
+    def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
+        boxes, velocity = self.motion.boxes(beliefs), self.motion.velocity(beliefs)
+        return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
 
 
 def sane(detections: Detections) -> Detections:

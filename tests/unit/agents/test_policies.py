@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.agents.late_fusion import LateFusion, newest_by_sender, without_self
+from coopsim.agents.tracking import over_origin
 from coopsim.comms.message import DetectionsCodec
 from coopsim.envs.spaces import pack_observation, pack_tracks, unpack_action, unpack_observation
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 CAR = [4.5, 1.9, 1.6]
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).uplink == "detections"]
 
 
 def detections(*rows: tuple[float, float, float], score: float = 0.9) -> Detections:
@@ -34,33 +35,48 @@ def specs(*names: str) -> dict[str, AgentSpec]:
     return {name: AgentSpec(name, "cav", 0.1, "detections") for name in names}
 
 
-def test_boxes_of_others_come_to_the_receivers_frame_by_both_estimates() -> None:
+def first_report(policy: coopsim.Policy, observation: Observation) -> Tracks:
+    policy.reset(specs("cav_0"))
+    return policy.track("cav_0", observation)
+
+
+@pytest.mark.parametrize("name", LISTENING)
+def test_boxes_of_others_come_to_the_receivers_frame_by_both_estimates(name: str) -> None:
     # The receiver stands at (100, 0) and looks north; the sender at (100, 50) looks back south, and has a car
     # 20 m ahead: that is 30 m ahead of the receiver.
     heard = message("cav_1", 0, [100, 50, 0, -np.pi / 2], detections((20, 1, 0)))
-    found = LateFusion().gather(observe(detections(), heard, pose=(100, 0, 0, np.pi / 2)))
+    found = first_report(coopsim.make_policy(name), observe(detections(), heard, pose=(100, 0, 0, np.pi / 2)))
     np.testing.assert_allclose(found.boxes.center, [[30, -1, 0.8]], atol=1e-5)
     np.testing.assert_allclose(np.abs(found.boxes.yaw), [np.pi], atol=1e-6)
 
 
-def test_the_same_car_seen_by_both_is_one_car() -> None:
+@pytest.mark.parametrize("name", LISTENING)
+def test_the_same_car_seen_by_both_is_one_car(name: str) -> None:
     heard = message("cav_1", 0, [0, 0, 0, 0], detections((20, 0.3, 0), (40, 0, 0)))
-    found = LateFusion().gather(observe(detections((20, 0, 0)), heard))
+    found = first_report(coopsim.make_policy(name), observe(detections((20, 0, 0)), heard))
     assert sorted(found.boxes.center[:, 0].round().tolist()) == [20, 40]
 
 
-def test_the_receiver_is_not_its_own_object() -> None:
-    found = without_self(detections((0.8, 0.3, 0.1), (4, 0, 0), (0, 2.5, 0), (1.5, 0, np.pi / 2)))
-    np.testing.assert_allclose(found.boxes.center[:, :2], [[4, 0], [0, 2.5], [1.5, 0]])
+def test_which_boxes_cover_the_origin() -> None:
+    found = detections((0.8, 0.3, 0.1), (4, 0, 0), (0, 2.5, 0), (1.5, 0, np.pi / 2))
+    assert over_origin(found).tolist() == [True, False, False, False]
 
 
-def test_only_the_newest_capture_of_each_sender_counts() -> None:
-    none = detections()
-    inbox = (message("a", 0, [0] * 4, none), message("b", 5, [0] * 4, none), message("a", 9, [0] * 4, none))
-    assert [(item.sender, item.captured_ns) for item in newest_by_sender(inbox)] == [("a", 9), ("b", 5)]
+@pytest.mark.parametrize("is_object", [True, False])
+def test_the_receiver_is_not_its_own_object_where_it_was_at_capture(is_object: bool) -> None:
+    policy = coopsim.make_policy("late_fusion")
+    policy.reset({"cav_0": AgentSpec("cav_0", "cav", 0.1, "detections", is_object=is_object)})
+    for k in range(4):  # 10 m a frame; the message that comes at last saw it at x = 10
+        step = Odometry(np.array([10.0 if k else 0.0, 0, 0, 0]))
+        heard = [message("rsu_0", 100_000_000, [0, 0, 0, 0], detections((10.2, 0, 0)))] if k == 3 else []
+        pose = PoseEstimate(np.array([10.0 * k, 0, 0, 0]))
+        observation = Observation(k * 100_000_000, pose, step, detections(), inbox=tuple(heard))
+        tracks = policy.track("cav_0", observation)
+    assert len(policy._states["cav_0"].tracks.tracker.state.tracked) == (0 if is_object else 1)
+    assert len(tracks) == 0  # not confirmed yet
 
 
-@pytest.mark.parametrize("name", ["ab3dmot", "no_fusion", "late_fusion"])
+@pytest.mark.parametrize("name", coopsim.POLICIES.names())
 def test_a_steady_car_gets_one_id_and_its_velocity(name: str) -> None:
     policy = coopsim.make_policy(name)
     policy.reset(specs("cav_0"))

@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from coopsim.tracking.affinity import center_proximity, giou_3d, iou_3d
 from coopsim.tracking.assignment import greedy, hungarian
-from coopsim.tracking.cascade import Cascade, Stage
 
 shapes = st.tuples(st.integers(0, 6), st.integers(0, 6))
 numbers = st.floats(-1, 1) | st.sampled_from([-np.inf, np.nan])
@@ -41,23 +39,3 @@ def test_greedy_takes_the_best_first() -> None:
     affinity = np.array([[0.9, 0.8], [0.85, 0.1]])
     assert list(zip(*greedy(affinity, 0.0), strict=True)) == [(0, 0), (1, 1)]
     assert sorted(zip(*hungarian(affinity, 0.0), strict=True)) == [(0, 1), (1, 0)]
-
-
-def boxes(*xs: float) -> np.ndarray:
-    return np.array([[x, 0, 0, 4, 2, 1.5, 0] for x in xs], dtype=float).reshape(-1, 7)
-
-
-def test_classes_never_mix() -> None:
-    cascade = Cascade([Stage(giou_3d, hungarian, gate=-1.0)])
-    rows, columns = cascade.match(boxes(0, 10), np.array([0, 7]), boxes(0.1, 10.1), np.array([7, 0]))
-    assert sorted(zip(rows, columns, strict=True)) == [(0, 1), (1, 0)]
-    rows, _ = cascade.match(boxes(0), np.array([0]), boxes(0), np.array([7]))
-    assert len(rows) == 0
-
-
-def test_later_stages_get_what_is_left() -> None:
-    cascade = Cascade([Stage(iou_3d, hungarian, 0.5), Stage(center_proximity, greedy, -6.0)])
-    labels = np.zeros(3, dtype=int)
-    rows, columns = cascade.match(boxes(0, 20, 50), labels, boxes(25, 0.2, 70), labels)
-    assert list(zip(rows, columns, strict=True)) == [(0, 1), (1, 0)]
-    assert cascade.match(boxes(), labels[:0], boxes(1), labels[:1])[0].shape == (0,)

@@ -1,0 +1,182 @@
+"""What to do with measurements that arrive late, or in another order than they were taken.
+
+Three strategies, from cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindAndReplay`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from coopsim.checks import require_positive
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.registry import Registry
+from coopsim.tracking.tracker import Tracker, TrackerState, sane
+from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
+
+OWN = ""
+"""The source of what an agent measured itself; it sorts before all names."""
+
+Fusion = Callable[[Sequence[Detections]], Sequence[Detections]]
+"""What is made of one moment's detections before they are tracked: one group per source, the agent's own first, to
+groups that are tracked in turn."""
+
+
+def in_turn(groups: Sequence[Detections]) -> Sequence[Detections]:
+    """No fusion: every source updates the tracks for itself, one after another."""
+    return groups
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """What one source detected at one moment.
+
+    Attributes:
+        source: who; `OWN` for the agent itself.
+        captured_ns: when.
+        detections: in the tracker's frame.
+    """
+
+    source: str
+    captured_ns: int
+    detections: Detections
+
+
+class LateMeasurements(ABC):
+    """A tracker together with a way to take in what comes late.
+
+    Args:
+        make_tracker: gives the tracker.
+        fusion: is applied to the measurements of one moment.
+    """
+
+    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn) -> None:
+        self.tracker, self._fusion = make_tracker(), fusion
+
+    @abstractmethod
+    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
+        """Take in what arrived since the last step; the tracks now.
+
+        Args:
+            measurements: in any order; those captured after `now_ns` count as captured now.
+            now_ns: must not go back.
+
+        Raises:
+            InvalidValueError: time went back.
+        """
+
+    def _track(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
+        return self.tracker.step_in_turn(self._fusion(groups), time_ns)
+
+
+class AsIfCurrent(LateMeasurements):
+    """Takes the newest measurement of each source as if it were captured now: objects lag behind by the delay."""
+
+    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
+        return self._track([measurement.detections for measurement in newest(measurements)], now_ns)
+
+
+class PredictForward(LateMeasurements):
+    """Moves what is late to where it should be by now.
+
+    Every other source has a tracker of its own, in its own time, and what it detects moves on with the velocity that
+    the object has there. Velocities of the tracks themselves would not do: a measurement that was moved with a
+    velocity confirms it, and the error grows from frame to frame.
+    """
+
+    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn) -> None:
+        super().__init__(make_tracker, fusion)
+        self._make_tracker = make_tracker
+        self._sources: dict[str, Tracker] = {}
+
+    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
+        self.tracker.predicted(now_ns)  # refuses a time that went back before anything is changed
+        return self._track([self._moved(measurement, now_ns) for measurement in newest(measurements)], now_ns)
+
+    def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
+        found, captured_ns = sane(measurement.detections), min(measurement.captured_ns, now_ns)
+        if measurement.source == OWN:
+            return found
+        source = self._sources.setdefault(measurement.source, self._make_tracker())
+        if source.state.time_ns is not None and captured_ns <= source.state.time_ns:
+            return Detections.empty()  # something newer of this source has been used
+        known = source.predicted(captured_ns)
+        rows, columns = source.association.match(known, found)
+        source.step(found, captured_ns)
+        center = found.boxes.center.copy()
+        center[columns, :2] += known.velocity[rows] * (now_ns - captured_ns) / NS_PER_S
+        return replace(found, boxes=Boxes3D(center, found.boxes.size, found.boxes.yaw))
+
+
+@dataclass(slots=True)
+class _Moment:
+    """One step of the tracker: what it knew before, and what it was given."""
+
+    time_ns: int
+    groups: dict[str, Detections] = field(default_factory=dict)
+    before: TrackerState | None = None
+
+
+class RewindAndReplay(LateMeasurements):
+    """Goes back to when a measurement was captured, and tracks again from there.
+
+    Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. Costs as
+    many steps as the oldest new measurement is late. The same measurement twice counts once.
+
+    Args:
+        make_tracker: gives the tracker.
+        fusion: is applied to the measurements of one moment.
+        window_s: what is later than this is left out.
+    """
+
+    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn, window_s: float = 1.0) -> None:
+        super().__init__(make_tracker, fusion)
+        require_positive(window_s=window_s)
+        self._window_ns = seconds_to_ns(window_s)
+        self._moments: list[_Moment] = []
+
+    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
+        self.tracker.predicted(now_ns)  # refuses a time that went back before anything is changed
+        self._moments = [moment for moment in self._moments if moment.time_ns >= now_ns - self._window_ns]
+        moments = {moment.time_ns: moment for moment in self._moments}
+        moments.setdefault(now_ns, _Moment(now_ns))
+        oldest_ns, first_ns = min(moments), now_ns
+        for measurement in measurements:
+            captured_ns = min(measurement.captured_ns, now_ns)
+            if captured_ns < oldest_ns:
+                continue
+            moment = moments.setdefault(captured_ns, _Moment(captured_ns))
+            if measurement.source not in moment.groups:
+                moment.groups[measurement.source] = measurement.detections
+                first_ns = min(first_ns, captured_ns)
+        self._moments = [moments[time_ns] for time_ns in sorted(moments)]
+        return self._replay(first_ns)
+
+    def _replay(self, first_ns: int) -> Tracks:
+        """Track again from the first moment at or after `first_ns`."""
+        again = [moment for moment in self._moments if moment.time_ns >= first_ns]
+        # The state before a moment that is new among older ones stands with the moment after it.
+        known = next((moment.before for moment in again if moment.before is not None), None)
+        if known is not None:
+            self.tracker.state = known
+        for moment in again:
+            moment.before = self.tracker.state
+            tracks = self._track([moment.groups[source] for source in sorted(moment.groups)], moment.time_ns)
+        return tracks
+
+
+def newest(measurements: Sequence[Measurement]) -> list[Measurement]:
+    """The last captured measurement of each source, in order of the sources' names."""
+    latest: dict[str, Measurement] = {}
+    for measurement in measurements:
+        known = latest.get(measurement.source)
+        if known is None or measurement.captured_ns >= known.captured_ns:
+            latest[measurement.source] = measurement
+    return [latest[source] for source in sorted(latest)]
+
+
+LATE: Registry[type[LateMeasurements]] = Registry("way to take in late measurements")
+LATE.register("as_current")(AsIfCurrent)
+LATE.register("predict")(PredictForward)
+LATE.register("replay")(RewindAndReplay)

@@ -1,0 +1,57 @@
+"""The tracks of a tracker, all of them as one struct of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.tracking.motion import Beliefs
+from coopsim.types import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """N tracks, reported or not; all fields have N rows.
+
+    Attributes:
+        beliefs: the motion model's, about each object.
+        boxes: (N, 7) x, y, z, l, w, h, yaw, as the beliefs have them.
+        velocity: (N, 2) m/s, as the beliefs have it.
+        id: (N,) int.
+        label: (N,) int, an `ObjectClass`.
+        score: (N,).
+        hits: (N,) frames with a detection so far.
+        misses: (N,) frames since the last detection; 0 if detected in this one.
+        age: (N,) frames since birth; 0 in the frame of birth.
+    """
+
+    beliefs: Beliefs
+    boxes: Floats
+    velocity: Floats
+    id: Ints
+    label: Ints
+    score: Floats
+    hits: Ints
+    misses: Ints
+    age: Ints
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __getitem__(self, index: Any) -> Tracked:
+        beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
+        return Tracked(beliefs, *(getattr(self, name)[index] for name in _ARRAYS))
+
+    def join(self, other: Tracked) -> Tracked:
+        """These tracks, then the others."""
+        mine, theirs = self.beliefs, other.beliefs
+        beliefs = Beliefs(
+            np.concatenate([mine.mean, theirs.mean]), np.concatenate([mine.covariance, theirs.covariance])
+        )
+        return Tracked(beliefs, *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS))
+
+
+_ARRAYS = tuple(field.name for field in fields(Tracked) if field.name != "beliefs")
