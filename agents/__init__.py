@@ -1,6 +1,25 @@
 """Cooperative-perception policies, one short file per documented method. Importing registers them."""
 
-from coopsim.agents import ab3dmot, late_fusion, no_fusion, sequential_kf
+from coopsim.agents import (
+    ab3dmot,
+    dino_codt,
+    graph_lap,
+    late_fusion,
+    no_fusion,
+    sequential_kf,
+    vic_fscm,
+    yoloo,
+)
 from coopsim.agents.base import Policy
 
-__all__ = ["Policy", "ab3dmot", "late_fusion", "no_fusion", "sequential_kf"]
+__all__ = [
+    "Policy",
+    "ab3dmot",
+    "dino_codt",
+    "graph_lap",
+    "late_fusion",
+    "no_fusion",
+    "sequential_kf",
+    "vic_fscm",
+    "yoloo",
+]

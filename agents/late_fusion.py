@@ -8,33 +8,51 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coopsim.agents.ab3dmot import AB3DMOTBased
+from coopsim.agents.ab3dmot import ab3dmot
+from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_threshold
 from coopsim.fusion.late import merge_duplicates
+from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
 
 
+class PooledBoxes(TrackingPolicy):
+    """A policy that tracks all agents' boxes at once, duplicates merged.
+
+    Args:
+        merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
+        late: what to do with messages that come late, see `TrackingPolicy`.
+    """
+
+    uplink = "detections"
+
+    def __init__(self, merge_iou: float = 0.15, late: str = "as_current") -> None:
+        require_threshold(merge_iou=merge_iou)
+        self._merge_iou = merge_iou
+        super().__init__(late)
+
+    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        return [merge_duplicates(Detections.concatenate(groups), iou_threshold=self._merge_iou)]
+
+
 @POLICIES.register("late_fusion")
-class LateFusion(AB3DMOTBased):
+class LateFusion(PooledBoxes):
     """AB3DMOT on all agents' boxes, duplicates merged.
 
     Args:
-        merge_iou: BEV IoU from which two boxes of a class are the same object, in (0, 1].
+        merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         gate: smallest 3D GIoU of a match, in [-1, 1].
         hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
     """
 
-    uplink = "detections"
-
     def __init__(
         self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current"
     ) -> None:
-        require_threshold(merge_iou=merge_iou)
-        self._merge_iou = merge_iou
-        super().__init__(gate, hits, age, late)
+        self._settings = (gate, hits, age)
+        super().__init__(merge_iou, late)
 
-    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        return [merge_duplicates(Detections.concatenate(groups), iou_threshold=self._merge_iou)]
+    def make_tracker(self) -> Tracker:
+        return ab3dmot(*self._settings)

@@ -11,8 +11,9 @@ import numpy as np
 from coopsim.agents.base import Policy
 from coopsim.comms.message import decode_detections
 from coopsim.geometry.se3 import SE3
+from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
-from coopsim.tracking.tracker import Tracker
+from coopsim.tracking.tracker import Tracker, sane
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks
 
 _MEMORY_NS = 2 * NS_PER_S
@@ -56,7 +57,7 @@ class TrackingPolicy(Policy):
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
 
     @abstractmethod
-    def make_tracker(self) -> Tracker:
+    def make_tracker(self) -> Tracker | TrackersByClass:
         """A new tracker, for one agent and one episode."""
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
@@ -71,7 +72,7 @@ class TrackingPolicy(Policy):
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]
         state.move(observation)
-        own = Measurement(OWN, observation.time_ns, observation.detections.transform(state.odom_SE3_base))
+        own = Measurement(OWN, observation.time_ns, sane(observation.detections).transform(state.odom_SE3_base))
         others = [] if self.uplink == "none" else [_received(each, observation, state) for each in observation.inbox]
         tracks = state.tracks.step([own, *others], observation.time_ns)
         return tracks.transform(state.odom_SE3_base.inverse())
@@ -81,7 +82,7 @@ def _received(message: Message, observation: Observation, state: _AgentState) ->
     """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
     base_SE3_world = observation.pose.world_SE3_base.inverse()
     odom_SE3_sender = state.odom_SE3_base.compose(base_SE3_world).compose(message.pose.world_SE3_base)
-    found = decode_detections(message).transform(odom_SE3_sender)
+    found = sane(decode_detections(message)).transform(odom_SE3_sender)
     if state.is_object:
         found = found[~over_origin(found.transform(state.pose_at(message.captured_ns).inverse()))]
     return Measurement(message.sender, message.captured_ns, found)

@@ -1,20 +1,24 @@
 """Overlap of rotated boxes, all pairs at once: IoU and GIoU in 3D and in the bird's-eye view (BEV).
 
-A pair is handled in the first box's own axes, where its footprint is a plain rectangle that clips the other's
-in four steps. The enclosing shape of GIoU is exact: the convex hull of both footprints, times the joint height
-in 3D (Rezatofighi et al., CVPR 2019; Xu et al., "3D-GIoU", Sensors 2019; AB3DMOT uses the same).
+A pair is handled in the first box's own axes, where its footprint is an upright rectangle: it clips the other's in
+four steps, and the hull of both follows from which corners stick out. The enclosing shape of GIoU is exact: the convex
+hull of both footprints, times the joint height in 3D (Rezatofighi et al., CVPR 2019; Xu et al., "3D-GIoU", Sensors
+2019; AB3DMOT uses the same). A pair with a box that is not a number overlaps by 0 or NaN.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from coopsim.arrays import frozen
 from coopsim.geometry.se3 import Floats
 
-_MOST = 8  # vertices: clipping a rectangle by four half-planes leaves at most eight; so does a hull of two
+_MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most eight
+
+_Rectangle = tuple[float, float, float, float, float, float]
+"""Its centre x, y in the first box's axes; then, relative to it, its rightmost and its topmost corner."""
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -44,33 +48,33 @@ def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool) -> 
     return result
 
 
-# Fast-math is off on purpose: symmetry and exact ones for identical boxes are worth more than the few per cent.
+# Fast-math is off on purpose: exact ones for identical boxes are worth more than the few per cent.
 @njit(cache=True, nogil=True)
 def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
     out = np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
-    corners = np.empty((4, 2))
-    polygon, clipped = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))
-    points, hull = np.empty((_MOST, 2)), np.empty((2 * _MOST, 2))
+    cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
+    polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))  # room for what rounding may add
     for i in range(len(a)):
-        cos, sin = np.cos(a[i, 6]), np.sin(a[i, 6])
+        half_x, half_y = a[i, 3] / 2, a[i, 4] / 2
         for j in range(len(b)):
             dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
-            apart = np.hypot(dx, dy) >= reach_a[i] + reach_b[j]
-            low = max(a[i, 2] - a[i, 5] / 2, b[j, 2] - b[j, 5] / 2)
-            high = min(a[i, 2] + a[i, 5] / 2, b[j, 2] + b[j, 5] / 2)
+            reach = reach_a[i] + reach_b[j]
+            apart = dx * dx + dy * dy >= reach * reach
+            dz, half_a, half_b = b[j, 2] - a[i, 2], a[i, 5] / 2, b[j, 5] / 2
+            low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
             if not generalized and (apart or (volume and high <= low)):
                 continue
-            _footprint(dx * cos + dy * sin, dy * cos - dx * sin, b[j], b[j, 6] - a[i, 6], corners)
-            inter = 0.0
-            if not apart:
-                inter = _clip_to_rectangle(corners, a[i, 3] / 2, a[i, 4] / 2, polygon, clipped)
+            cos = cos_b[j] * cos_a[i] + sin_b[j] * sin_a[i]
+            sin = sin_b[j] * cos_a[i] - cos_b[j] * sin_a[i]
+            x, y = dx * cos_a[i] + dy * sin_a[i], dy * cos_a[i] - dx * sin_a[i]
+            other = (x, y, *_extremes(b[j, 3] / 2, b[j, 4] / 2, cos, sin))
+            inter = 0.0 if apart else _area_within(half_x, half_y, other, polygon, spare)
             size_a, size_b, depth = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4], 1.0
             if volume:
                 inter *= max(0.0, high - low)
                 size_a, size_b = size_a * a[i, 5], size_b * b[j, 5]
-                depth = max(a[i, 2] + a[i, 5] / 2, b[j, 2] + b[j, 5] / 2)
-                depth -= min(a[i, 2] - a[i, 5] / 2, b[j, 2] - b[j, 5] / 2)
+                depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
             # Rounding can make an intersection a hair larger than what it is an intersection of.
             inter = min(inter, size_a, size_b)
             union = size_a + size_b - inter
@@ -78,94 +82,103 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
                 continue
             out[i, j] = inter / union
             if generalized:
-                enclosing = depth * _hull_area(corners, a[i, 3] / 2, a[i, 4] / 2, points, hull)
+                enclosing = depth * _hull_area(half_x, half_y, other)
                 enclosing = max(enclosing, union)
                 out[i, j] -= (enclosing - union) / enclosing
     return out
 
 
 @njit(cache=True, nogil=True)
-def _footprint(x: float, y: float, box: Floats, yaw: float, corners: Floats) -> None:
-    """Corners of a box at (x, y) with heading `yaw`, counter-clockwise."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    lx, ly = box[3] / 2 * cos, box[3] / 2 * sin
-    wx, wy = -box[4] / 2 * sin, box[4] / 2 * cos
-    corners[0, 0], corners[0, 1] = x + lx + wx, y + ly + wy
-    corners[1, 0], corners[1, 1] = x - lx + wx, y - ly + wy
-    corners[2, 0], corners[2, 1] = x - lx - wx, y - ly - wy
-    corners[3, 0], corners[3, 1] = x + lx - wx, y + ly - wy
+def _extremes(half_length: float, half_width: float, cos: float, sin: float) -> tuple[float, float, float, float]:
+    """The rightmost and the topmost corner of a rectangle around the origin; their opposites are the other two.
+
+    A rectangle turned by a quarter is one with its sides swapped, so any heading becomes one in [0, 90) degrees,
+    where each corner is extreme in one direction.
+    """
+    if sin == 0:
+        cos = 1.0  # two equal headings are exactly parallel, which their rounded cosine would not say
+    elif cos * sin < 0:
+        half_length, half_width, cos, sin = half_width, half_length, sin, cos
+    cos, sin = abs(cos), abs(sin)
+    lx, ly, wx, wy = half_length * cos, half_length * sin, half_width * sin, half_width * cos
+    return lx + wx, ly - wy, lx - wx, ly + wy
 
 
 @njit(cache=True, nogil=True)
-def _clip_to_rectangle(corners: Floats, half_x: float, half_y: float, polygon: Floats, clipped: Floats) -> float:
-    """Area of a convex polygon within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
-    count = 4
-    polygon[:4] = corners
-    for axis in range(2):
-        limit = half_x if axis == 0 else half_y
-        for sign in (1.0, -1.0):
-            kept = 0
-            for k in range(count):
-                after = k + 1 if k + 1 < count else 0
-                here = limit - sign * polygon[k, axis]
-                there = limit - sign * polygon[after, axis]
-                if here >= 0:
-                    clipped[kept] = polygon[k]
-                    kept += 1
-                if (here > 0 and there < 0) or (here < 0 and there > 0):
-                    share = here / (here - there)
-                    clipped[kept, 0] = polygon[k, 0] + share * (polygon[after, 0] - polygon[k, 0])
-                    clipped[kept, 1] = polygon[k, 1] + share * (polygon[after, 1] - polygon[k, 1])
-                    kept += 1
-            polygon[:kept] = clipped[:kept]
-            count = kept
-            if count < 3:
-                return 0.0
-    return _area(polygon, count)
-
-
-@njit(cache=True, nogil=True)
-def _hull_area(corners: Floats, half_x: float, half_y: float, points: Floats, hull: Floats) -> float:
-    """Area of the convex hull of a polygon's 4 corners and a rectangle's (Andrew's monotone chain)."""
-    points[:4] = corners
-    points[4, 0], points[4, 1] = half_x, half_y
-    points[5, 0], points[5, 1] = -half_x, half_y
-    points[6, 0], points[6, 1] = -half_x, -half_y
-    points[7, 0], points[7, 1] = half_x, -half_y
-    for k in range(1, _MOST):
-        x, y = points[k, 0], points[k, 1]
-        slot = k
-        while slot > 0 and (points[slot - 1, 0] > x or (points[slot - 1, 0] == x and points[slot - 1, 1] > y)):
-            points[slot] = points[slot - 1]
-            slot -= 1
-        points[slot, 0], points[slot, 1] = x, y
-    count = _chain(points, hull, 0, forward=True)
-    count = _chain(points, hull, count - 1, forward=False)
-    return _area(hull, count - 1)
-
-
-@njit(cache=True, nogil=True)
-def _chain(points: Floats, hull: Floats, start: int, forward: bool) -> int:
-    """Append the lower (or, backwards, the upper) half of the hull from index `start`; the new length."""
-    count = start
-    for k in range(_MOST):
-        p = points[k] if forward else points[_MOST - 1 - k]
-        while count >= start + 2:
-            ax, ay = hull[count - 1, 0] - hull[count - 2, 0], hull[count - 1, 1] - hull[count - 2, 1]
-            bx, by = p[0] - hull[count - 2, 0], p[1] - hull[count - 2, 1]
-            if ax * by - ay * bx > 0:
-                break
-            count -= 1
-        hull[count, 0], hull[count, 1] = p[0], p[1]
-        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _area(polygon: NDArray[np.float64], count: int) -> float:
-    """Area of a polygon's first `count` vertices (shoelace), relative to its first for precision."""
-    total = 0.0
-    x, y = polygon[0, 0], polygon[0, 1]
+def _area_within(half_x: float, half_y: float, other: _Rectangle, polygon: Floats, spare: Floats) -> float:
+    """Area of the other rectangle within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
+    x, y, right_x, right_y, top_x, top_y = other
+    if abs(x) >= half_x + right_x or abs(y) >= half_y + top_y:
+        return 0.0
+    polygon[0, 0], polygon[0, 1] = x + right_x, y + right_y
+    polygon[1, 0], polygon[1, 1] = x + top_x, y + top_y
+    polygon[2, 0], polygon[2, 1] = x - right_x, y - right_y
+    polygon[3, 0], polygon[3, 1] = x - top_x, y - top_y
+    count = _clip(polygon, 4, 0, half_x, 1.0, spare)
+    count = _clip(spare, count, 0, half_x, -1.0, polygon)
+    count = _clip(polygon, count, 1, half_y, 1.0, spare)
+    count = _clip(spare, count, 1, half_y, -1.0, polygon)
+    x, y, total = polygon[0, 0], polygon[0, 1], 0.0  # shoelace relative to a corner, for precision
     for k in range(1, count - 1):
         total += (polygon[k, 0] - x) * (polygon[k + 1, 1] - y) - (polygon[k + 1, 0] - x) * (polygon[k, 1] - y)
     return abs(total) / 2
+
+
+@njit(cache=True, nogil=True)
+def _clip(polygon: Floats, count: int, axis: int, limit: float, sign: float, out: Floats) -> int:
+    """Write what is left of a polygon where sign * coordinate <= limit; the number of its corners."""
+    if count == 0:
+        return 0
+    kept = 0
+    x, y = polygon[count - 1, 0], polygon[count - 1, 1]
+    here = limit - sign * polygon[count - 1, axis]
+    for k in range(count):
+        next_x, next_y = polygon[k, 0], polygon[k, 1]
+        there = limit - sign * polygon[k, axis]
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            share = here / (here - there)
+            out[kept, 0], out[kept, 1] = x + share * (next_x - x), y + share * (next_y - y)
+            kept += 1
+        if there >= 0:
+            out[kept, 0], out[kept, 1] = next_x, next_y
+            kept += 1
+        x, y, here = next_x, next_y, there
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _hull_area(half_x: float, half_y: float, other: _Rectangle) -> float:
+    """Area of the convex hull of |x| <= half_x, |y| <= half_y and the other rectangle.
+
+    The hull is the upright box around both less what is cut off at its four corners. By symmetry each cut is that of
+    the upper right one, in mirrored coordinates.
+    """
+    x, y, right_x, right_y, top_x, top_y = other
+    width = max(half_x, x + right_x) - min(-half_x, x - right_x)
+    height = max(half_y, y + top_y) - min(-half_y, y - top_y)
+    cut = _cut(half_x, half_y, x + right_x, y + right_y, x + top_x, y + top_y)
+    cut += _cut(half_x, half_y, right_x - x, right_y - y, top_x - x, top_y - y)
+    cut += _cut(half_x, half_y, right_x - x, y - right_y, -top_x - x, y + top_y)
+    cut += _cut(half_x, half_y, x + right_x, -y - right_y, x - top_x, top_y - y)
+    return width * height - cut
+
+
+@njit(cache=True, nogil=True)
+def _cut(half_x: float, half_y: float, right_x: float, right_y: float, top_x: float, top_y: float) -> float:
+    """Area between the hull and the upper right corner of the box around it.
+
+    The hull runs there from its rightmost to its topmost point. Only three points can lie on the way: the upright
+    rectangle's corner, and the other's rightmost and topmost one. Two are the ends; the third bulges out, or not.
+    """
+    upright_first, upright_last = half_x >= right_x, half_y >= top_y
+    if upright_first and upright_last:
+        return 0.0
+    if upright_first:
+        first_x, first_y, last_x, last_y, x, y = half_x, half_y, top_x, top_y, right_x, right_y
+    elif upright_last:
+        first_x, first_y, last_x, last_y, x, y = right_x, right_y, half_x, half_y, top_x, top_y
+    else:
+        first_x, first_y, last_x, last_y, x, y = right_x, right_y, top_x, top_y, half_x, half_y
+    left, up = first_x - last_x, last_y - first_y
+    bulge = left * (y - first_y) + up * (x - first_x)
+    return (left * up - max(0.0, bulge)) / 2

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.geometry import iou
 from coopsim.geometry.se3 import Floats
+from coopsim.tracking import overlap
+from coopsim.tracking.motion import Motion
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections
 
@@ -30,12 +32,6 @@ def of_boxes(kernel: Callable[[ArrayLike, ArrayLike], Floats]) -> Affinity:
     return affinity
 
 
-def _center_proximity(a: ArrayLike, b: ArrayLike) -> Floats:
-    first, second = np.asarray(a, dtype=np.float64)[:, None, :2], np.asarray(b, dtype=np.float64)[None, :, :2]
-    distance: Floats = np.linalg.norm(first - second, axis=2)
-    return -distance
-
-
 iou_3d = of_boxes(iou.iou_3d)
 """Volume of the intersection over that of the union, in [0, 1]."""
 
@@ -48,5 +44,28 @@ giou_3d = of_boxes(iou.giou_3d)
 giou_bev = of_boxes(iou.giou_bev)
 """The same of footprints."""
 
-center_proximity = of_boxes(_center_proximity)
+center_distance = of_boxes(overlap.center_distance_bev)
 """Minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
+
+xiou = of_boxes(overlap.xiou)
+"""GIoU and heading together, in [0, 1] (Hu et al., eq. 23)."""
+
+fgam = of_boxes(overlap.fgam)
+"""1 less the distance in units of the smaller box, in [0, 1]; -inf beyond one (YOLOO, Gu et al., eq. 8)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mahalanobis:
+    """Minus the squared Mahalanobis distance of a detection from where its track is expected, <= 0.
+
+    Attributes:
+        motion: the motion model of the tracker.
+        planar: compare x and y only.
+    """
+
+    motion: Motion
+    planar: bool = False
+
+    def __call__(self, tracks: Tracked, found: Detections, /) -> Floats:
+        covariance = self.motion.measurement_covariance(tracks.beliefs)
+        return overlap.mahalanobis(tracks.boxes, covariance, found.boxes.array, planar=self.planar)

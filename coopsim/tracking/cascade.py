@@ -25,6 +25,16 @@ def everyone(of: Tracked | Detections) -> Mask:
     return np.ones(len(of), dtype=bool)
 
 
+def nobody(of: Tracked | Detections) -> Mask:
+    """None of them."""
+    return np.zeros(len(of), dtype=bool)
+
+
+def missed(tracks: Tracked) -> Mask:
+    """Tracks that nothing in this frame has been matched to yet."""
+    return tracks.misses > 0
+
+
 def score_from(threshold: float) -> Chooser:
     """Those with at least this score."""
     return lambda of: of.score >= threshold

@@ -6,6 +6,7 @@ With H = [I 0], H P H^T is a block of P and P H^T its first columns, so no produ
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 
@@ -19,7 +20,18 @@ def predict(mean: Floats, covariance: Floats, transition: Floats, process: Float
         transition: F, (n, n).
         process: Q, (n, n).
     """
-    return mean @ transition.T, transition @ covariance @ transition.T + process
+    return mean @ transition.T, spread(covariance, transition, process)
+
+
+def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
+    """F P F^T + Q, (N, n, n): what prediction makes of covariances, also of an extended filter's.
+
+    Args:
+        covariance: P, (N, n, n).
+        transition: F, (n, n), or a Jacobian each, (N, n, n).
+        process: Q, (n, n) or (N, n, n).
+    """
+    return transition @ covariance @ transition.swapaxes(-1, -2) + process
 
 
 def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
@@ -42,3 +54,31 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) 
     posterior = keep @ covariance @ keep.transpose(0, 2, 1) + gain @ noise @ gain.transpose(0, 2, 1)
     moved = mean + (gain @ innovation[:, :, None])[:, :, 0]
     return moved, (posterior + posterior.transpose(0, 2, 1)) / 2
+
+
+def usable_noise(stated: Floats, own: Floats) -> Floats:
+    """The stated covariances; in place of each that is none, our own: (N, m, m).
+
+    What is not finite, symmetric and positive definite is no covariance of a measurement. Detections come from
+    others too, and a single such matrix would stop the solver for all tracks.
+
+    Args:
+        stated: (N, m, m).
+        own: (m, m).
+    """
+    good = _are_covariances(stated)
+    return stated if good.all() else np.where(good[:, None, None], stated, own)
+
+
+def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
+    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    sound = np.where(finite[:, None, None], matrices, 0.0)
+    # Rounding in single precision, on the way through a message, may spoil symmetry by this much.
+    rounding = 1e-6 * np.abs(sound).max(axis=(1, 2), initial=0.0)
+    skew = np.abs(sound - sound.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+    good: NDArray[np.bool_] = np.asarray(finite & (skew <= rounding))
+    try:
+        np.linalg.cholesky(sound[good])
+    except np.linalg.LinAlgError:  # some is not, and it does not say which
+        good[good] = np.linalg.eigvalsh(sound[good])[:, 0] > 0
+    return good

@@ -8,15 +8,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
 
 from coopsim.checks import require_positive
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.registry import Registry
-from coopsim.tracking.tracker import Tracker, TrackerState, sane
+from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.tracker import Tracker, sane
 from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
 
 OWN = ""
 """The source of what an agent measured itself; it sorts before all names."""
+
+MakeTracker = Callable[[], Tracker | TrackersByClass]
 
 Fusion = Callable[[Sequence[Detections]], Sequence[Detections]]
 """What is made of one moment's detections before they are tracked: one group per source, the agent's own first, to
@@ -51,7 +57,7 @@ class LateMeasurements(ABC):
         fusion: is applied to the measurements of one moment.
     """
 
-    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn) -> None:
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn) -> None:
         self.tracker, self._fusion = make_tracker(), fusion
 
     @abstractmethod
@@ -85,13 +91,13 @@ class PredictForward(LateMeasurements):
     velocity confirms it, and the error grows from frame to frame.
     """
 
-    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn) -> None:
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn) -> None:
         super().__init__(make_tracker, fusion)
         self._make_tracker = make_tracker
-        self._sources: dict[str, Tracker] = {}
+        self._sources: dict[str, Tracker | TrackersByClass] = {}
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        self.tracker.predicted(now_ns)  # refuses a time that went back before anything is changed
+        self.tracker.require_time(now_ns)
         return self._track([self._moved(measurement, now_ns) for measurement in newest(measurements)], now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
@@ -99,13 +105,11 @@ class PredictForward(LateMeasurements):
         if measurement.source == OWN:
             return found
         source = self._sources.setdefault(measurement.source, self._make_tracker())
-        if source.state.time_ns is not None and captured_ns <= source.state.time_ns:
+        if source.time_ns is not None and captured_ns <= source.time_ns:
             return Detections.empty()  # something newer of this source has been used
-        known = source.predicted(captured_ns)
-        rows, columns = source.association.match(known, found)
+        moved = source.velocity_of(found, captured_ns) * (now_ns - captured_ns) / NS_PER_S
         source.step(found, captured_ns)
-        center = found.boxes.center.copy()
-        center[columns, :2] += known.velocity[rows] * (now_ns - captured_ns) / NS_PER_S
+        center = found.boxes.center + np.pad(moved, ((0, 0), (0, 1)))
         return replace(found, boxes=Boxes3D(center, found.boxes.size, found.boxes.yaw))
 
 
@@ -115,7 +119,7 @@ class _Moment:
 
     time_ns: int
     groups: dict[str, Detections] = field(default_factory=dict)
-    before: TrackerState | None = None
+    before: Any = None
 
 
 class RewindAndReplay(LateMeasurements):
@@ -130,14 +134,14 @@ class RewindAndReplay(LateMeasurements):
         window_s: what is later than this is left out.
     """
 
-    def __init__(self, make_tracker: Callable[[], Tracker], fusion: Fusion = in_turn, window_s: float = 1.0) -> None:
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, window_s: float = 1.0) -> None:
         super().__init__(make_tracker, fusion)
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        self.tracker.predicted(now_ns)  # refuses a time that went back before anything is changed
+        self.tracker.require_time(now_ns)
         self._moments = [moment for moment in self._moments if moment.time_ns >= now_ns - self._window_ns]
         moments = {moment.time_ns: moment for moment in self._moments}
         moments.setdefault(now_ns, _Moment(now_ns))

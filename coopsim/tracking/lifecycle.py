@@ -32,18 +32,21 @@ class HitsAndAge:
     In the first `hits` frames every track is reported, because none can be confirmed yet.
 
     Attributes:
-        hits: detections until a track is reported.
-        age: frames without a detection until it is dropped; until then its prediction is reported.
+        hits: frames with a detection until a track is reported.
+        age: frames without a detection until it is dropped.
+        coast: frames without a detection for which its prediction is still reported; None: until it is dropped.
     """
 
     hits: int = 3
     age: int = 2
+    coast: int | None = None
 
     def __post_init__(self) -> None:
         require_count(1, hits=self.hits, age=self.age)
+        require_count(0, coast=self.age if self.coast is None else self.coast)
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        return (tracks.hits >= self.hits) | (frame <= self.hits)
+        return _confirmed(tracks, frame, self.hits, self.age if self.coast is None else self.coast)
 
     def alive(self, tracks: Tracked) -> Mask:
         return tracks.misses < self.age
@@ -85,7 +88,7 @@ class VelocityAdaptiveAge:
     The maximum age is `age + age_per_m_s * speed`: who is fast soon comes out from behind what hid it.
 
     Attributes:
-        hits: detections until a track is reported.
+        hits: frames with a detection until a track is reported.
         age: frames without a detection until the track of something that stands is dropped.
         age_per_m_s: frames more per m/s (the paper's alpha), >= 0.
         coast: frames without a detection for which a track is still reported.
@@ -102,9 +105,13 @@ class VelocityAdaptiveAge:
         require_non_negative(age_per_m_s=self.age_per_m_s)
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        return ((tracks.hits >= self.hits) | (frame <= self.hits)) & (tracks.misses <= self.coast)
+        return _confirmed(tracks, frame, self.hits, self.coast)
 
     def alive(self, tracks: Tracked) -> Mask:
         speed_m_s = np.linalg.norm(tracks.velocity, axis=1)
         alive: Mask = tracks.misses < self.age + self.age_per_m_s * speed_m_s
         return alive
+
+
+def _confirmed(tracks: Tracked, frame: int, hits: int, coast: int) -> Mask:
+    return ((tracks.hits >= hits) | (frame <= hits)) & (tracks.misses <= coast)

@@ -1,18 +1,27 @@
-"""How tracked objects move, for all tracks at once."""
+"""How tracked objects move, for all tracks at once: what every model shares, and constant velocity.
+
+The models that turn are in `turning`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
 import numpy as np
 
 from coopsim.checks import require_positive
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.tracking import kalman
 
 MEASURED = 7  # x, y, z, l, w, h, yaw: the order of boxes
-_YAW = 6
+YAW = 6
+
+Variances = float | tuple[float, ...]
+"""Of x, y, z, l, w, h (m^2) and yaw (rad^2): seven numbers, or one for all."""
+
+_OF_BOXES = ("initial_variance", "process_variance_per_s", "measurement_variance")  # the fields that are Variances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +44,16 @@ class Motion(Protocol):
     """A motion model together with its filter."""
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        """Beliefs after one measurement each: boxes (N, 7), and their covariance (N, 7, 7) if known."""
+        """Beliefs after one measurement each.
+
+        Args:
+            boxes: (N, 7).
+            covariance: of the boxes, (N, 7, 7), or None for the model's own. One that is not finite, symmetric and
+                positive definite is replaced by the model's own, and disturbs no other track.
+        """
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
-        """Beliefs `dt_s` later."""
+        """Beliefs `dt_s` >= 0 later; after no time, the same."""
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
         """Beliefs after one more measurement each, as in `initiate`."""
@@ -47,7 +62,74 @@ class Motion(Protocol):
         """(N, 7): x, y, z, l, w, h, yaw."""
 
     def velocity(self, beliefs: Beliefs) -> Floats:
-        """(N, 2) m/s."""
+        """(N, 2) m/s, in the frame of the boxes."""
+
+    def measurement_covariance(self, beliefs: Beliefs) -> Floats:
+        """S = H P H^T + R, (N, 7, 7): how far a measurement of the object may lie from `boxes`.
+
+        R is the model's own; y^T S^-1 y is the squared Mahalanobis distance of an innovation y.
+        """
+
+
+def born(boxes: Floats, covariance: Floats | None, initial: Variances, hidden: tuple[float, ...]) -> Beliefs:
+    """Beliefs after one measurement: the box as measured, everything that is not measured 0.
+
+    Args:
+        boxes: (N, 7).
+        covariance: of the boxes, as in `Motion.initiate`.
+        initial: variances of the boxes where `covariance` does not say.
+        hidden: variances of what is not measured, at birth.
+    """
+    count, size = len(boxes), MEASURED + len(hidden)
+    mean = np.concatenate([boxes, np.zeros((count, len(hidden)))], axis=1)
+    own = diagonal(initial, hidden)
+    spread = np.broadcast_to(own, (count, size, size)).copy()
+    if covariance is not None:
+        spread[:, :MEASURED, :MEASURED] = kalman.usable_noise(covariance, own[:MEASURED, :MEASURED])
+    return Beliefs(mean, spread)
+
+
+def corrected(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, own: Variances) -> Beliefs:
+    """Beliefs after one more measurement.
+
+    Args:
+        beliefs: of N objects, whose first seven components are their boxes.
+        boxes: (N, 7).
+        covariance: of the boxes, as in `Motion.update`.
+        own: variances of a measurement where `covariance` does not say.
+    """
+    innovation = boxes - beliefs.mean[:, :MEASURED]
+    # A detector that confuses front and back is off by half a turn: only the axis is believed. Without
+    # this one wrong frame would turn the track around.
+    innovation[:, YAW] = (innovation[:, YAW] + np.pi / 2) % np.pi - np.pi / 2
+    noise = diagonal(own) if covariance is None else kalman.usable_noise(covariance, diagonal(own))
+    mean, posterior = kalman.update(beliefs.mean, beliefs.covariance, innovation, noise)
+    mean[:, YAW] = wrap_angle(mean[:, YAW])
+    return Beliefs(mean, posterior)
+
+
+def measurable(beliefs: Beliefs, own: Variances) -> Floats:
+    """`Motion.measurement_covariance`, where a measurement has the variances `own`."""
+    return beliefs.covariance[:, :MEASURED, :MEASURED] + diagonal(own)
+
+
+def diagonal(variances: Variances, hidden: tuple[float, ...] = ()) -> Floats:
+    """(7 + k, 7 + k): the variances of boxes and of k hidden components, on the diagonal."""
+    return np.diag(np.concatenate([np.broadcast_to(variances, MEASURED), hidden]))
+
+
+def check_parameters(model: Any) -> None:
+    """Every field must be a number > 0; those of a box may be seven, and become tuples."""
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if np.ndim(value) == 0:
+            require_positive(**{field.name: value})
+        elif field.name not in _OF_BOXES or np.shape(value) != (MEASURED,):
+            wanted = "a number, or 7" if field.name in _OF_BOXES else "a number"
+            raise InvalidValueError(f"{field.name} must be {wanted}, got {value!r}")
+        else:
+            require_positive(**{f"{field.name}[{k}]": each for k, each in enumerate(value)})
+            object.__setattr__(model, field.name, tuple(float(each) for each in value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,42 +148,32 @@ class ConstantVelocity:
         measurement_variance: of a measurement whose detection states none.
     """
 
-    initial_variance: float = 10.0
+    initial_variance: Variances = 10.0
     initial_velocity_variance: float = 1e6
-    process_variance_per_s: float = 10.0
+    process_variance_per_s: Variances = 10.0
     process_velocity_variance_per_s: float = 10.0
-    measurement_variance: float = 1.0
+    measurement_variance: Variances = 1.0
 
     def __post_init__(self) -> None:
-        require_positive(**asdict(self))
+        check_parameters(self)
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        mean = np.concatenate([boxes, np.zeros((len(boxes), 3))], axis=1)
-        variance = [self.initial_variance] * MEASURED + [self.initial_velocity_variance] * 3
-        initial = np.broadcast_to(np.diag(variance), (len(boxes), 10, 10)).copy()
-        if covariance is not None:
-            initial[:, :MEASURED, :MEASURED] = covariance
-        return Beliefs(mean, initial)
+        return born(boxes, covariance, self.initial_variance, (self.initial_velocity_variance,) * 3)
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
         transition = np.eye(10)
         transition[[0, 1, 2], [7, 8, 9]] = dt_s
-        growth = [self.process_variance_per_s] * MEASURED + [self.process_velocity_variance_per_s] * 3
-        process = np.diag(growth) * dt_s
+        process = diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3) * dt_s
         return Beliefs(*kalman.predict(beliefs.mean, beliefs.covariance, transition, process))
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        innovation = boxes - beliefs.mean[:, :MEASURED]
-        # A detector that confuses front and back is off by half a turn: only the axis is believed. Without
-        # this one wrong frame would turn the track around.
-        innovation[:, _YAW] = (innovation[:, _YAW] + np.pi / 2) % np.pi - np.pi / 2
-        noise = np.eye(MEASURED) * self.measurement_variance if covariance is None else covariance
-        mean, posterior = kalman.update(beliefs.mean, beliefs.covariance, innovation, noise)
-        mean[:, _YAW] = wrap_angle(mean[:, _YAW])
-        return Beliefs(mean, posterior)
+        return corrected(beliefs, boxes, covariance, self.measurement_variance)
 
     def boxes(self, beliefs: Beliefs) -> Floats:
         return beliefs.mean[:, :MEASURED]
 
     def velocity(self, beliefs: Beliefs) -> Floats:
         return beliefs.mean[:, MEASURED : MEASURED + 2]
+
+    def measurement_covariance(self, beliefs: Beliefs) -> Floats:
+        return measurable(beliefs, self.measurement_variance)

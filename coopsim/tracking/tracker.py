@@ -16,6 +16,20 @@ from coopsim.tracking.motion import Beliefs, Motion
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import NS_PER_S, Detections, Tracks
 
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How one group of detections is taken in.
+
+    Attributes:
+        association: matches tracks to its detections.
+        born: which of the detections that no track matches begin a track.
+    """
+
+    association: Cascade
+    born: Chooser = everyone
+
+
 ScoreRule = Callable[[Floats, Floats], Floats]
 """A track's score so far and that of its new detection, (K,) each, to its score from now on."""
 
@@ -54,6 +68,7 @@ class Tracker:
         lifecycle: what is reported and what is dropped.
         score: how a track's score follows its detections'.
         born: which of the detections that no track matches begin a track.
+        later: how the groups after the first are taken, see `step_in_turn`; None: as the first.
     """
 
     def __init__(
@@ -64,14 +79,26 @@ class Tracker:
         *,
         score: ScoreRule = latest,
         born: Chooser = everyone,
+        later: Turn | None = None,
     ) -> None:
-        self.motion, self.association, self._lifecycle = motion, association, lifecycle
-        self._score, self._born = score, born
+        self._motion, self._lifecycle, self._score = motion, lifecycle, score
+        self._first = Turn(association, born)
+        self._later = later or self._first
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self.state = TrackerState(self._begin(Detections.empty(), 1), next_id=1, frame=0, time_ns=None)
+
+    @property
+    def time_ns(self) -> int | None:
+        """Of the last frame; None before the first."""
+        return self.state.time_ns
+
+    def require_time(self, time_ns: int) -> None:
+        """Raise `InvalidValueError` if a time lies before the last frame."""
+        if self.time_ns is not None and time_ns < self.time_ns:
+            raise InvalidValueError(f"time must not go back, got {time_ns} ns after {self.time_ns} ns")
 
     def step(self, detections: Detections, time_ns: int) -> Tracks:
         """Take in one frame's detections; the tracks at its time.
@@ -101,25 +128,39 @@ class Tracker:
             InvalidValueError: time went back.
         """
         tracked, next_id = self.predicted(time_ns), self.state.next_id
-        for group in groups:
-            found = sane(group)
-            rows, columns = self.association.match(tracked, found)
+        for number, group in enumerate(groups):
+            turn, found = self._later if number else self._first, sane(group)
+            rows, columns = turn.association.match(tracked, found)
             tracked = self._updated(tracked, rows, found[columns])
             unmatched = found[np.setdiff1d(np.arange(len(found)), columns)]
-            born = self._begin(unmatched[self._born(unmatched)], next_id)
+            born = self._begin(unmatched[turn.born(unmatched)], next_id)
             next_id += len(born)
             tracked = tracked.join(born)
         tracked = tracked[self._lifecycle.alive(tracked)]
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
 
+    def velocity_of(self, detections: Detections, time_ns: int) -> Floats:
+        """The velocity (N, 2) m/s of the track that each detection would be matched to; 0 where there is none.
+
+        The tracker stays as it is. Detections must be `sane`; `time_ns` must not lie before the last frame.
+        """
+        tracked = self.predicted(time_ns)
+        rows, columns = self._first.association.match(tracked, detections)
+        velocity = np.zeros((len(detections), 2))
+        velocity[columns] = tracked.velocity[rows]
+        return velocity
+
     def predicted(self, time_ns: int) -> Tracked:
-        """The tracks as they are expected at a time, one frame older; the tracker stays as it is."""
+        """The tracks as they are expected at a time, one frame older; the tracker stays as it is.
+
+        Raises:
+            InvalidValueError: time went back.
+        """
+        self.require_time(time_ns)
         before = self.state.tracked
-        elapsed_ns = 0 if self.state.time_ns is None else time_ns - self.state.time_ns
-        if elapsed_ns < 0:
-            raise InvalidValueError(f"time must not go back, got {time_ns} ns after {self.state.time_ns} ns")
-        beliefs = self.motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
+        elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
+        beliefs = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
         older = replace(before, misses=before.misses + 1, age=before.age + 1)
         return self._believing(older, beliefs)
 
@@ -138,7 +179,7 @@ class Tracker:
         if not len(rows):
             return tracked
         mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
-        matched = self.motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
+        matched = self._motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
         mean[rows], covariance[rows] = matched.mean, matched.covariance
         score, hits, misses = tracked.score.copy(), tracked.hits.copy(), tracked.misses.copy()
         score[rows] = self._score(score[rows], found.score)
@@ -148,13 +189,13 @@ class Tracker:
 
     def _begin(self, found: Detections, first_id: int) -> Tracked:
         count = len(found)
-        beliefs = self.motion.initiate(found.boxes.array, found.covariance)
+        beliefs = self._motion.initiate(found.boxes.array, found.covariance)
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
-        boxes, velocity = self.motion.boxes(beliefs), self.motion.velocity(beliefs)
+        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return Tracked(beliefs, boxes, velocity, ids, found.label, found.score, ones, none, none)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
-        boxes, velocity = self.motion.boxes(beliefs), self.motion.velocity(beliefs)
+        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
 
 

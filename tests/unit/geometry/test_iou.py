@@ -10,6 +10,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_bev
 
+KERNELS = (iou_3d, giou_3d, iou_bev, giou_bev)
 CAR = [0.0, 0, 0, 4, 2, 1.5, 0]
 
 
@@ -44,7 +45,7 @@ def random_boxes(count: int, seed: int, spread_m: float = 6.0) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("kernel", [iou_3d, giou_3d, iou_bev, giou_bev])
+@pytest.mark.parametrize("kernel", KERNELS)
 def test_random_boxes_agree_with_shapely(kernel) -> None:  # type: ignore[no-untyped-def]
     a, b = random_boxes(25, 0), random_boxes(25, 1)
     np.testing.assert_allclose(kernel(a, b), reference(a, b)[kernel.__name__], atol=1e-9)
@@ -65,22 +66,53 @@ AWKWARD = {
     "a cross": (CAR, [0, 0, 0, 4, 2, 1.5, np.pi / 2]),
     "eighth turn": (CAR, [0, 0, 0, 4, 2, 1.5, np.pi / 4]),
     "nearly parallel": (CAR, [0, 1e-9, 0, 4, 2, 1.5, 1e-12]),
+    "a corner against a side": (CAR, [2 + np.sqrt(2), 0, 0, 2, 2, 1.5, np.pi / 4]),
+    "both tiny": ([0, 0, 0, 1e-3, 1e-3, 1e-3, 0.2], [5e-4, 2e-4, 0, 1e-3, 2e-3, 1e-3, 1.0]),
+    "tiny and far": ([0, 0, 0, 1e-3, 1e-3, 1e-3, 0.2], [900, -700, 5, 1e-3, 1e-3, 1e-3, 1.0]),
+    "long and thin": ([0, 0, 0, 30, 1e-3, 2, 0.3], [3, 1, 0, 30, 1e-3, 2, -1.2]),
 }
 
 
 @pytest.mark.parametrize(("first", "second"), AWKWARD.values(), ids=AWKWARD)
 def test_awkward_boxes_agree_with_shapely(first: list[float], second: list[float]) -> None:
     a, b = np.array([first], dtype=float), np.array([second], dtype=float)
-    for kernel in (iou_3d, giou_3d, iou_bev, giou_bev):
+    for kernel in KERNELS:
         expected = reference(a, b)[kernel.__name__]
         np.testing.assert_allclose(kernel(a, b), expected, atol=1e-9, err_msg=kernel.__name__)
         np.testing.assert_allclose(kernel(b, a), expected, atol=1e-9, err_msg=kernel.__name__)
 
 
-def test_far_from_the_origin_nothing_changes() -> None:
+@pytest.mark.parametrize("turn", [np.pi / 2, np.pi / 4])
+def test_boxes_on_a_grid_agree_with_shapely(turn: float) -> None:
+    """Whole metres and whole turns: sides and corners touch, coincide and contain each other all the time."""
+    rng = np.random.default_rng(4)
+    a, b = (np.column_stack([rng.integers(-3, 4, (25, 3)), rng.integers(1, 5, (25, 3))]) for _ in range(2))
+    a, b = (np.column_stack([rows, rng.integers(-8, 9, 25) * turn]) for rows in (a, b))
+    expected = reference(a, b)
+    for kernel in KERNELS:
+        np.testing.assert_allclose(kernel(a, b), expected[kernel.__name__], atol=1e-9, err_msg=kernel.__name__)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_far_from_the_origin_nothing_changes(kernel) -> None:  # type: ignore[no-untyped-def]
     a, b = random_boxes(20, 2), random_boxes(20, 3)
-    shift = np.array([12_345.0, -54_321.0, 0, 0, 0, 0, 0])
-    np.testing.assert_allclose(iou_3d(a + shift, b + shift), iou_3d(a, b), atol=1e-9)
+    shift = np.array([12_345_678.0, -54_321_000.0, 4_000, 0, 0, 0, 0])
+    np.testing.assert_allclose(kernel(a + shift, b + shift), kernel(a, b), atol=1e-6)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_box_overlaps_itself_by_exactly_one(kernel) -> None:  # type: ignore[no-untyped-def]
+    boxes = random_boxes(50, 5)
+    assert (np.diag(kernel(boxes, boxes)) == 1).all()
+
+
+def test_a_box_that_is_not_a_number_overlaps_nothing() -> None:
+    for column in range(7):
+        broken = np.array([CAR])
+        broken[0, column] = np.nan
+        for kernel in (iou_3d, giou_3d):
+            assert not kernel(broken, np.array([CAR]))[0, 0] > 0
+            assert not kernel(np.array([CAR]), broken)[0, 0] > 0
 
 
 def test_no_boxes_give_empty_matrices() -> None:
@@ -90,7 +122,7 @@ def test_no_boxes_give_empty_matrices() -> None:
 
 def test_boxes_without_volume_overlap_nothing() -> None:
     flat = np.array([[0.0, 0, 0, 0, 0, 0, 0]])
-    for kernel in (iou_3d, giou_3d, iou_bev, giou_bev):
+    for kernel in KERNELS:
         assert np.isfinite(kernel(flat, flat)).all()
         assert kernel(flat, np.array([CAR]))[0, 0] <= 0
 

@@ -7,7 +7,7 @@ import pytest
 from some_tracks import cars, tracks
 
 from coopsim.errors import InvalidValueError
-from coopsim.tracking.affinity import center_proximity, giou_3d, iou_3d
+from coopsim.tracking.affinity import center_distance, giou_3d, iou_3d
 from coopsim.tracking.assignment import greedy, hungarian
 from coopsim.tracking.cascade import Cascade, Stage, of_class, score_below, score_from
 from coopsim.tracking.tracked import Tracked
@@ -26,7 +26,7 @@ def test_classes_never_mix() -> None:
 
 
 def test_later_stages_get_what_is_left() -> None:
-    cascade = Cascade([Stage(iou_3d, hungarian, 0.5), Stage(center_proximity, greedy, -6.0)])
+    cascade = Cascade([Stage(iou_3d, hungarian, 0.5), Stage(center_distance, greedy, -6.0)])
     assert pairs(cascade, tracks(0, 20, 50), cars(25, 0.2, 70)) == [(0, 1), (1, 0)]
 
 
@@ -39,19 +39,19 @@ def test_a_stage_may_be_for_some_only() -> None:
     """Two detections on one track: the surer one comes first, although the other is nearer."""
     sure, unsure = score_from(0.5), score_below(0.5)
     found = cars(0.0, 1.0, 20.0, score=[0.2, 0.9, 0.2])
-    first = Stage(center_proximity, hungarian, -3.0, found=sure)
+    first = Stage(center_distance, hungarian, -3.0, found=sure)
     assert pairs(Cascade([first]), tracks(0, 20), found) == [(0, 1)]
-    assert pairs(Cascade([first, Stage(center_proximity, hungarian, -3.0, found=unsure)]), tracks(0, 20), found) == [
+    assert pairs(Cascade([first, Stage(center_distance, hungarian, -3.0, found=unsure)]), tracks(0, 20), found) == [
         (0, 1),
         (1, 2),
     ]
-    lost = Stage(center_proximity, hungarian, -3.0, tracks=score_below(0.3))
+    lost = Stage(center_distance, hungarian, -3.0, tracks=score_below(0.3))
     assert pairs(Cascade([lost]), tracks(0, 20, score=[0.9, 0.1]), found) == [(1, 2)]
 
 
 def test_rules_by_class() -> None:
     near, far = (
-        Stage(center_proximity, hungarian, gate, found=of_class(label)) for gate, label in ((-1.0, 7), (-3.0, 0))
+        Stage(center_distance, hungarian, gate, found=of_class(label)) for gate, label in ((-1.0, 7), (-3.0, 0))
     )
     known, found = tracks(0, 10, label=[7, 0]), cars(2, 12, label=[7, 0])
     assert pairs(Cascade([near, far]), known, found) == [(1, 1)]
@@ -68,7 +68,7 @@ def test_a_gate_must_be_finite() -> None:
 
 
 def test_affinities_of_boxes_are_larger_for_who_is_nearer() -> None:
-    for affinity in (center_proximity, giou_3d, iou_3d):
+    for affinity in (center_distance, giou_3d, iou_3d):
         near, far = affinity(tracks(0), cars(0.5, 3))[0]
         assert near > far
-    np.testing.assert_allclose(center_proximity(tracks(0, 4), cars(1)), [[-1], [-3]])
+    np.testing.assert_allclose(center_distance(tracks(0, 4), cars(1)), [[-1], [-3]])

@@ -97,3 +97,13 @@ def test_a_sure_detection_pulls_harder_than_an_unsure_one() -> None:
     noise = np.eye(7) * np.array([0.01, 1e6])[:, None, None]
     moved = motion.update(start, np.ones((2, 7)), noise).mean[:, 0]
     assert moved[0] > 0.99 > moved[1]
+
+
+def test_only_what_is_a_covariance_is_used_as_noise() -> None:
+    own = np.eye(2) * 9.0
+    good = [np.eye(2), np.array([[2.0, 1.0], [1.0 + 1e-7, 2.0]]), np.eye(2) * 1e-12]
+    bad = [[[np.nan, 0], [0, 1]], [[1, 0], [0, np.inf]], [[1, 2], [2, 1]], [[1, 1], [1, 1]], [[1, 0.5], [0, 1]]]
+    np.testing.assert_array_equal(kalman.usable_noise(np.array(good), own), good)
+    for each in bad:
+        stated = np.array([*good, each])
+        np.testing.assert_array_equal(kalman.usable_noise(stated, own), [*good, own])

@@ -10,6 +10,12 @@ import pytest
 from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.affinity import giou_3d
+from coopsim.tracking.assignment import hungarian
+from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, score_from
+from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.tracker import Tracker, Turn
 from coopsim.types import Detections, Tracks
 
 FRAME_NS = 100_000_000
@@ -106,3 +112,38 @@ def test_memory_is_that_of_the_tracks_alive() -> None:
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 100_000
+
+
+def test_a_frame_is_one_hit_however_many_groups_see_the_object() -> None:
+    tracker = ab3dmot(hits=2)
+    for k in range(2):
+        tracker.step(cars(), k * FRAME_NS)  # past the frames in which everything is reported
+    reports = [tracker.step_in_turn([cars((0, 0))] * 3, k * FRAME_NS) for k in (2, 3)]
+    assert [len(tracks) for tracks in reports] == [0, 1]
+
+
+def test_later_groups_see_what_earlier_ones_began() -> None:
+    tracks = ab3dmot().step_in_turn([cars((0, 0)), cars((0.2, 0), (30, 0))], 0)
+    assert tracks.id.tolist() == [1, 2]
+    assert 0.0 < tracks.boxes.center[0, 0] < 0.2
+
+
+def test_later_groups_may_be_taken_otherwise() -> None:
+    again = Turn(Cascade([Stage(giou_3d, hungarian, -0.2, tracks=missed)]), born=nobody)
+    first = Cascade([Stage(giou_3d, hungarian, -0.2)])
+    tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), later=again)
+    tracker.step(cars((0, 0), (30, 0)), 0)
+    tracks = tracker.step_in_turn([cars((0, 0)), cars((1, 0), (30.4, 0), (60, 0))], FRAME_NS)
+    # The track at 0 has been seen already, that at 30 is found by the second group, which may begin none.
+    np.testing.assert_allclose(tracks.boxes.center[:, 0], [0, 30.4], atol=0.05)
+
+
+def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
+    def highest(before: np.ndarray, found: np.ndarray) -> np.ndarray:
+        return np.maximum(before, found)
+
+    first = Cascade([Stage(giou_3d, hungarian, -0.2)])
+    tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), score=highest, born=score_from(0.5))
+    assert len(tracker.step(cars((0, 0), score=0.4), 0)) == 0
+    tracker.step(cars((0, 0), score=0.6), FRAME_NS)
+    assert tracker.step(cars((0, 0), score=0.3), 2 * FRAME_NS).score.tolist() == [0.6]

@@ -1,0 +1,133 @@
+"""What tracks looked like: the memory by which a lost track is found again.
+
+DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's last
+feature vectors (its eq. 8) and compares a detection that nothing else matched (eq. 7) with them by cosine similarity
+(eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents' tables of the
+same time. The table is here; the threshold and the matching are a gate and an assignment, as for any affinity. What
+makes the vectors is the caller's choice: the paper takes layer 31 of DINOv2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopsim.arrays import frozen
+from coopsim.checks import require_choice, require_count
+from coopsim.geometry.se3 import Floats
+
+Index = NDArray[np.integer] | NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EmbeddingMemory:
+    """The last W embeddings of each of N tracks, first in, first out. Never changes; every change is a new memory.
+
+    An embedding that is not finite, or all zeros, is none: it is not stored, pushes no other out, and is like nothing.
+    `absent` makes such rows for detections without an embedding.
+
+    Attributes:
+        vectors: (N, W, D), of length 1, the newest last; zeros where there is none.
+        valid: (N, W) bool, where there is one.
+    """
+
+    vectors: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vectors", frozen(self.vectors, (None, None, None), np.float32, "vectors"))
+        object.__setattr__(self, "valid", frozen(self.valid, self.vectors.shape[:2], np.bool_, "valid"))
+        require_count(1, window=self.window, dim=self.dim)
+
+    @classmethod
+    def empty(cls, dim: int, window: int) -> EmbeddingMemory:
+        """Of no tracks.
+
+        Args:
+            dim: D, length of an embedding.
+            window: W, how many embeddings of a track are kept.
+        """
+        require_count(1, dim=dim, window=window)
+        return cls(np.zeros((0, window, dim), dtype=np.float32), np.zeros((0, window), dtype=np.bool_))
+
+    @property
+    def window(self) -> int:
+        """W."""
+        return int(self.vectors.shape[1])
+
+    @property
+    def dim(self) -> int:
+        """D."""
+        return int(self.vectors.shape[2])
+
+    def __len__(self) -> int:
+        return len(self.vectors)
+
+    def absent(self, count: int) -> Floats:
+        """(count, D): what to give for detections without an embedding."""
+        return np.full((count, self.dim), np.nan)
+
+    def born(self, embeddings: ArrayLike) -> EmbeddingMemory:
+        """Of M new tracks alone, one embedding each, (M, D); `join` adds them."""
+        unit, present = self._units(embeddings, None)
+        vectors = np.zeros((len(unit), self.window, self.dim), dtype=np.float32)
+        valid = np.zeros((len(unit), self.window), dtype=np.bool_)
+        vectors[:, -1], valid[:, -1] = unit, present
+        return EmbeddingMemory(vectors, valid)
+
+    def update(self, rows: Index, embeddings: ArrayLike) -> EmbeddingMemory:
+        """With one more embedding for some tracks; where a window was full, its oldest is gone.
+
+        Args:
+            rows: M different ones: indices, or a mask (N,).
+            embeddings: (M, D).
+        """
+        at = np.arange(len(self))[rows]
+        unit, present = self._units(embeddings, len(at))
+        at, unit = at[present], unit[present]
+        vectors, valid = self.vectors.copy(), self.valid.copy()
+        vectors[at, :-1], valid[at, :-1] = self.vectors[at, 1:], self.valid[at, 1:]
+        vectors[at, -1], valid[at, -1] = unit, True
+        return EmbeddingMemory(vectors, valid)
+
+    def take(self, index: Index) -> EmbeddingMemory:
+        """Of some tracks: a mask (N,) or indices."""
+        return EmbeddingMemory(self.vectors[index], self.valid[index])
+
+    def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
+        """Of these tracks, then the other's; windows and lengths of embeddings must agree."""
+        added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
+        return EmbeddingMemory(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
+
+    def similarity(self, embeddings: ArrayLike, over: str = "best") -> Floats:
+        """Cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].
+
+        It is -inf where the track or the detection has no embedding, so that no threshold lets the pair pass.
+
+        Args:
+            embeddings: (M, D).
+            over: the window; "best" takes the largest, as in the paper any one of a track's vectors may trigger the
+                match; "mean" is steadier where single crops are poor.
+        """
+        require_choice("over", over, ("best", "mean"))
+        unit, present = self._units(embeddings, None)
+        each = np.clip(self.vectors @ unit.T, -1.0, 1.0)  # (N, W, M)
+        if over == "best":
+            pooled = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)
+        else:
+            # What is not valid is zeros and adds nothing to the sum.
+            pooled = each.sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1)[:, None]
+        known = np.logical_and.outer(np.any(self.valid, axis=1), present)
+        return np.where(known, pooled, -np.inf).astype(np.float64)
+
+    def _units(self, embeddings: ArrayLike, count: int | None) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Each (M, D) at length 1, or zeros where it is none, and where it is one, (M,)."""
+        given = frozen(embeddings, (count, self.dim), np.float64, "embeddings")
+        # Divided by the largest element first: squares of very large or small ones would leave the range.
+        largest = np.abs(given).max(axis=1, keepdims=True)
+        present = np.isfinite(largest) & (largest > 0)
+        scaled = np.where(present, given, 0.0) / np.where(present, largest, 1.0)
+        length = np.linalg.norm(scaled, axis=1, keepdims=True)
+        return (scaled / np.where(present, length, 1.0)).astype(np.float32), present[:, 0]

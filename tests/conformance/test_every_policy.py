@@ -1,0 +1,118 @@
+"""What every registered policy withstands, alone and among others; nothing raises from inside or leaves a NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import coopsim
+from coopsim.comms.message import DetectionsCodec
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.late import LATE
+from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
+
+FRAME_NS = 100_000_000
+EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
+
+
+def boxes(xy: object, *, score: object = 0.8, label: object = 0) -> Detections:
+    where = np.asarray(xy, dtype=float).reshape(-1, 2)
+    rows = np.column_stack([where, np.tile([0.8, 4.5, 1.9, 1.6, 0.3], (len(where), 1))])
+    full = (np.broadcast_to(value, len(rows)) for value in (score, label))
+    return Detections(Boxes3D.from_array(rows), *full)
+
+
+def message(found: Detections, captured_ns: int, sender: str = "rsu_0") -> Message:
+    return Message(sender, captured_ns, PoseEstimate(np.zeros(4)), DetectionsCodec().encode(found), "detections")
+
+
+def observe(time_ns: int, found: Detections, *inbox: Message) -> Observation:
+    return Observation(time_ns, PoseEstimate(np.zeros(4)), Odometry(np.zeros(4)), found, inbox=inbox)
+
+
+def begin(name: str, **settings: object) -> coopsim.Policy:
+    policy = coopsim.make_policy(name, **settings)
+    policy.reset({"cav_0": AgentSpec("cav_0", "cav", 0.1, "detections")})
+    return policy
+
+
+def play(policy: coopsim.Policy, *observations: Observation) -> list[Tracks]:
+    reports = [policy.track("cav_0", observation) for observation in observations]
+    for tracks in reports:
+        tracks.validate()
+    return reports
+
+
+@EVERY
+def test_empty_frames_and_nobody_else(name: str) -> None:
+    seen = [boxes([[5, 0]]), boxes([]), boxes([]), boxes([[5, 0]]), boxes([])]
+    reports = play(begin(name), *(observe(k * FRAME_NS, found) for k, found in enumerate(seen)))
+    assert len(reports[0]) == 1
+    assert all(len(tracks) == 0 for tracks in play(begin(name), *(observe(k, boxes([])) for k in range(3))))
+
+
+@EVERY
+def test_the_same_message_twice_is_no_second_object(name: str) -> None:
+    heard = message(boxes([[20, 0]]), 0)
+    frames = [observe(k * FRAME_NS, boxes([[20, 0]]), *[heard] * (k % 3)) for k in range(9)]
+    assert len(play(begin(name), *frames)[-1]) <= 2
+
+
+@EVERY
+@pytest.mark.parametrize("late", LATE.names())
+def test_a_message_older_than_any_track(name: str, late: str) -> None:
+    policy = begin(name, late=late)
+    play(policy, *(observe(k * FRAME_NS, boxes([[20 + k, 0]])) for k in range(30, 36)))
+    ancient = message(boxes([[-40, 9]]), 0)
+    reports = play(policy, observe(36 * FRAME_NS, boxes([[56, 0]]), ancient))
+    assert np.isclose(reports[-1].boxes.center[:, 0], 56, atol=0.5).any()
+
+
+@EVERY
+def test_what_is_not_finite_is_left_out(name: str) -> None:
+    rows = np.tile([10.0, 0, 0.8, 4.5, 1.9, 1.6, 0.0], (5, 1))
+    rows[1, 0], rows[2, 6], rows[3, 3] = np.nan, np.inf, -1.0
+    bad = Detections(Boxes3D.from_array(rows), [0.9, 0.9, 0.9, 0.9, np.nan], np.zeros(5, dtype=int))
+    good = boxes([[10, 0]], score=0.9)
+    expected = play(begin(name), *(observe(k * FRAME_NS, good) for k in range(6)))
+    frames = [observe(k * FRAME_NS, bad, message(bad[1:4], k * FRAME_NS)) for k in range(6)]
+    assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
+
+
+@EVERY
+def test_a_class_never_seen_before(name: str) -> None:
+    policy = begin(name)
+    frames = [observe(k * FRAME_NS, boxes([[10, 0]])) for k in range(4)]
+    frames += [observe(k * FRAME_NS, boxes([[10, 0], [30, 0]], label=[0, 6])) for k in range(4, 10)]
+    assert set(play(policy, *frames)[-1].label.tolist()) == {0, 6}
+
+
+@EVERY
+def test_thousands_of_boxes_in_one_frame(name: str) -> None:
+    rng = np.random.default_rng(0)
+    crowd = boxes(rng.uniform(-900, 900, (1500, 2)), score=rng.uniform(0.3, 0.9, 1500))
+    play(begin(name), *(observe(k * FRAME_NS, crowd, message(crowd, k * FRAME_NS)) for k in range(2)))
+
+
+@EVERY
+def test_ids_are_unique_and_results_repeat(name: str) -> None:
+    def once() -> list[Tracks]:
+        rng = np.random.default_rng(1)
+        frames = []
+        for k in range(25):
+            mine, theirs = (boxes(rng.uniform(-40, 40, (rng.integers(0, 9), 2)), score=0.7) for _ in range(2))
+            heard = message(theirs, max(k - int(rng.integers(0, 4)), 0) * FRAME_NS)
+            frames.append(observe(k * FRAME_NS, mine, heard))
+        return play(begin(name), *frames)
+
+    for first, again in zip(once(), once(), strict=True):
+        np.testing.assert_array_equal(first.id, again.id)
+        np.testing.assert_array_equal(first.boxes.array, again.boxes.array)
+
+
+@EVERY
+def test_a_typo_in_a_setting_is_answered_with_what_is_accepted(name: str) -> None:
+    with pytest.raises(coopsim.errors.CoopsimError, match="hits"):
+        coopsim.make_policy(name, hitz=3)
+    with pytest.raises(coopsim.errors.CoopsimError, match="Did you mean 'predict'"):
+        coopsim.make_policy(name, late="predikt")
