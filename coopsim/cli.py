@@ -1,4 +1,4 @@
-"""The command line: `coopsim demo`, `coopsim replay`, `coopsim list`."""
+"""The command line: `coopsim demo`, `coopsim replay`, `coopsim compare`, `coopsim list`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError
-from coopsim.files import write_whole
+from coopsim.files import require_writable, write_whole
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells report it."""
@@ -61,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_demo(commands.add_parser("demo", help="compare policies in simulated traffic, with a report"))
     _add_replay(commands.add_parser("replay", help="score a policy on recorded detections"))
+    _add_compare(commands.add_parser("compare", help="every policy on recorded detections, as tables and a picture"))
     listing = commands.add_parser("list", help="names of policies and environments")
     listing.set_defaults(command=_list)
     return parser
@@ -96,6 +97,17 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_replay)
 
 
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("path", type=Path, help="folder with labels/ and detections/<name>/")
+    add("--detections", type=_names, required=True, metavar="A,B", help="every name is one agent")
+    add("--policies", type=_names, metavar="A,B", help="default: all, see `list`")
+    add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
+    add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
+    add("--out", type=Path, default=Path("coopsim-comparison"), metavar="FOLDER", help="default: %(default)s")
+    parser.set_defaults(command=_compare)
+
+
 def _demo(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
@@ -111,8 +123,10 @@ def _demo(options: argparse.Namespace) -> int:
     given = {name: value for name, value in {**scenario, **noise}.items() if value is not None}
     latencies_s = tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
     demo = Demo(DemoConfig(options.environment, options.policies, latencies_s, options.frames, options.seed, given))
-    for path in (options.report, options.json):
-        _require_writable(path)
+    if options.json is not None and options.json.resolve() == options.report.resolve():
+        raise InvalidValueError(f"--json and --report must be two files, got {options.json} for both")
+    for path in filter(None, (options.report, options.json)):
+        require_writable(path)
     interrupted = False
     total = len(options.policies) * len(latencies_s) * options.frames
     with tqdm(total=total, unit="frame", disable=None, desc="demo") as bar:
@@ -135,7 +149,8 @@ def _replay(options: argparse.Namespace) -> int:
     from coopsim.bench.runner import evaluate_recordings
     from coopsim.bench.table import format_table, score_row
 
-    _require_writable(options.json)
+    if options.json is not None:
+        require_writable(options.json)
     result = evaluate_recordings(
         options.policy,
         options.path,
@@ -157,6 +172,30 @@ def _replay(options: argparse.Namespace) -> int:
     if options.json is not None:
         scores = {name: score.to_dict() for name, score in protocols.items()}
         write_whole(options.json, _json({**scores, "frames": result.frames, "seconds": result.seconds}))
+    return 0
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from coopsim.bench.compare import compare, rows_of, write_comparison
+    from coopsim.bench.table import format_table
+
+    policies = options.policies or coopsim.POLICIES.names()
+    with tqdm(total=len(policies), unit="policy", disable=None, desc="compare") as bar:
+        results = compare(
+            options.path,
+            options.detections,
+            policies,
+            on_policy=lambda name: bar.update(),
+            latency_s=options.latency_ms / 1000,
+            match_iou=options.match_iou,
+        )
+    rows = [({name: row[name] for name in ("policy", "false positives")}, row) for row in rows_of(results)]
+    print(format_table(rows))
+    title = f"{options.path.resolve().parent.name}/{options.path.resolve().name}: {', '.join(options.detections)}"
+    for path in write_comparison(options.out, results, title):
+        print(f"written: {path}")
     return 0
 
 
@@ -192,12 +231,6 @@ def _integer(text: str, least: int) -> int:
     if not (text.isdecimal() and int(text) >= least):
         raise argparse.ArgumentTypeError(f"must be an integer >= {least}, got {text!r}")
     return int(text)
-
-
-def _require_writable(path: Path | None) -> None:
-    """Fail before the work, not after it."""
-    if path is not None and (path.is_dir() or not os.access(path.absolute().parent, os.W_OK)):
-        raise InvalidValueError(f"cannot write {path}: it must be a file in an existing, writable folder")
 
 
 def _json(content: object) -> str:

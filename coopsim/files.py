@@ -9,23 +9,51 @@ from pathlib import Path
 from coopsim.errors import InvalidValueError
 
 
+def require_writable(path: Path) -> None:
+    """Raise `InvalidValueError` if a file of this name could not be written: before the work, not after it."""
+    target = path.resolve()
+    parent = target.parent
+    ready = os.access(target, os.W_OK) if _is_special(target) else parent.is_dir() and os.access(parent, os.W_OK)
+    if target.is_dir() or not ready:
+        raise InvalidValueError(f"cannot write {path}: it must be a file in an existing, writable folder")
+
+
 def write_whole(path: str | os.PathLike[str], text: str) -> Path:
     """Write a text file; whatever interrupts it, the old file stays and nothing else is left.
+
+    A link is followed. What is no plain file (a pipe, a device) is written to as it is.
 
     Raises:
         InvalidValueError: the file cannot be written.
     """
-    target = Path(path)
+    target = Path(path).resolve()
     try:
-        handle, temporary = tempfile.mkstemp(dir=target.absolute().parent, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, target)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        if _is_special(target):
+            target.write_text(text, encoding="utf-8")
+        else:
+            _replace(target, text)
     except OSError as error:
-        raise InvalidValueError(f"cannot write {target}: {error.strerror}") from error
-    return target
+        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
+    return Path(path)
+
+
+def _is_special(target: Path) -> bool:
+    return target.exists() and not (target.is_file() or target.is_dir())
+
+
+def _replace(target: Path, text: str) -> None:
+    handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(temporary, target.stat().st_mode if target.exists() else 0o666 & ~_umask())
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)  # there is no way to read it but to set it
+    os.umask(mask)
+    return mask

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,9 @@ from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
 from coopsim.world.traffic import Traffic
 from coopsim.world.vulnerable import Pedestrians
+
+LONGEST_STEP_S = 0.1
+"""Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
 
 PEDESTRIAN_ID = 1_000_000_000
 """Ids of people start here, vehicles' at 1: how many there are of one kind does not renumber the other."""
@@ -41,15 +45,18 @@ class World:
         self._unit_height_m = layout.rsu_height_m
 
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
-        """Advance by `dt_s`.
+        """Advance by `dt_s`, in equal parts that are short enough for drivers to react.
 
         Args:
             dt_s: time step.
             maneuvers: numbers into `coopsim.world.drivers.MANEUVERS` by agent's name, under policy control.
         """
         told = (maneuvers or {}) if self._policy_control else {}
-        self._traffic.step(dt_s, {int(name.removeprefix("cav_")): told[name] for name in told})
-        self._people.step(dt_s)
+        numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
+        parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
+        for part in range(parts):
+            self._traffic.step(dt_s / parts, {} if part else numbered)
+            self._people.step(dt_s / parts)
 
     def actors(self) -> Actors:
         """All vehicles, connected ones included, then all people; in the world frame."""

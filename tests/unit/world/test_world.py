@@ -81,3 +81,14 @@ def test_boxes_stand_on_the_ground_and_have_their_models_size() -> None:
     np.testing.assert_array_equal(actors.boxes.center[:, 2], actors.boxes.size[:, 2] / 2)
     np.testing.assert_array_equal(actors.boxes.size, [world.models[model].size_m for model in actors.model])
     np.testing.assert_array_equal(actors.label, [world.models[model].label for model in actors.model])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_long_steps_are_as_safe_as_short_ones(name: str) -> None:
+    long, short = (make_world(name, 0, vehicles=18) for _ in range(2))
+    for _ in range(20):
+        long.step(0.5)
+        for _ in range(5):
+            short.step(0.1)
+    np.testing.assert_allclose(table(long.actors()), table(short.actors()), atol=1e-6)
+    assert long.crashed() == ()

@@ -1,0 +1,141 @@
+"""Every policy on one recording set: the table both ways as Markdown and CSV, and MOTA over recall as a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tabulate import tabulate
+
+from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
+from coopsim.bench.table import COLUMNS, format_value, score_row
+from coopsim.catalog import make_policy
+from coopsim.errors import InvalidValueError
+from coopsim.files import write_whole
+from coopsim.metrics.ab3dmot import RECALL_POINTS
+from coopsim.metrics.score import Score
+
+Results = Mapping[str, RecordingsEvaluation]
+"""By the policy's name."""
+
+_PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ignored"}
+
+
+def compare(
+    path: str | Path,
+    detections: Sequence[str],
+    policies: Sequence[str],
+    *,
+    on_policy: Callable[[str], object] = lambda name: None,
+    **options: Any,
+) -> dict[str, RecordingsEvaluation]:
+    """Run policies over a recording set, one after another.
+
+    Args:
+        path: the set's folder.
+        detections: names under `detections/`; each is one agent.
+        policies: names of policies; all are looked up before the first is run.
+        on_policy: called with the name of a policy that is finished.
+        **options: of the replay environment, the same for all.
+    """
+    for name in policies:
+        make_policy(name)
+    results = {}
+    for name in policies:
+        results[name] = evaluate_recordings(name, path, detections, **options)
+        on_policy(name)
+    return results
+
+
+def rows_of(results: Results) -> list[dict[str, Any]]:
+    """One row per policy and protocol: `policy`, `false positives`, and the values by column name."""
+    return [
+        {
+            "policy": name,
+            "false positives": protocol,
+            **score_row(getattr(result, protocol), result.frames / result.seconds),
+        }
+        for protocol in _PROTOCOLS
+        for name, result in results.items()
+    ]
+
+
+def to_markdown(results: Results, title: str) -> str:
+    """Two tables, false positives counted and ignored, best sAMOTA first."""
+    parts = [f"# {title}\n"]
+    for protocol, heading in _PROTOCOLS.items():
+        rows = [row for row in rows_of(results) if row["false positives"] == protocol]
+        rows.sort(key=lambda row: -row["sAMOTA"])
+        cells = [[row["policy"], *(format_value(row[name], form) for name, form in COLUMNS)] for row in rows]
+        heads, align = ["policy", *(name for name, _ in COLUMNS)], ["left", *["right"] * len(COLUMNS)]
+        table = tabulate(cells, heads, tablefmt="github", colalign=align, disable_numparse=True)
+        parts.append(f"## {heading.capitalize()}\n\n{table}\n")
+    return "\n".join(parts)
+
+
+def to_csv(results: Results) -> str:
+    """All rows, unrounded."""
+    text = io.StringIO()
+    rows = rows_of(results)
+    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Levels of recall, and MOTA there in per cent, mean over the agents that reach it; (K,) each."""
+    total, reached = np.zeros(RECALL_POINTS + 1), np.zeros(RECALL_POINTS + 1)
+    for agent in score.agents.values():
+        for point in agent.sweep.points if agent.sweep is not None else ():
+            level = round(point.recall * RECALL_POINTS)
+            total[level] += 100 * point.clear.mota
+            reached[level] += 1
+    levels = np.flatnonzero(reached)
+    return levels / RECALL_POINTS, total[levels] / reached[levels]
+
+
+def plot(results: Results, title: str) -> str:
+    """MOTA over recall as SVG, a panel for each protocol, a line for each policy."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    # No date and no random ids: the same results give the same file. Text stays text.
+    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9}):
+        figure = Figure(figsize=(9, 4), layout="constrained")
+        axes = figure.subplots(1, 2, sharey=True)
+        for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
+            ranked = sorted(results, key=lambda name: -getattr(results[name], protocol)["sAMOTA"])
+            for name in ranked:
+                recall, mota = mota_over_recall(getattr(results[name], protocol))
+                number = list(results).index(name)
+                style = ("-", "--", ":")[number // 10 % 3]
+                panel.plot(recall, mota, style, color=f"C{number % 10}", linewidth=1.3, label=name)
+            panel.set(title=heading, xlabel="recall", xlim=(0, 1), ylim=(-20, 100))
+            panel.grid(alpha=0.25)
+            panel.legend(fontsize=7, loc="upper left", frameon=False)
+        axes[0].set_ylabel("MOTA (%)")
+        figure.suptitle(title)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
+    return text.getvalue()
+
+
+def write_comparison(folder: Path, results: Results, title: str) -> tuple[Path, ...]:
+    """Write `comparison.md`, `comparison.csv` and `comparison.svg`.
+
+    Raises:
+        InvalidValueError: there are no results, or the folder cannot be written.
+    """
+    if not results:
+        raise InvalidValueError("a comparison needs at least one policy")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+    contents = {"md": to_markdown(results, title), "csv": to_csv(results), "svg": plot(results, title)}
+    return tuple(write_whole(folder / f"comparison.{kind}", text) for kind, text in contents.items())

@@ -1,0 +1,68 @@
+"""Policies side by side on recordings: every one stands in every table, both ways."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from coopsim.bench.compare import compare, mota_over_recall, plot, to_csv, to_markdown, write_comparison
+from coopsim.cli import main
+from coopsim.errors import InvalidValueError, UnknownNameError
+
+POLICIES = ("no_fusion", "late_fusion")
+
+
+def test_every_policy_stands_in_every_table(recordings: Path) -> None:
+    done: list[str] = []
+    results = compare(recordings, ("ego", "1"), POLICIES, on_policy=done.append)
+    assert tuple(done) == tuple(results) == POLICIES
+    markdown = to_markdown(results, "a set")
+    assert markdown.index("False positives counted") < markdown.index("False positives ignored")
+    assert all(markdown.count(f"| {name} ") == 2 for name in POLICIES)
+    rows = list(csv.DictReader(io.StringIO(to_csv(results))))
+    assert [(row["policy"], row["false positives"]) for row in rows] == [
+        (policy, protocol) for protocol in ("count", "ignore") for policy in POLICIES
+    ]
+    assert float(rows[0]["MOTA"]) == results["no_fusion"].count["MOTA"]
+    picture = plot(results, "a <set>")
+    assert picture.startswith("<?xml") and "a &lt;set&gt;" in picture
+    assert all(picture.count(f">{name}<") == 2 for name in POLICIES)
+    assert picture == plot(results, "a <set>")
+
+
+def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> None:
+    score = compare(recordings, ("ego",), ("no_fusion",))["no_fusion"].count
+    recall, mota = mota_over_recall(score)
+    (agent,) = score.agents.values()
+    assert agent.sweep is not None
+    assert recall.tolist() == pytest.approx([point.recall for point in agent.sweep.points])
+    assert mota.tolist() == pytest.approx([100 * point.clear.mota for point in agent.sweep.points])
+
+
+def test_a_typo_in_the_last_policy_costs_no_run(recordings: Path) -> None:
+    done: list[str] = []
+    with pytest.raises(UnknownNameError, match="Did you mean 'late_fusion'"):
+        compare(recordings, ("ego",), ("no_fusion", "late_fusoin"), on_policy=done.append)
+    assert done == []
+
+
+def test_nothing_to_compare(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match="at least one policy"):
+        write_comparison(tmp_path, {}, "")
+
+
+def test_the_command_writes_all_three_files(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "folder"
+    command = ["compare", str(recordings), "--detections", "ego,1", "--policies", ",".join(POLICIES)]
+    assert main([*command, "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == {"comparison.md", "comparison.csv", "comparison.svg"}
+    shown = capsys.readouterr().out
+    assert all(shown.count(name) == 2 for name in POLICIES)
+    (tmp_path / "file").write_text("")
+    assert main([*command, "--out", str(tmp_path / "file")]) == 2
+    assert "cannot make the folder" in capsys.readouterr().err
