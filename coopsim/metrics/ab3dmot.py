@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.clear import Clear, NumberedSequence, count_clear
+from coopsim.metrics.clear import Clear, count_clear
+from coopsim.metrics.matching import NumberedSequence
 
 RECALL_POINTS = 40
 

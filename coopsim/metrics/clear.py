@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import SequenceArrays, match_sequence
+from coopsim.metrics.matching import NumberedSequence, match_sequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
@@ -23,7 +23,7 @@ class Clear:
         fn: boxes of objects that nothing was matched to.
         ids: identity switches.
         frag: interruptions of an object's track.
-        similarity: sum of the matched pairs' 3D IoU.
+        similarity: sum of the matched pairs' similarity, which is 3D IoU unless told otherwise.
         objects: number of objects.
         mostly_tracked: of them, matched in more than 80 % of their frames.
         mostly_lost: of them, matched in less than 20 % of their frames.
@@ -40,7 +40,7 @@ class Clear:
     mostly_lost: int = 0
 
     def __add__(self, other: Clear) -> Clear:
-        return Clear(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return Clear(*(getattr(self, name) + getattr(other, name) for name in Clear.__slots__))
 
     @property
     def gt(self) -> int:
@@ -54,8 +54,23 @@ class Clear:
 
     @property
     def motp(self) -> float:
-        """Mean 3D IoU of matched pairs."""
+        """Mean similarity of matched pairs."""
         return _ratio(self.similarity, self.tp)
+
+    @property
+    def moda(self) -> float:
+        """1 - (FP + FN) / GT: MOTA without identities (Kasturi et al., PAMI 2009)."""
+        return (self.tp - self.fp) / max(self.gt, 1)
+
+    @property
+    def smota(self) -> float:
+        """MOTA in which a match counts as much as its 3D IoU (Voigtlaender et al., "MOTS", CVPR 2019)."""
+        return (self.similarity - self.fp - self.ids) / max(self.gt, 1)
+
+    @property
+    def partly_tracked(self) -> int:
+        """Objects that are neither mostly tracked nor mostly lost."""
+        return self.objects - self.mostly_tracked - self.mostly_lost
 
     @property
     def recall(self) -> float:
@@ -71,21 +86,6 @@ class Clear:
         """MOTA scaled by what is possible at a recall, in [0, 1] (Weng et al. 2020, eq. 4)."""
         errors = self.fp + self.fn + self.ids - (1.0 - recall) * self.gt
         return float(np.clip(1.0 - _ratio(errors, recall * self.gt), 0.0, 1.0))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NumberedSequence:
-    """A sequence ready for matching.
-
-    Attributes:
-        arrays: the flat arrays.
-        objects: how many objects.
-        mean_score: (tracks,) mean score of each track over the sequence.
-    """
-
-    arrays: SequenceArrays
-    objects: int
-    mean_score: Floats
 
 
 def count_clear(
@@ -115,7 +115,7 @@ def count_clear(
             tp=int(hit.sum()),
             fp=0 if ignore_false_positives else int(found.false_positives),
             fn=int((~hit).sum()),
-            ids=int(found.adjacent_switches if adjacent_switches else found.switches),
+            ids=int(found.adjacent_switches if adjacent_switches else found.switched.sum()),
             frag=int(np.maximum(found.fragments - 1, 0).sum()),
             similarity=float(found.similarity.sum()),
             objects=sequence.objects,

@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from coopsim.metrics.log import GroundTruth, TrackLog, candidates
+from coopsim.metrics.log import GroundTruth, TrackLog
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
+from coopsim.metrics.pairs import find_pairs
 from coopsim.types import Ints, Tracks
 
 
@@ -42,12 +43,13 @@ class Evaluator:
     def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
         """Score one frame; truth and tracks in one frame of reference, ids unique in each."""
         frame = len(self.log)
-        pairs = candidates(truth, tracks, self.log.match_iou)
+        pairs = find_pairs(truth.boxes, truth.label, tracks.boxes, tracks.label)
         self.log.append(truth, tracks, pairs)
         slots = self._slots(truth.id)
         kept = self._last_frame[slots] == frame - 1
         same = self._last_track[slots][pairs.truth] == tracks.id[pairs.track]
-        weight = pairs.similarity + KEEP_BONUS * (kept[pairs.truth] & same)
+        weight = pairs.iou_3d + KEEP_BONUS * (kept[pairs.truth] & same)
+        weight[pairs.iou_3d < self.log.match_iou] = 0.0
         chosen = match_frame(len(truth), len(tracks), pairs.truth, pairs.track, weight)
         hit = chosen >= 0
         track = tracks.id[pairs.track[chosen[hit]]]
@@ -59,10 +61,14 @@ class Evaluator:
 
     def _slots(self, ids: Ints) -> Ints:
         """Where each of `ids` is kept, (N,); new ones get a place."""
-        new = np.setdiff1d(ids, self._object)
-        if len(new):
+        place = np.searchsorted(self._object, ids)
+        known = place < len(self._object)
+        known[known] = self._object[place[known]] == ids[known]
+        if not known.all():
+            new = np.sort(ids[~known])
             place = np.searchsorted(self._object, new)
             self._object = np.insert(self._object, place, new)
             self._last_track = np.insert(self._last_track, place, 0)
             self._last_frame = np.insert(self._last_frame, place, -2)
-        return np.searchsorted(self._object, ids)
+            place = np.searchsorted(self._object, ids)
+        return place

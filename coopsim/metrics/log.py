@@ -1,9 +1,10 @@
-"""What is kept of a sequence for scoring: who was where, and which pairs could be matches. No boxes."""
+"""What is kept of a sequence for scoring: who was there, how far away, and which pairs could be matches. No boxes."""
 
 from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 
 from coopsim.checks import require_threshold
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import SequenceArrays
+from coopsim.metrics.matching import NumberedSequence, SequenceArrays
+from coopsim.metrics.pairs import NEAR_M, Pairs
 from coopsim.types import Ints, Tracks
 
 
@@ -41,41 +42,24 @@ class GroundTruth:
         return len(self.boxes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """Pairs of one frame that may be matched: same class, and similar enough.
-
-    Attributes:
-        truth: (P,) rows of the truth.
-        track: (P,) rows of the tracks.
-        similarity: (P,) 3D IoU.
-    """
-
-    truth: Ints
-    track: Ints
-    similarity: Floats
-
-
-def candidates(truth: GroundTruth, tracks: Tracks, match_iou: float) -> Candidates:
-    """The pairs of a frame whose 3D IoU is at least `match_iou`."""
-    similarity = iou_3d(truth.boxes.array, tracks.boxes.array)
-    similarity[truth.label[:, None] != tracks.label] = 0.0
-    # Contiguous, so that the compiled matching is compiled for one layout.
-    rows, columns = map(np.ascontiguousarray, np.nonzero(similarity >= match_iou))
-    return Candidates(rows, columns, similarity[rows, columns])
-
-
 _COLUMNS = {
     "truth_id": "q",
     "truth_label": "b",
+    "truth_range": "f",
     "track_id": "q",
     "track_label": "b",
+    "track_range": "f",
     "score": "d",
     "pair_truth": "i",
     "pair_track": "i",
-    "similarity": "d",
+    "iou_3d": "d",
+    "iou_bev": "d",
+    "distance": "d",
 }
 """What is logged, and its type as `array` and numpy name it."""
+
+_WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.float64}
+"""The type that each has in calculations."""
 
 
 class TrackLog:
@@ -84,7 +68,7 @@ class TrackLog:
     Columns grow as flat arrays: an hour of frames costs what is in them, not an object for each.
 
     Args:
-        match_iou: the threshold of the candidates.
+        match_iou: 3D IoU from which a track is on an object, in (0, 1].
     """
 
     def __init__(self, match_iou: float) -> None:
@@ -96,24 +80,25 @@ class TrackLog:
     def __len__(self) -> int:
         return len(self._starts["truth_start"]) - 1
 
-    def append(self, truth: GroundTruth, tracks: Tracks, pairs: Candidates) -> None:
-        """Add a frame."""
-        for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs.truth)), strict=True):
+    def append(self, truth: GroundTruth, tracks: Tracks, pairs: Pairs) -> None:
+        """Add a frame; the pairs are those of `find_pairs`."""
+        for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
             start.append(start[-1] + count)
-        paired = (pairs.truth, pairs.track, pairs.similarity)
-        rows = (truth.id, truth.label, tracks.id, tracks.label, tracks.score, *paired)
-        for column, values in zip(self._columns.values(), rows, strict=True):
+        objects = (truth.id, truth.label, _range_m(truth.boxes))
+        reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
+        paired = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance)
+        for column, values in zip(self._columns.values(), (*objects, *reported, *paired), strict=True):
             column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
 
     def flat(self) -> FlatLog:
         """All frames as flat arrays."""
-        wide = {"q": np.int64, "b": np.int64, "i": np.int64, "d": np.float64}
         columns = {**self._starts, **self._columns}
-        arrays: dict[str, Any] = {name: np.array(column, wide[column.typecode]) for name, column in columns.items()}
-        return FlatLog(**arrays)
+        arrays: dict[str, Any] = {name: np.array(column, _WIDE[column.typecode]) for name, column in columns.items()}
+        return FlatLog(**arrays, match_iou=self.match_iou)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Without slots, so that the numbering can be kept.
+@dataclass(frozen=True, eq=False)
 class FlatLog:
     """A sequence as flat arrays; offsets (F + 1,) say where each frame begins.
 
@@ -123,12 +108,17 @@ class FlatLog:
         pair_start: offsets into the pairs.
         truth_id: (G,).
         truth_label: (G,).
+        truth_range: (G,) m from the reporting agent, on the ground.
         track_id: (T,).
         track_label: (T,).
+        track_range: (T,) m from the reporting agent, on the ground.
         score: (T,) of the tracks.
         pair_truth: (P,) rows within the frame.
         pair_track: (P,) rows within the frame.
-        similarity: (P,).
+        iou_3d: (P,).
+        iou_bev: (P,).
+        distance: (P,) m between the centres, on the ground.
+        match_iou: 3D IoU from which a track is on an object.
     """
 
     truth_start: Ints
@@ -136,54 +126,103 @@ class FlatLog:
     pair_start: Ints
     truth_id: Ints
     truth_label: Ints
+    truth_range: Floats
     track_id: Ints
     track_label: Ints
+    track_range: Floats
     score: Floats
     pair_truth: Ints
     pair_track: Ints
-    similarity: Floats
+    iou_3d: Floats
+    iou_bev: Floats
+    distance: Floats
+    match_iou: float
 
     @property
     def labels(self) -> Ints:
         """The classes that occur in the truth, sorted."""
         return np.unique(self.truth_label)
 
+    @cached_property
+    def nearness(self) -> Floats:
+        """(P,) 1 - distance / 2 m, at least 0: TrackEval's similarity by distance, with nuScenes' reach."""
+        return np.maximum(0.0, 1.0 - self.distance / NEAR_M)
+
     def only(self, label: int) -> FlatLog:
         """The part of one class."""
-        truth, track = self.truth_label == label, self.track_label == label
+        return self._part(self.truth_label == label, self.track_label == label)
+
+    def within(self, low_m: float, high_m: float) -> FlatLog:
+        """The part from one distance to below another.
+
+        An object belongs where it is. A track that is near an object belongs where that is, so that no good
+        pair is torn apart at a border; any other belongs where it is itself.
+        """
+        belongs = self.track_range.copy()
+        truth_row, track_row = self._pair_rows
+        # The last written wins, so the nearest object comes last.
+        order = np.argsort(-self.distance, kind="stable")
+        belongs[track_row[order]] = self.truth_range[truth_row[order]]
+        inside = [(low_m <= range_m) & (range_m < high_m) for range_m in (self.truth_range, belongs)]
+        return self._part(*inside)
+
+    def numbered(self, similarity: Floats, least: float = 0.0) -> NumberedSequence:
+        """What a matching needs, with the pairs whose similarity (P,) is positive and at least `least`."""
+        pair = (similarity > 0) & (similarity >= least)
+        (objects, truth), (track, mean_score) = self._numbers
+        arrays = SequenceArrays(
+            self.truth_start,
+            truth,
+            self.track_start,
+            track,
+            _starts(_per_frame(pair, self.pair_start)),
+            self.pair_truth[pair],
+            self.pair_track[pair],
+            similarity[pair],
+        )
+        return NumberedSequence(arrays, objects, mean_score)
+
+    @cached_property
+    def _numbers(self) -> tuple[tuple[int, Ints], tuple[Ints, Floats]]:
+        """How many objects, and which is each truth box's; which track is each reported box's, and mean scores."""
+        objects, truth = np.unique(self.truth_id, return_inverse=True)
+        _, track, frames = np.unique(self.track_id, return_inverse=True, return_counts=True)
+        return (len(objects), truth), (track, np.bincount(track, weights=self.score) / frames)
+
+    @cached_property
+    def _pair_rows(self) -> tuple[Ints, Ints]:
+        """(P,) where each pair's truth box and reported box stand."""
         frame = np.repeat(np.arange(len(self.pair_start) - 1), np.diff(self.pair_start))
-        truth_row, track_row = self.truth_start[frame] + self.pair_truth, self.track_start[frame] + self.pair_track
-        pair = truth[truth_row]  # pairs are of one class, so the track's is the same
+        return self.truth_start[frame] + self.pair_truth, self.track_start[frame] + self.pair_track
+
+    def _part(self, truth: NDArray[np.bool_], track: NDArray[np.bool_]) -> FlatLog:
+        """The part with only some truth boxes (G,) and reported boxes (T,), and the pairs of both."""
+        truth_row, track_row = self._pair_rows
+        pair = truth[truth_row] & track[track_row]
         return FlatLog(
             truth_start=_starts(_per_frame(truth, self.truth_start)),
             track_start=_starts(_per_frame(track, self.track_start)),
             pair_start=_starts(_per_frame(pair, self.pair_start)),
             truth_id=self.truth_id[truth],
             truth_label=self.truth_label[truth],
+            truth_range=self.truth_range[truth],
             track_id=self.track_id[track],
             track_label=self.track_label[track],
+            track_range=self.track_range[track],
             score=self.score[track],
             pair_truth=_rows_after(truth, self.truth_start)[truth_row][pair],
             pair_track=_rows_after(track, self.track_start)[track_row][pair],
-            similarity=self.similarity[pair],
+            iou_3d=self.iou_3d[pair],
+            iou_bev=self.iou_bev[pair],
+            distance=self.distance[pair],
+            match_iou=self.match_iou,
         )
 
-    def numbered(self) -> tuple[SequenceArrays, int, Floats]:
-        """What the matching needs, the number of objects, and each track's mean score (tracks,)."""
-        objects, truth = np.unique(self.truth_id, return_inverse=True)
-        _, track, frames = np.unique(self.track_id, return_inverse=True, return_counts=True)
-        mean_score = np.bincount(track, weights=self.score) / frames
-        arrays = SequenceArrays(
-            self.truth_start,
-            truth,
-            self.track_start,
-            track,
-            self.pair_start,
-            self.pair_truth,
-            self.pair_track,
-            self.similarity,
-        )
-        return arrays, len(objects), mean_score
+
+def _range_m(boxes: Boxes3D) -> Floats:
+    """(N,) m from the origin, on the ground."""
+    range_m: Floats = np.hypot(boxes.center[:, 0], boxes.center[:, 1])
+    return range_m
 
 
 def _starts(lengths: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Ints:

@@ -7,6 +7,7 @@ This is also what TrackEval's CLEAR does, whose bonus of 1000 for kept pairs is 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,14 +44,29 @@ class SequenceArrays(NamedTuple):
     pair_similarity: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedSequence:
+    """A sequence ready for matching.
+
+    Attributes:
+        arrays: the flat arrays.
+        objects: how many objects.
+        mean_score: (tracks,) mean score of each track over the sequence.
+    """
+
+    arrays: SequenceArrays
+    objects: int
+    mean_score: Floats
+
+
 class SequenceMatches(NamedTuple):
     """What the matching of one sequence gives.
 
     Attributes:
         track_of: (G,) number of the track matched to each truth box, or -1.
         similarity: (G,) of the matched pairs, 0 elsewhere.
-        switches: identity switches: matched to another track than when the object was last matched.
-        adjacent_switches: those of them that happen from one frame of the object to its next, without a gap.
+        switched: (G,) identity switches: matched to another track than when the object was last matched.
+        adjacent_switches: how many of them happen from one frame of the object to its next, without a gap.
         false_positives: reported boxes without a truth box.
         present: (objects,) frames in which each object is there.
         matched: (objects,) frames in which it is matched.
@@ -59,7 +75,7 @@ class SequenceMatches(NamedTuple):
 
     track_of: Ints
     similarity: Floats
-    switches: int
+    switched: NDArray[np.bool_]
     adjacent_switches: int
     false_positives: int
     present: Ints
@@ -72,13 +88,14 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
     """Match a sequence, with only the tracks whose number is `active` (tracks,)."""
     track_of = np.full(len(data.truth), -1)
     similarity = np.zeros(len(data.truth))
+    switched = np.zeros(len(data.truth), np.bool_)
     last_track, last_frame, last_seen = np.full(objects, -1), np.full(objects, -2), np.full(objects, -2)
     present, matched, fragments = (
         np.zeros(objects, np.int64),
         np.zeros(objects, np.int64),
         np.zeros(objects, np.int64),
     )
-    switches = adjacent_switches = false_positives = 0
+    adjacent_switches = false_positives = 0
     for frame in range(len(data.truth_start) - 1):
         truth = data.truth[data.truth_start[frame] : data.truth_start[frame + 1]]
         track = data.track[data.track_start[frame] : data.track_start[frame + 1]]
@@ -102,7 +119,7 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
             hits += 1
             matched[object_] += 1
             if last_track[object_] >= 0 and last_track[object_] != number:
-                switches += 1
+                switched[data.truth_start[frame] + row] = True
                 adjacent_switches += last_frame[object_] == last_seen[object_]
             fragments[object_] += last_frame[object_] != frame - 1
             last_track[object_], last_frame[object_] = number, frame
@@ -114,7 +131,7 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
             false_positives += active[track[column]]
         false_positives -= hits
     return SequenceMatches(
-        track_of, similarity, switches, adjacent_switches, false_positives, present, matched, fragments
+        track_of, similarity, switched, adjacent_switches, false_positives, present, matched, fragments
     )
 
 

@@ -1,4 +1,4 @@
-"""The score that users read: values by name, for all classes together, each class, and each agent."""
+"""The score that users read: values by name, for everything, each class, each band of distance, and each agent."""
 
 from __future__ import annotations
 
@@ -12,29 +12,34 @@ from tabulate import tabulate
 from coopsim.checks import require_choice
 from coopsim.errors import UnknownNameError
 from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
-from coopsim.metrics.clear import Clear, NumberedSequence
 from coopsim.metrics.log import FlatLog, TrackLog
+from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
 from coopsim.taxonomy import CLASS_NAMES
 
 FalsePositives = Literal["count", "ignore"]
 
-_TABLE = ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "MT", "ML", "IDS", "FRAG", "FP", "FN", "GT")
+BANDS_M: Mapping[str, tuple[float, float]] = {"0-30 m": (0, 30), "30-50 m": (30, 50), "50-100 m": (50, 100)}
+"""Bands of distance from the reporting agent on the ground; the upper end belongs to the next."""
+
+_TABLE = ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "IDF1", "MT", "ML", "IDS", "FRAG", "FP", "FN", "GT")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
     """Values by metric name; `score["MOTA"]` reads one.
 
-    Ratios are per cent: sAMOTA, AMOTA and AMOTP over 40 levels of recall; MOTA, MOTP, recall, precision, MT and
-    ML at the level with the best MOTA, as AB3DMOT's tables give them. The counts beside them (TP, FP, FN, GT, IDS,
-    FRAG, objects) are those they were made from, at the same level. `all_tracks` has the same names without any cut
-    by score: plain CLEAR.
+    Ratios are per cent: sAMOTA, AMOTA and AMOTP over 40 levels of recall; MOTA, MOTP, sMOTA, MODA, recall, precision,
+    MT, PT and ML at the level with the best MOTA, as AB3DMOT's tables give them. The counts beside them (TP, FP, FN,
+    GT, IDS, FRAG, objects) are those they were made from, at the same level. `all_tracks` has the same names without
+    any cut by score: plain CLEAR. All others (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported
+    and always count false positives; `docs/metrics.md` has each name.
 
     Attributes:
         values: by metric name.
         all_tracks: plain CLEAR of everything that was reported.
-        false_positives: whether they are counted or ignored.
-        classes: the same by class name.
+        false_positives: whether CLEAR and AB3DMOT's averages count or ignore them.
+        classes: the same by class name, for classes of which there was an object.
+        bands: the same by distance from the reporting agent, as "0-30 m", where there was an object.
         agents: the same by agent, where this is a mean over agents.
         sweep: CLEAR at every level of recall; None for a mean over agents.
     """
@@ -43,6 +48,7 @@ class Score:
     all_tracks: Mapping[str, float]
     false_positives: FalsePositives
     classes: Mapping[str, Score] = field(default_factory=dict)
+    bands: Mapping[str, Score] = field(default_factory=dict)
     agents: Mapping[str, Score] = field(default_factory=dict)
     sweep: RecallSweep | None = None
 
@@ -53,25 +59,25 @@ class Score:
 
     @classmethod
     def mean(cls, agents: Mapping[str, Score]) -> Score:
-        """The mean over agents of every value; of a class, over the agents that met it."""
+        """The mean over agents of every value; of a class or band, over the agents that met it."""
         parts = list(agents.values())
-        names = dict.fromkeys(name for part in parts for name in part.classes)
-        classes = {name: _mean_of([part.classes[name] for part in parts if name in part.classes]) for name in names}
+        classes, bands = (_means([getattr(part, each) for part in parts]) for each in ("classes", "bands"))
         mean = _mean_of(parts)
-        return cls(mean.values, mean.all_tracks, mean.false_positives, classes, dict(agents))
+        return cls(mean.values, mean.all_tracks, mean.false_positives, classes, bands, dict(agents))
 
     def table(self) -> str:
-        """Aligned plain text: the whole, then each class, then each agent."""
-        lines: list[tuple[str, Score]] = [("all", self), *self.classes.items(), *self.agents.items()]
+        """Aligned plain text: the whole, then each class, band and agent."""
+        parts = (self.classes, self.bands, self.agents)
+        lines: list[tuple[str, Score]] = [("all", self), *(line for part in parts for line in part.items())]
         rows = [[name, *(f"{score[metric]:.1f}" for metric in _TABLE)] for name, score in lines]
-        text = tabulate(rows, headers=["", *_TABLE], disable_numparse=True, colalign=["left", *["right"] * 12])
+        text = tabulate(rows, headers=["", *_TABLE], disable_numparse=True, colalign=["left", *["right"] * len(_TABLE)])
         ignored = "" if self.false_positives == "count" else "\nfalse positives are ignored"
         return text + ignored
 
     def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON: the values, and below them `all_tracks`, `classes` and `agents`."""
+        """Ready for JSON: the values, and below them `all_tracks`, `classes`, `bands` and `agents`."""
         parts: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
-        for name, children in (("classes", self.classes), ("agents", self.agents)):
+        for name, children in (("classes", self.classes), ("bands", self.bands), ("agents", self.agents)):
             if children:
                 parts[name] = {child: score.to_dict() for child, score in children.items()}
         return parts
@@ -102,39 +108,40 @@ def summarize(
     reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
     whole = classes[CLASS_NAMES[labels[0]]] if len(labels) == 1 and reported <= set(labels) else None
     whole = whole or _score(flats, false_positives)
-    values = {**whole.values, **(extra or {})}
-    return Score(values, whole.all_tracks, false_positives, classes, sweep=whole.sweep)
+    bands = {name: _score([flat.within(*band) for flat in flats], false_positives) for name, band in BANDS_M.items()}
+    return Score(
+        {**whole.values, **_mean_precisions(classes), **(extra or {})},
+        whole.all_tracks,
+        false_positives,
+        classes,
+        {name: band for name, band in bands.items() if band["GT"]},
+        sweep=whole.sweep,
+    )
 
 
 def _score(flats: Sequence[FlatLog], false_positives: FalsePositives) -> Score:
-    sequences = [NumberedSequence(*flat.numbered()) for flat in flats]
+    sequences = [flat.numbered(flat.iou_3d, flat.match_iou) for flat in flats]
     sweep = sweep_recall(sequences, ignore_false_positives=false_positives == "ignore")
-    averages = {"sAMOTA": sweep.samota, "AMOTA": sweep.amota, "AMOTP": sweep.amotp}
-    values = {name: 100 * value for name, value in averages.items()} | _clear_values(sweep.best)
-    return Score(values, _clear_values(sweep.all_tracks), false_positives, sweep=sweep)
+    values = average_values(sweep) | clear_values(sweep.best) | uncut_values(flats, sequences)
+    return Score(values, clear_values(sweep.all_tracks), false_positives, sweep=sweep)
 
 
-def _clear_values(clear: Clear) -> dict[str, float]:
-    objects = max(clear.objects, 1)
-    return {
-        "MOTA": 100 * clear.mota,
-        "MOTP": 100 * clear.motp,
-        "recall": 100 * clear.recall,
-        "precision": 100 * clear.precision,
-        "MT": 100 * clear.mostly_tracked / objects,
-        "ML": 100 * clear.mostly_lost / objects,
-        "IDS": clear.ids,
-        "FRAG": clear.frag,
-        "TP": clear.tp,
-        "FP": clear.fp,
-        "FN": clear.fn,
-        "GT": clear.gt,
-        "objects": clear.objects,
-    }
+def _mean_precisions(classes: Mapping[str, Score]) -> dict[str, float]:
+    """Mean over classes of each average precision."""
+    return {f"m{name}": _mean([score[name] for score in classes.values()]) for name in AP_NAMES}
+
+
+def _means(parts: Sequence[Mapping[str, Score]]) -> dict[str, Score]:
+    """The mean of each name's scores, over the parts that have it."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: _mean_of([part[name] for part in parts if name in part]) for name in names}
 
 
 def _mean_of(parts: Sequence[Score]) -> Score:
-    def mean(pick: str) -> dict[str, float]:
-        return {name: float(np.mean([getattr(part, pick)[name] for part in parts])) for name in getattr(parts[0], pick)}
+    values = {name: _mean([part.values[name] for part in parts]) for name in parts[0].values}
+    all_tracks = {name: _mean([part.all_tracks[name] for part in parts]) for name in parts[0].all_tracks}
+    return Score(values, all_tracks, parts[0].false_positives)
 
-    return Score(mean("values"), mean("all_tracks"), parts[0].false_positives)
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else 0.0

@@ -1,0 +1,45 @@
+"""Objects and tracks that meet at all in a sequence: few of the product of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coopsim.metrics.matching import NumberedSequence
+from coopsim.types import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Couples:
+    """The C distinct couples of an object and a track among the P pairs of a sequence.
+
+    Attributes:
+        object: (C,) number of the object.
+        track: (C,) number of the track.
+        frames: (C,) frames of the object plus frames of the track.
+        of_pair: (P,) each pair's couple.
+        truth_row: (P,) where each pair's truth box stands in the sequence.
+        track_row: (P,) where its reported box stands.
+    """
+
+    object: Ints
+    track: Ints
+    frames: Ints
+    of_pair: Ints
+    truth_row: Ints
+    track_row: Ints
+
+    @classmethod
+    def of(cls, sequence: NumberedSequence) -> Couples:
+        """The couples of a sequence."""
+        data, tracks = sequence.arrays, max(len(sequence.mean_score), 1)
+        frame = np.repeat(np.arange(len(data.pair_start) - 1), np.diff(data.pair_start))
+        truth_row, track_row = data.truth_start[frame] + data.pair_truth, data.track_start[frame] + data.pair_track
+        key, of_pair = np.unique(data.truth[truth_row] * tracks + data.track[track_row], return_inverse=True)
+        object_, track = np.divmod(key, tracks)
+        frames = np.bincount(data.truth, minlength=1)[object_] + np.bincount(data.track, minlength=1)[track]
+        return cls(object_, track, frames, of_pair, truth_row, track_row)
+
+    def __len__(self) -> int:
+        return len(self.object)
