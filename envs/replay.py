@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.data.recording import RecordingSet
+from coopsim.checks import require_choice
+from coopsim.data.recording import Recording, RecordingSet
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
-from coopsim.errors import UnknownNameError
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.metrics.log import GroundTruth
 from coopsim.types import AgentSpec, Detections, Observation, Odometry, PoseEstimate, seconds_to_ns
@@ -33,9 +34,14 @@ class Replay(FrameSource):
     Args:
         name: the environment's id.
         path: a folder with `labels/<sequence>.txt` and `detections/<name>/<sequence>.txt`.
-        detections: the names to play, in order; they name the agents.
+        detections: the names to play, in order; they name the agents. A text is one name.
         dt_s: time between two frames.
         uplink: what the agents' specs say they broadcast.
+
+    Raises:
+        InvalidValueError: the path or the detections are missing, or a name of detections is given twice.
+        UnknownNameError: there are no detections of that name.
+        RecordingError: the folder is no recording set, or a label file is broken.
     """
 
     lidars = ()
@@ -43,15 +49,22 @@ class Replay(FrameSource):
     region_m = None
     road_map = RoadMap((), (), (), ())
 
-    def __init__(self, name: str, path: str | Path, detections: Sequence[str], dt_s: float, uplink: str) -> None:
+    _recording: Recording
+    _cycle: int
+
+    def __init__(
+        self, name: str, path: str | Path | None, detections: Sequence[str] | None, dt_s: float, uplink: str
+    ) -> None:
         self.name = name
         self._set = RecordingSet(path)
-        self._set.require_detections(detections)
-        self.specs = {agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False) for agent in detections}
-        self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in detections}
+        agents = self._set.require_detections(detections)
+        if not agents:
+            accepted = ", ".join(self._set.detection_names)
+            raise InvalidValueError(f"detections must be at least one name, got {detections!r}; accepted: {accepted}")
+        self.specs = {agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False) for agent in agents}
+        self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in agents}
         self._dt_s = dt_s
-        self._recording = self._set.load(self.sequences[0], tuple(self.specs))
-        self.capacity = max(len(truth) for sequence in self.sequences for truth in self._set.load(sequence, ()).truth)
+        self.capacity = self._set.most_objects()
 
     @property
     def sequences(self) -> tuple[str, ...]:
@@ -64,8 +77,7 @@ class Replay(FrameSource):
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         sequence = options.get("sequence", self.sequences[0])
-        if sequence not in self.sequences:
-            raise UnknownNameError("sequence", sequence, self.sequences)
+        require_choice("sequence", sequence, self.sequences)
         self._recording = self._set.load(sequence, tuple(self.specs))
         self._cycle = 0
         return self._frame()

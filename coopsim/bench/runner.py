@@ -110,7 +110,7 @@ def evaluate_recordings(
     Args:
         policy: a policy, or the name of one.
         path: the set's folder.
-        detections: names under `detections/`; each is one agent.
+        detections: a name under `detections/`, or several; each is one agent.
         seed: decides what the channel loses and delays.
         on_frame: called after every step.
         **options: of the replay environment, but not `uplink`: the policy says which.

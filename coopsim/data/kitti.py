@@ -6,7 +6,6 @@ the turn about the downward axis. Here they become ours: x forward, y left, z up
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -36,6 +35,15 @@ LABEL_TYPES = {
 UNLABELLED = ("DontCare", "Misc", "Tram", "Person_sitting", "Person")
 """Types that stand in KITTI's labels and are no object class of ours."""
 
+LAST_FRAME = 1_000_000
+"""A larger frame number is refused: it would be a sequence of more than a day, so it is a mistake."""
+
+ID_LIMIT = 2**53
+"""From this size on an object id is refused: ids pass through float64, where neighbours become the same."""
+
+REACH_M = 1e9
+"""Boxes have no number larger than this."""
+
 
 def boxes_from_camera(sizes_hwl: Floats, bottoms: Floats, turns_rad: Floats) -> Boxes3D:
     """Boxes in our axes from h, w, l (N, 3), the middle of the bottom x, y, z (N, 3), and rot_y (N,)."""
@@ -45,13 +53,12 @@ def boxes_from_camera(sizes_hwl: Floats, bottoms: Floats, turns_rad: Floats) -> 
 
 
 def read_detections(path: Path) -> tuple[Ints, Boxes3D, Floats, Ints]:
-    """Frame (N,), boxes, score (N,) and label (N,) of every line of a detection file.
+    """Frame (N,), boxes, score (N,) and label (N,) of every line of a detection file; it may be empty.
 
     Raises:
         RecordingError: the file is missing or has a broken line, which is named.
     """
-    lines = _lines(path)
-    rows = _numbers([line.split(",") for line in lines], DETECTION_FIELDS, path, _check_detection)
+    rows = _numbers(_fields(path, ",", DETECTION_FIELDS), DETECTION_FIELDS, path, _check_detection)
     codes = rows[:, 1].astype(np.int64)
     label = np.select([codes == code for code in DETECTION_TYPES], [int(cls) for cls in DETECTION_TYPES.values()])
     boxes = boxes_from_camera(rows[:, 7:10], rows[:, 10:13], rows[:, 13])
@@ -61,13 +68,16 @@ def read_detections(path: Path) -> tuple[Ints, Boxes3D, Floats, Ints]:
 def read_labels(path: Path) -> tuple[Ints, Ints, Boxes3D, Ints, int]:
     """Frame (N,), object id (N,), boxes and label (N,) of every object in a label file, and the last frame.
 
-    Lines of types that are no class of ours are left out, but count for the last frame (-1 if there is no line).
+    Lines of types that are no class of ours are left out, but count for the last frame.
 
     Raises:
-        RecordingError: the file is missing or has a broken line, which is named.
+        RecordingError: the file is missing, empty, or has a broken line, which is named.
     """
-    fields = [line.split() for line in _lines(path)]
-    types = [parts[2] if len(parts) > 2 else "" for parts in fields]
+    fields = _fields(path, None, LABEL_FIELDS)
+    if not fields:
+        # Most likely an accident, which would silently make every detection of the sequence a false positive.
+        raise RecordingError(f"{path} is empty: a sequence without objects has a line of type DontCare")
+    types = [parts[2] for parts in fields]
     for number, kind in enumerate(types, start=1):
         if kind not in LABEL_TYPES and kind not in UNLABELLED:
             accepted = ", ".join((*LABEL_TYPES, *UNLABELLED))
@@ -76,7 +86,7 @@ def read_labels(path: Path) -> tuple[Ints, Ints, Boxes3D, Ints, int]:
     rows = _numbers(numeric, LABEL_FIELDS, path, lambda row: _check_label(row, types))
     kept = np.array([kind in LABEL_TYPES for kind in types], dtype=bool)
     label = np.array([int(LABEL_TYPES[kind]) for kind in types if kind in LABEL_TYPES], dtype=np.int64)
-    last = int(rows[:, 0].max(initial=-1))
+    last = int(rows[:, 0].max())
     rows, numbers = rows[kept], np.flatnonzero(kept) + 1
     frame, object_id = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
     _, first = np.unique(np.column_stack([frame, object_id]), axis=0, return_index=True)
@@ -88,13 +98,24 @@ def read_labels(path: Path) -> tuple[Ints, Ints, Boxes3D, Ints, int]:
     return frame, object_id, boxes_from_camera(rows[:, 10:13], rows[:, 13:16], rows[:, 16]), label, last
 
 
-def _lines(path: Path) -> list[str]:
+def _fields(path: Path, separator: str | None, width: int) -> list[list[str]]:
+    """The fields of every line, `width` each; None separates by spaces. Blank lines at the end are left out."""
     try:
-        return path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").rstrip().splitlines()
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path} is not text: {error}") from error
+    fields = [line.split(separator) for line in lines]
+    for number, (line, parts) in enumerate(zip(lines, fields, strict=True), start=1):
+        if not line.strip():
+            raise RecordingError(f"{path}, line {number} is blank; blank lines are accepted at the end only")
+        if len(parts) != width:
+            between = "commas" if separator == "," else "spaces"
+            raise RecordingError(
+                f"{path}, line {number}: {width} fields with {between} between them are needed, got {len(parts)}"
+            )
+    return fields
 
 
 Mask = NDArray[np.bool_]
@@ -104,32 +125,39 @@ RowCheck = Callable[[Floats], list[tuple[Mask, str]]]
 def _check_detection(rows: Floats) -> list[tuple[Mask, str]]:
     known = np.isin(rows[:, 1], list(DETECTION_TYPES))
     types = ", ".join(f"{code} {cls.title}" for code, cls in DETECTION_TYPES.items())
-    return [
-        (~known, f"unknown type; accepted: {types}"),
-        (rows[:, 7:10].min(axis=1) <= 0, "sizes h, w, l must be > 0"),
-    ]
+    return [(~known, f"unknown type; accepted: {types}"), *_check_boxes(rows[:, 7:14])]
 
 
 def _check_label(rows: Floats, types: Sequence[str]) -> list[tuple[Mask, str]]:
     objects = np.array([kind in LABEL_TYPES for kind in types], dtype=bool)
+    ids = rows[:, 1]
+    problems = [
+        *_check_boxes(rows[:, 10:17]),
+        (ids != np.floor(ids), "the object id must be an integer"),
+        (np.abs(ids) >= ID_LIMIT, f"the object id must be between -{ID_LIMIT} and {ID_LIMIT}, both excluded"),
+    ]
+    return [(objects & bad, reason) for bad, reason in problems]
+
+
+def _check_boxes(rows: Floats) -> list[tuple[Mask, str]]:
+    """Of h, w, l, x, y, z, rot_y."""
     return [
-        (objects & (rows[:, 10:13].min(axis=1) <= 0), "sizes h, w, l must be > 0"),
-        (objects & (rows[:, 1] != np.floor(rows[:, 1])), "the object id must be an integer"),
+        (rows[:, :3].min(axis=1) <= 0, "sizes h, w, l must be > 0"),
+        (np.abs(rows).max(axis=1) > REACH_M, f"h, w, l, x, y, z, rot_y must be in [-{REACH_M:g}, {REACH_M:g}]"),
     ]
 
 
 def _numbers(fields: Sequence[Sequence[str]], width: int, path: Path, check: RowCheck) -> Floats:
     """All fields as numbers (N, width); the first line that is not as it must be is named."""
     try:
-        rows = np.array(fields, dtype=np.float64) if fields else np.zeros((0, width))
+        rows = np.array(fields, dtype=np.float64).reshape(-1, width)
     except ValueError:
-        raise _broken_line(fields, width, path) from None
-    if rows.shape[1] != width:
-        raise _broken_line(fields, width, path)
-    odd_frame: Mask = rows[:, 0] != np.abs(np.floor(rows[:, 0]))
+        raise _no_number(fields, path) from None
+    frame = rows[:, 0]
+    odd_frame: Mask = (frame != np.floor(frame)) | (frame < 0) | (frame > LAST_FRAME)
     problems: list[tuple[Mask, str]] = [
-        (~np.isfinite(rows.sum(axis=1)), "all fields must be finite numbers"),
-        (odd_frame, "the frame must be an integer >= 0"),
+        (~np.isfinite(np.abs(rows).max(axis=1)), "all fields must be finite numbers"),
+        (odd_frame, f"the frame must be an integer from 0 to {LAST_FRAME}"),
         *check(rows),
     ]
     for bad, reason in problems:
@@ -138,15 +166,11 @@ def _numbers(fields: Sequence[Sequence[str]], width: int, path: Path, check: Row
     return rows
 
 
-def _broken_line(fields: Sequence[Sequence[str]], width: int, path: Path) -> RecordingError:
+def _no_number(fields: Sequence[Sequence[str]], path: Path) -> RecordingError:
     for number, parts in enumerate(fields, start=1):
-        if len(parts) != width:
-            return RecordingError(f"{path}, line {number}: {width} fields are needed, got {len(parts)}")
         for part in parts:
             try:
-                value = float(part)
+                float(part)
             except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                return RecordingError(f"{path}, line {number}: {part!r} is not a finite number")
-    return RecordingError(f"{path}: the lines are not {width} numbers each")
+                return RecordingError(f"{path}, line {number}: {part!r} is not a number")
+    return RecordingError(f"{path}: not all fields are numbers")
