@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
+from coopsim.checks import require_between
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage
@@ -34,6 +35,7 @@ class AB3DMOTBased(TrackingPolicy):
     """
 
     def __init__(self, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current") -> None:
+        require_between(-1, 1, gate=gate)
         self._settings = (gate, hits, age)
         super().__init__(late)
 

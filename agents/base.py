@@ -21,8 +21,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from coopsim.checks import require_choice
 from coopsim.envs.spaces import IDLE, pack_tracks, unpack_observation
-from coopsim.errors import EpisodeStateError, PolicyMismatchError
+from coopsim.errors import EpisodeStateError, InvalidActionError, PolicyMismatchError
 from coopsim.rng import stream
 from coopsim.types import AgentSpec, Observation, Tracks
 
@@ -72,14 +73,26 @@ class Policy(ABC):
             self.begin(spec, stream(seed, "policy", name))
 
     def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-        """Actions for all agents that observed something."""
+        """Actions for all agents that observed something.
+
+        Raises:
+            EpisodeStateError: before `reset`.
+            UnknownNameError: an agent is not among those that `reset` was given.
+            InvalidActionError: `track` returned something else than tracks.
+        """
         if not hasattr(self, "specs"):
             raise EpisodeStateError("act before reset: call policy.reset(env.agent_specs) first")
+        for name in observations:
+            require_choice("agent", name, self.specs)
         return {name: self._act_one(name, observation) for name, observation in observations.items()}
 
     def _act_one(self, agent: str, packed: Mapping[str, Any]) -> dict[str, Any]:
         observation = unpack_observation(packed, tuple(self.specs), self.specs[agent])
-        action: dict[str, Any] = {"tracks": pack_tracks(self.track(agent, observation))}
+        tracks: object = self.track(agent, observation)
+        if not isinstance(tracks, Tracks):
+            got = type(tracks).__name__
+            raise InvalidActionError(f"{type(self).__name__}.track must return Tracks, got {got} for {agent}")
+        action: dict[str, Any] = {"tracks": pack_tracks(tracks)}
         if self.specs[agent].drives:
             action["maneuver"] = self.drive(agent, observation)
         return action

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
+from coopsim.checks import require_threshold
 from coopsim.taxonomy import ObjectClass
 from coopsim.tracking.affinity import iou_3d
 from coopsim.tracking.assignment import greedy, hungarian
@@ -51,6 +52,7 @@ class DinoCoDT(PooledBoxes):
         merge_iou: float = 0.15,
         late: str = "as_current",
     ) -> None:
+        require_threshold(gate=gate)
         self._gate, self._lifecycle = gate, VelocityAdaptiveAge(hits, age, age_per_m_s)
         super().__init__(merge_iou, late)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.agents.ab3dmot import AB3DMOTBased
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_count, require_threshold
+from coopsim.checks import require_count, require_flag, require_threshold
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.affinity import giou_3d
@@ -53,6 +53,7 @@ class GraphLap(AB3DMOTBased):
     ) -> None:
         require_threshold(match_iou=match_iou)
         require_count(0, neighbours=neighbours)
+        require_flag(one_per_object=one_per_object)
         self._match_iou, self._neighbours, self._one_per_object = match_iou, neighbours, one_per_object
         super().__init__(gate, hits, age, late)
 

@@ -10,7 +10,7 @@ from itertools import product
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_count
+from coopsim.checks import require_count, require_finite_number, require_probability
 from coopsim.tracking.affinity import xiou
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
@@ -47,6 +47,8 @@ class VicFSCM(PooledBoxes):
         late: str = "as_current",
     ) -> None:
         require_count(1, keep=keep)
+        require_probability(gate=gate)
+        require_finite_number(detection_score=detection_score, track_score=track_score)
         self._settings = (detection_score, track_score, keep, gate, hits)
         super().__init__(merge_iou, late)
 

@@ -18,10 +18,7 @@ def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArr
     The caller's own array stays writable: what is returned is a read-only view (or a copy, where the
     dtype differs).
     """
-    try:
-        array = np.asarray(value, dtype=dtype).view()
-    except (TypeError, ValueError) as error:
-        raise InvalidValueError(f"{what} must be numbers of type {np.dtype(dtype)}: {error}") from error
+    array = as_numbers(value, dtype, what, whole_floats=True).view()
     if array.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
     ):
@@ -29,6 +26,47 @@ def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArr
         raise InvalidValueError(f"{what} must have shape {wanted}, got {array.shape}".replace("'", ""))
     array.flags.writeable = False
     return array
+
+
+def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: bool = False) -> NDArray[Any]:
+    """`value` as an array of `dtype`, copied only where its own differs.
+
+    The kind is checked before anything is cast: text, flags and complex numbers are no numbers, floats are no integers,
+    and integers that do not fit are not wrapped around. What is empty is of any kind.
+
+    Args:
+        value: what somebody gave.
+        dtype: an integer or float type.
+        what: the value's name, for the message.
+        whole_floats: take floats without a fraction for integers.
+
+    Raises:
+        InvalidValueError: says what was given instead.
+    """
+    wanted = np.dtype(dtype)
+    kind, accepted = ("integers", "iu") if wanted.kind in "iu" else ("numbers", "iuf")
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(f"{what} must be {kind} in rows of the same length: {error}") from error
+    if array.dtype == wanted:
+        return array
+    if whole_floats and array.dtype.kind == "f" and (np.isfinite(array) & (array == np.rint(array))).all():
+        accepted = "iuf"
+    if array.size and array.dtype.kind not in accepted:
+        raise InvalidValueError(f"{what} must be {kind}, got {_described(array)}")
+    if array.size and wanted.kind in "iu" and not np.can_cast(array.dtype, wanted):
+        limits = np.iinfo(wanted)
+        for extreme in (array.min(), array.max()):
+            if not limits.min <= int(extreme) <= limits.max:
+                raise InvalidValueError(f"{what} must be in {limits.min}..{limits.max}, got {extreme}")
+    return array.astype(wanted)
+
+
+def _described(array: NDArray[Any]) -> str:
+    """Its type and, if that is short, what is in it."""
+    content = repr(array.tolist())
+    return f"{array.dtype} {content}" if len(content) <= 40 else str(array.dtype)
 
 
 def require_finite(array: NDArray[Any], what: str) -> None:

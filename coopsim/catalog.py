@@ -7,7 +7,8 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from coopsim.errors import UnknownNameError
+from coopsim.checks import require_choice
+from coopsim.errors import InvalidValueError
 from coopsim.registry import Registry
 
 if TYPE_CHECKING:
@@ -23,21 +24,27 @@ ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", 
 """Functions that make an environment, by versioned name (`crossing-v0`)."""
 
 
-def make_policy(name: str, **parameters: Any) -> Policy:
+def make_policy(name: str, /, **parameters: Any) -> Policy:
     """The policy called `name`, made with `parameters`.
 
     Raises:
         UnknownNameError: no such policy, or it has no such parameter; the message lists the close ones.
+        InvalidValueError: a parameter's value is not accepted, or one that the policy needs is missing.
     """
     policy = POLICIES.get(name)
-    accepted = inspect.signature(policy).parameters
-    for parameter in parameters:
-        if parameter not in accepted:
-            raise UnknownNameError(f"parameter of policy {name!r}", parameter, accepted)
+    signature = inspect.signature(policy)
+    kinds = {parameter.name: parameter.kind for parameter in signature.parameters.values()}
+    if inspect.Parameter.VAR_KEYWORD not in kinds.values():
+        for parameter in parameters:
+            require_choice(f"parameter of policy {name!r}", parameter, kinds)
+    try:
+        signature.bind(**parameters)
+    except TypeError as error:
+        raise InvalidValueError(f"policy {name!r}: {error}") from error
     return policy(**parameters)
 
 
-def parallel_env(name: str, **options: Any) -> CooperativeEnv:
+def parallel_env(name: str, /, **options: Any) -> CooperativeEnv:
     """The environment called `name`.
 
     Args:
@@ -48,7 +55,8 @@ def parallel_env(name: str, **options: Any) -> CooperativeEnv:
         UnknownNameError: no such environment or option; the message lists the close ones.
         InvalidValueError: an option's value is not accepted.
     """
-    return ENVIRONMENTS.get(newest(name.removeprefix(f"{NAMESPACE}/")))(**options)
+    known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
+    return ENVIRONMENTS.get(known)(**options)
 
 
 def newest(name: str) -> str:

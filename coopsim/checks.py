@@ -2,54 +2,99 @@
 
 from __future__ import annotations
 
+import math
 import numbers
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 
 
-def require_positive(**values: float) -> None:
+def require_number(accepted: str, accepts: Callable[[float], bool], **values: object) -> None:
+    """Each must be a real number that `accepts` takes; None, a flag or a text is no number.
+
+    Args:
+        accepted: what `accepts` takes, in words, as "in [0, 1]".
+        accepts: False for NaN, as every comparison is.
+        **values: by the name that the user knows.
+    """
+    for name, value in values.items():
+        if not accepts(_as_float(value)):
+            raise InvalidValueError(f"{name} must be {accepted}, got {value!r}")
+
+
+def require_finite_number(**values: object) -> None:
+    """Each must be a finite number."""
+    require_number("a finite number", math.isfinite, **values)
+
+
+def require_positive(**values: object) -> None:
     """Each must be a finite number > 0."""
-    for name, value in values.items():
-        if not (_is_number(value) and np.isfinite(value) and value > 0):
-            raise InvalidValueError(f"{name} must be a finite number > 0, got {value!r}")
+    require_number("a finite number > 0", lambda value: 0 < value < math.inf, **values)
 
 
-def require_non_negative(**values: float) -> None:
+def require_non_negative(**values: object) -> None:
     """Each must be a finite number >= 0."""
-    for name, value in values.items():
-        if not (_is_number(value) and np.isfinite(value) and value >= 0):
-            raise InvalidValueError(f"{name} must be a finite number >= 0, got {value!r}")
+    require_number("a finite number >= 0", lambda value: 0 <= value < math.inf, **values)
 
 
-def require_probability(**values: float) -> None:
+def require_between(least: float, most: float, **values: object) -> None:
+    """Each must be in [least, most]."""
+    require_number(f"in [{least:g}, {most:g}]", lambda value: least <= value <= most, **values)
+
+
+def require_probability(**values: object) -> None:
     """Each must be in [0, 1]."""
-    for name, value in values.items():
-        if not (_is_number(value) and 0 <= value <= 1):
-            raise InvalidValueError(f"{name} must be in [0, 1], got {value!r}")
+    require_between(0, 1, **values)
 
 
-def require_threshold(**values: float) -> None:
+def require_threshold(**values: object) -> None:
     """Each must be in (0, 1]: an overlap from which two boxes are one object."""
-    for name, value in values.items():
-        if not (_is_number(value) and 0 < value <= 1):
-            raise InvalidValueError(f"{name} must be in (0, 1], got {value!r}")
+    require_number("in (0, 1]", lambda value: 0 < value <= 1, **values)
 
 
-def require_count(least: int, **values: object) -> None:
-    """Each must be an integer >= `least`."""
+def require_count(least: int, most: int | None = None, **values: object) -> None:
+    """Each must be an integer >= `least` and, if there is a `most`, not more than that."""
+    accepted = f">= {least}" if most is None else f"in {least}..{most}"
     for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-            raise InvalidValueError(f"{name} must be an integer >= {least}, got {value!r}")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, np.integer))
+            or value < least
+            or (most is not None and value > most)
+        ):
+            raise InvalidValueError(f"{name} must be an integer {accepted}, got {value!r}")
+
+
+def require_flag(**values: object) -> None:
+    """Each must be True or False, and not only something that Python takes for one of them."""
+    for name, value in values.items():
+        if not isinstance(value, (bool, np.bool_)):
+            raise InvalidValueError(f"{name} must be True or False, got {value!r}")
 
 
 def require_choice(name: str, value: object, accepted: Iterable[str]) -> None:
     """It must be one of the accepted names."""
-    if value not in (known := tuple(accepted)):
+    known = tuple(accepted)
+    if not (isinstance(value, str) and value in known):
         raise UnknownNameError(name, value, known)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+def require_instance(wanted: type[Any], **values: object) -> None:
+    """Each must be an object of the class `wanted`, or None."""
+    for name, value in values.items():
+        if value is not None and not isinstance(value, wanted):
+            hint = f": write {value.__name__}()" if isinstance(value, type) and issubclass(value, wanted) else ""
+            raise InvalidValueError(f"{name} must be a coopsim {wanted.__name__} or None, got {value!r}{hint}")
+
+
+def _as_float(value: object) -> float:
+    """NaN, which is in no range, for what is no number or too large for one."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan

@@ -42,12 +42,14 @@ class Registry(Generic[T]):
     def get(self, name: str) -> T:
         """The entry called `name`; raises `UnknownNameError` when there is none."""
         self._load_home()
-        if name in self._entries:
-            return self._entries[name]
-        for point in self._points():
-            if point.name == name:
-                self._entries[name] = point.load()
+        # Whoever gives no string is told so, too: the annotation does not keep anybody from it.
+        if isinstance(name, str):
+            if name in self._entries:
                 return self._entries[name]
+            for point in self._points():
+                if point.name == name:
+                    self._entries[name] = point.load()
+                    return self._entries[name]
         raise UnknownNameError(self.kind, name, self.names())
 
     def names(self) -> tuple[str, ...]:
@@ -56,7 +58,7 @@ class Registry(Generic[T]):
         return tuple(sorted({*self._entries, *(point.name for point in self._points())}))
 
     def __contains__(self, name: object) -> bool:
-        return name in self.names()
+        return isinstance(name, str) and name in self.names()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())

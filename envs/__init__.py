@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,7 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
-from coopsim.checks import require_positive
-from coopsim.envs.options import CommonOptions, SimulationOptions, sort_options
+from coopsim.envs.options import CommonOptions, SimulationOptions, require_frame_time, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay
 from coopsim.envs.scoring import MotaReward, Reward
@@ -23,7 +22,7 @@ from coopsim.world.scenario import Population, make_scenario
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]
 
 
-def simulation_env(scenario: str, name: str, *, reward: Reward | None = None, **options: Any) -> CooperativeEnv:
+def simulation_env(scenario: str, name: str, /, *, reward: Reward | None = None, **options: Any) -> CooperativeEnv:
     """A simulated environment.
 
     Args:
@@ -32,7 +31,8 @@ def simulation_env(scenario: str, name: str, *, reward: Reward | None = None, **
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
-    common, simulation, numbers = sort_options(options, CommonOptions, SimulationOptions, Population)
+    groups = (CommonOptions, SimulationOptions, Population)
+    common, simulation, numbers = sort_options(options, *groups, beside=["reward"])
     shared = CommonOptions(**common)
     source = Simulation(name, make_scenario(scenario, **numbers), SimulationOptions(**simulation), shared.uplink)
     return CooperativeEnv(source, shared, reward)
@@ -40,9 +40,10 @@ def simulation_env(scenario: str, name: str, *, reward: Reward | None = None, **
 
 def replay_env(
     name: str,
+    /,
     *,
-    path: str | Path,
-    detections: tuple[str, ...],
+    path: str | Path | None = None,
+    detections: Sequence[str] | None = None,
     dt_s: float = 0.1,
     reward: Reward | None = None,
     **options: Any,
@@ -51,14 +52,14 @@ def replay_env(
 
     Args:
         name: the environment's id.
-        path: the set's folder.
-        detections: names under `detections/`; each is one agent.
+        path: the set's folder; there is no default.
+        detections: names under `detections/`; each is one agent. There is no default.
         dt_s: time between two frames.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`.
     """
-    require_positive(dt_s=dt_s)
-    (common,) = sort_options(options, CommonOptions)
+    require_frame_time(dt_s)
+    (common,) = sort_options(options, CommonOptions, beside=["path", "detections", "dt_s", "reward"])
     shared = CommonOptions(**common)
     return CooperativeEnv(Replay(name, path, detections, dt_s, shared.uplink), shared, reward)
 
@@ -71,7 +72,7 @@ def _register() -> None:
     }
     for versioned, maker in makers.items():
         full = f"{NAMESPACE}/{versioned}"
-        make = partial(maker, name=full)
+        make = partial(maker, full)
         ENVIRONMENTS.register(versioned)(make)
         pettingzoo.register("parallel", full, make)
 

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from coopsim.checks import require_choice, require_count, require_positive, require_threshold
+from coopsim.checks import (
+    require_between,
+    require_choice,
+    require_count,
+    require_flag,
+    require_instance,
+    require_number,
+    require_positive,
+    require_threshold,
+)
 from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import UnknownNameError
 from coopsim.localization import LocalizationConfig
-from coopsim.sensors.lidar import LidarConfig
+from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
+from coopsim.sensors.patterns import PATTERNS, BeamPattern
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +33,8 @@ class CommonOptions:
 
     Attributes:
         uplink: what agents broadcast: "detections" or "none"; a policy states what it needs.
-        latency_s: delay of every message, any value >= 0.
-        latency_jitter_s: standard deviation of the delay.
+        latency_s: delay of every message, any value in [0, 3600].
+        latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].
         communication_range_m: farther apart than this, nothing arrives.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
@@ -47,6 +58,7 @@ class CommonOptions:
         if self.render_mode is not None:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
         require_threshold(match_iou=self.match_iou)
+        require_flag(expose_ground_truth=self.expose_ground_truth)
         self.channel  # noqa: B018  (its own checks run now, not at the first message)
 
     @property
@@ -62,10 +74,10 @@ class SimulationOptions:
 
     Attributes:
         max_cycles: steps until the episode is truncated.
-        dt_s: time between two frames.
-        lidar: name of a beam table (see `coopsim.sensors.patterns`).
+        dt_s: time between two frames, in [1e-06, 3600].
+        lidar: name of a beam table (see `coopsim.sensors.patterns`), or a table of one's own.
         lidar_columns: firings per turn.
-        lidar_range_m: farthest return.
+        lidar_range_m: farthest return; the nearest is at 1 m.
         cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
         renderer: "auto", "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
@@ -81,7 +93,7 @@ class SimulationOptions:
 
     max_cycles: int = 200
     dt_s: float = 0.1
-    lidar: str = "HDL-32E"
+    lidar: str | BeamPattern = "HDL-32E"
     lidar_columns: int = 1024
     lidar_range_m: float = 120.0
     cameras: bool = False
@@ -100,11 +112,23 @@ class SimulationOptions:
         require_choice("control", self.control, ("traffic", "policy"))
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))
         require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
-        require_positive(dt_s=self.dt_s, region_x_m=self.region_x_m, region_y_m=self.region_y_m)
+        require_frame_time(self.dt_s)
+        require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
         require_count(1, max_cycles=self.max_cycles)
-        if not (self.detector is None or isinstance(self.detector, Detector)):
-            raise InvalidValueError(f"detector must be a coopsim Detector or None, got {self.detector!r}")
-        self.localization, self.lidar_config  # noqa: B018  (their own checks run now)
+        require_flag(cameras=self.cameras)
+        require_instance(Detector, detector=self.detector)
+        self._check_lidar()
+        self.localization  # noqa: B018  (its own checks run now)
+
+    def _check_lidar(self) -> None:
+        """What `LidarConfig` asks for, by the names that it has here."""
+        if not isinstance(self.lidar, BeamPattern):
+            require_choice("lidar", self.lidar, PATTERNS)
+        require_count(1, MOST_COLUMNS, lidar_columns=self.lidar_columns)
+        nearest_m = LidarConfig().min_range_m
+        require_number(
+            f"a finite number > {nearest_m:g}", lambda far: nearest_m < far < math.inf, lidar_range_m=self.lidar_range_m
+        )
 
     @property
     def localization(self) -> LocalizationConfig:
@@ -122,12 +146,19 @@ class SimulationOptions:
         return LidarConfig(pattern=self.lidar, columns=self.lidar_columns, max_range_m=self.lidar_range_m)
 
 
-def sort_options(options: Mapping[str, Any], *groups: type[Any]) -> list[dict[str, Any]]:
+def require_frame_time(dt_s: object) -> None:
+    """The time between two frames must be one that nanoseconds can tell, and whose sum they can hold."""
+    require_positive(dt_s=dt_s)
+    require_between(1e-6, 3600, dt_s=dt_s)
+
+
+def sort_options(options: Mapping[str, Any], *groups: type[Any], beside: Iterable[str] = ()) -> list[dict[str, Any]]:
     """Sort keywords by the dataclass that has a field of that name; one dict per group, in order.
 
     Args:
         options: keywords as the user gave them.
         *groups: dataclasses with distinct field names.
+        beside: what else the user could have given, for the message.
 
     Raises:
         UnknownNameError: a keyword belongs to none of them.
@@ -136,5 +167,5 @@ def sort_options(options: Mapping[str, Any], *groups: type[Any]) -> list[dict[st
     known = {name for group in names for name in group}
     for name in options:
         if name not in known:
-            raise UnknownNameError("option", name, known)
+            raise UnknownNameError("option", name, known.union(beside))
     return [{name: options[name] for name in group if name in options} for group in names]

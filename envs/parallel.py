@@ -21,13 +21,14 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from coopsim.checks import require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
 from coopsim.comms.uplink import UPLINKS
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
 from coopsim.envs.spaces import action_space, observation_space, pack_observation, unpack_action
-from coopsim.errors import EpisodeStateError, InvalidActionError
+from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.rng import require_seed
@@ -64,7 +65,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._uplink = UPLINKS.get(options.uplink)
-        self._reward = reward or MotaReward()
+        require_instance(Reward, reward=reward)
+        self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)
         self.agents: list[str] = []
         self.render_mode = options.render_mode
@@ -73,7 +75,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "name": source.name,
             "render_modes": ["rgb_array", "human"],
             "is_parallelizable": True,
-            "render_fps": round(1 / dt_s),
+            "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {
             name: observation_space(self.possible_agents, source.lidars, source.cameras)
@@ -82,6 +84,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
+        self._halfway = False  # a call began to change things and did not come to its end
         self._channel: Channel
         self._scorer: Scorer
         self._shown: tuple[Frame, Mapping[str, Tracks]]
@@ -108,14 +111,26 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         Args:
             seed: integer >= 0 that decides everything; None takes a fresh one (it stands in the infos).
             options: what the source understands (a replay: `{"sequence": "0003"}`); others are warned about.
+
+        Raises:
+            InvalidValueError: the seed is not one, or options is not a dict. The environment is as it was before.
+            UnknownNameError: an option's value is unknown. The environment is as it was before.
+            RecordingError: the recording to replay is broken. The environment is as it was before.
         """
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
+        if not (options is None or isinstance(options, Mapping)):
+            raise InvalidValueError(f"reset options must be a dict or None, got {options!r}")
         known = {key: value for key, value in (options or {}).items() if key in self._source.reset_options}
         for key in sorted(set(map(str, options or {})) - set(known)):
             accepted = ", ".join(self._source.reset_options) or "none"
             warnings.warn(f"reset option {key!r} is ignored; accepted: {accepted}", stacklevel=2)
-        self._frame = self._source.start(seed, known)
+        before, self._halfway = self._halfway, True
+        try:
+            self._frame = self._source.start(seed, known)
+        except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
+            self._halfway = before
+            raise
         self._channel = Channel(self._options.channel, seed)
         self._scorer = Scorer(
             tuple(self.possible_agents),
@@ -127,6 +142,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         observations = self._exchange(self._frame)
         infos = {name: {"seed": seed, **self._truth(self._frame.agents[name])} for name in self.agents}
         self._show_if_human()
+        self._halfway = False
         return observations, infos
 
     def step(
@@ -144,11 +160,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             actions: one action for every agent in `agents`, no more and no less.
 
         Raises:
-            EpisodeStateError: before `reset`, or after the episode's end.
+            EpisodeStateError: before `reset`, after the episode's end, or after an error in the middle of a step (of a
+                detector or a reward, say), which leaves no whole frame to go on from.
             InvalidActionError: names the agent and what is wrong. The environment is as it was before.
         """
         frame = self._running()
         tracks, maneuvers = self._check(actions)
+        self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
         self._shown = (frame, tracks)
         self._frame = frame = self._source.advance(maneuvers)
@@ -159,6 +177,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         infos = {name: {"counts": counts[name].as_dict(), **self._truth(frame.agents[name])} for name in reported}
         self._show_if_human()
         over = dict.fromkeys(reported, frame.last)
+        self._halfway = False
         return observations, rewards, dict.fromkeys(reported, False), over, infos
 
     def score(self) -> Score:
@@ -254,6 +273,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def _running(self) -> Frame:
         frame = self._current()
+        if self._halfway:
+            raise EpisodeStateError("the last step or reset ended halfway in an error: call reset to begin an episode")
         if not self.agents:
             raise EpisodeStateError("the episode is over: call reset to begin another")
         return frame
@@ -293,7 +314,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _truth(self, agent: AgentFrame) -> dict[str, Any]:
         if not self._options.expose_ground_truth:
             return {}
-        truth = {"id": agent.truth.id, "box": agent.truth.boxes.array, "label": agent.truth.label}
+        # Copies, because the originals are what the agent is scored against.
+        truth = {"id": agent.truth.id.copy(), "box": agent.truth.boxes.array, "label": agent.truth.label.copy()}
         return {"ground_truth": truth, "instances": dict(agent.instances)}
 
     def _show_if_human(self) -> None:

@@ -24,9 +24,8 @@ class AgentFrame:
         observation: before communication (its inbox is empty).
         body: the agent's true place.
         truth: the objects that count in its score, in its base frame.
-        ignored: boxes (M, 7) and labels (M,) of objects that do not count: a track on one of them neither
-            helps nor harms.
-        ignored_label: labels of `ignored`.
+        ignored: M objects that do not count: a track on one of them neither helps nor harms.
+        ignored_label: (M,) labels of `ignored`.
         instances: per sweep, the id of the actor behind each point; for training only.
     """
 
@@ -78,7 +77,14 @@ class FrameSource(ABC):
 
     @abstractmethod
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
-        """Begin an episode; its first frame."""
+        """Begin an episode; its first frame.
+
+        Raises:
+            UnknownNameError: an option is refused, and nothing has begun.
+            RecordingError: the recording is broken, and nothing has begun.
+
+        After any other error the source has no frame to go on from.
+        """
 
     @abstractmethod
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from coopsim.arrays import as_numbers
 from coopsim.errors import CoopsimError, InvalidActionError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.taxonomy import CLASS_NAMES
@@ -32,6 +33,8 @@ IDLE = MANEUVERS.index("idle")
 
 _COUNTER = 2**62  # what fits an int64 and leaves room to add: nanoseconds, ids
 
+_TRACK_COLUMNS = {"id": np.int64, "box": np.float64, "velocity": np.float64, "score": np.float64, "label": np.int64}
+
 
 def _reals(*shape: int, low: float = -np.inf, dtype: Any = np.float64) -> spaces.Box:
     return spaces.Box(low, np.inf, shape, dtype)
@@ -41,8 +44,9 @@ def _rows(**columns: spaces.Space[Any]) -> spaces.Sequence:
     return spaces.Sequence(spaces.Dict(columns), stack=True)
 
 
-_BOX = spaces.Box(np.array([-np.inf] * 3 + [0.0] * 3 + [-np.inf]), np.full(7, np.inf), dtype=np.float64)
-"""x, y, z, l, w, h, yaw; sizes are positive."""
+def _box() -> spaces.Box:
+    """x, y, z, l, w, h, yaw; sizes are positive. Never the same space twice: one that is shared is seeded as one."""
+    return spaces.Box(np.array([-np.inf] * 3 + [0.0] * 3 + [-np.inf]), np.full(7, np.inf), dtype=np.float64)
 
 
 def observation_space(
@@ -55,7 +59,6 @@ def observation_space(
         sensors: names of the agent's LiDARs.
         cameras: height and width of each camera's image.
     """
-    point = spaces.Sequence(_reals(5, dtype=np.float32), stack=True)
     image: dict[str, spaces.Space[Any]] = {
         name: spaces.Dict(rgb=spaces.Box(0, 255, (*size, 3), np.uint8), depth=_reals(*size, low=0.0, dtype=np.float32))
         for name, size in cameras.items()
@@ -64,8 +67,8 @@ def observation_space(
         time_ns=spaces.Discrete(_COUNTER),
         pose=_reals(4),
         odometry=_reals(4),
-        detections=_rows(box=_BOX, score=_reals(1), label=spaces.Discrete(len(CLASS_NAMES))),
-        sweeps=spaces.Dict(dict.fromkeys(sensors, point)),
+        detections=_rows(box=_box(), score=_reals(1), label=spaces.Discrete(len(CLASS_NAMES))),
+        sweeps=spaces.Dict({name: spaces.Sequence(_reals(5, dtype=np.float32), stack=True) for name in sensors}),
         cameras=spaces.Dict(image),
         inbox=_rows(
             sender=spaces.Discrete(len(agents)),
@@ -82,7 +85,7 @@ def action_space(*, drives: bool) -> spaces.Dict:
     """The space of one agent's actions: the tracks it reports and, if it drives, a maneuver."""
     tracks = _rows(
         id=spaces.Discrete(_COUNTER),
-        box=_BOX,
+        box=_box(),
         velocity=_reals(2),
         score=_reals(1),
         label=spaces.Discrete(len(CLASS_NAMES)),
@@ -142,7 +145,7 @@ def pack_tracks(tracks: Tracks) -> dict[str, Any]:
 
 
 def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, int]:
-    """The tracks and the maneuver in one agent's action, checked.
+    """The tracks and the maneuver in one agent's action, checked and copied.
 
     Raises:
         InvalidActionError: names the agent, what is wrong, and what is accepted.
@@ -157,24 +160,25 @@ def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, 
     except CoopsimError as error:
         raise InvalidActionError(f"{agent}: {error}") from error
     maneuver = action["maneuver"] if drives else IDLE
-    if not isinstance(maneuver, (int, np.integer)) or not 0 <= maneuver < len(MANEUVERS):
+    whole = isinstance(maneuver, (int, np.integer)) and not isinstance(maneuver, bool)
+    if not (whole and 0 <= maneuver < len(MANEUVERS)):
         names = ", ".join(f"{number} {name}" for number, name in enumerate(MANEUVERS))
         raise InvalidActionError(f"{agent}: maneuver must be one of {names}; got {maneuver!r}")
     return tracks, int(maneuver)
 
 
 def _unpack_tracks(packed: object) -> Tracks:
-    columns = ("id", "box", "velocity", "score", "label")
-    if not isinstance(packed, Mapping) or set(packed) != set(columns):
+    if not isinstance(packed, Mapping) or set(packed) != set(_TRACK_COLUMNS):
         got = sorted(map(str, packed)) if isinstance(packed, Mapping) else repr(packed)
-        raise InvalidActionError(f"tracks are a dict with {list(columns)}, got {got}")
-    for name in ("id", "label"):
-        if np.asarray(packed[name]).dtype.kind not in "iu" and np.size(packed[name]):
-            raise InvalidActionError(f"track {name} must be integers, got {np.asarray(packed[name]).dtype}")
-    boxes = Boxes3D.from_array(packed["box"])
-    score = np.asarray(packed["score"])
+        raise InvalidActionError(f"tracks are a dict with {list(_TRACK_COLUMNS)}, got {got}")
+    # Copies: what the caller does to its arrays afterwards does not change what it reported.
+    track_id, box, velocity, score, label = (
+        as_numbers(packed[name], dtype, f"track {name}").copy() for name, dtype in _TRACK_COLUMNS.items()
+    )
+    if track_id.size and not 0 <= track_id.min() <= track_id.max() < _COUNTER:
+        raise InvalidActionError(f"track id must be in 0..{_COUNTER - 1}, got {track_id.min()}..{track_id.max()}")
     score = score[:, 0] if score.ndim == 2 and score.shape[1] == 1 else score
-    return Tracks(packed["id"], boxes, packed["velocity"], score, packed["label"])
+    return Tracks(track_id, Boxes3D.from_array(box), velocity, score, label)
 
 
 def _pack_sweep(sweep: Sweep) -> np.ndarray[Any, np.dtype[np.float32]]:

@@ -13,13 +13,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from coopsim.checks import require_number
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.comms.message import decode_message, encode_message
-from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.rng import stream
 from coopsim.types import Message
+
+_ROUNDING_NS = 2
+"""Frames' times and delays are rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +40,7 @@ class ChannelConfig:
     range_m: float = np.inf
 
     def __post_init__(self) -> None:
-        if not self.range_m >= 0:
-            raise InvalidValueError(f"communication_range_m must be >= 0 (inf: no limit), got {self.range_m!r}")
+        require_number(">= 0 (inf: no limit)", lambda far: far >= 0, communication_range_m=self.range_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class Channel:
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
         """Take out every message that is due, by receiver, in order of arrival."""
         inboxes: dict[str, list[Message]] = {}
-        while self._queue and self._queue[0][0] <= now_ns:
+        while self._queue and self._queue[0][0] <= now_ns + _ROUNDING_NS:
             _, _, receiver, wire = heapq.heappop(self._queue)
             inboxes.setdefault(receiver, []).append(decode_message(wire))
             self._delivered += 1

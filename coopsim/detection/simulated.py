@@ -13,7 +13,15 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from coopsim.checks import require_count, require_non_negative, require_positive, require_probability
+from coopsim.checks import (
+    require_between,
+    require_count,
+    require_finite_number,
+    require_instance,
+    require_non_negative,
+    require_positive,
+    require_probability,
+)
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -60,7 +68,7 @@ class SimulatedDetectorConfig:
         score_gain: steepness of the score.
         score_offset: P(detect) at which the score is 0.5.
         score_noise: standard deviation of the score's logit.
-        false_positives: mean number of false boxes a frame (Poisson).
+        false_positives: mean number of false boxes a frame (Poisson), at most 10 000.
         false_positive_range_m: they lie at least half a car length and at most this far away.
         false_positive_logit: mean logit of their score.
     """
@@ -83,10 +91,9 @@ class SimulatedDetectorConfig:
 
     def __post_init__(self) -> None:
         unsigned = asdict(self)
-        for name in ("score_offset", "false_positive_logit"):
-            if not np.isfinite(unsigned.pop(name)):
-                raise InvalidValueError(f"{name} must be a finite number, got {getattr(self, name)!r}")
+        require_finite_number(**{name: unsigned.pop(name) for name in ("score_offset", "false_positive_logit")})
         require_non_negative(**unsigned)
+        require_between(0, 10_000, false_positives=self.false_positives)
         require_count(1, min_points=self.min_points)
         require_positive(recall_points=self.recall_points)
         require_probability(max_recall=self.max_recall, yaw_flip=self.yaw_flip)
@@ -98,6 +105,7 @@ class SimulatedDetector(Detector):
     _FALSE_SIZE_M = np.array([4.3, 1.9, 1.6])
 
     def __init__(self, config: SimulatedDetectorConfig | None = None) -> None:
+        require_instance(SimulatedDetectorConfig, config=config)
         self.config = config or SimulatedDetectorConfig()
 
     def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:

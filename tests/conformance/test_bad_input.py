@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pettingzoo
 import pytest
 
 import coopsim
+from coopsim.detection.simulated import SimulatedDetector, SimulatedDetectorConfig
+from coopsim.envs import MotaReward, Reward
 from coopsim.errors import (
+    CoopsimError,
     EpisodeStateError,
     InvalidActionError,
     InvalidValueError,
     PolicyMismatchError,
     UnknownNameError,
 )
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Detections
 
 Make = Callable[..., Any]
 
@@ -42,7 +50,17 @@ BAD_ACTIONS = [
     (tracks(score=np.array([[0.1], [np.inf]])), "score must be finite"),
     (tracks(velocity=np.zeros((2, 3))), "velocity must have shape"),
     (tracks(label=np.array([0, 9])), r"labels must be in 0..8, got \[9\]"),
-    (tracks(box="seven numbers"), "boxes must be numbers"),
+    (tracks(box="seven numbers"), "track box must be numbers"),
+    (tracks(box=np.ones((2, 7)) * 1j), "track box must be numbers, got complex128"),
+    (tracks(velocity=np.zeros((2, 2), dtype=bool)), "track velocity must be numbers, got bool"),
+    (tracks(score=np.array([["1.5"], ["1"]])), "track score must be numbers, got <U3"),
+    (tracks(score=[[0.1], [0.2, 0.3]]), "track score must be numbers in rows of the same length"),
+    (tracks(id=[[1], [2, 3]]), "track id must be integers in rows of the same length"),
+    (tracks(label=[[0], [0, 1]]), "track label must be integers in rows of the same length"),
+    (tracks(label=np.array([True, False])), "track label must be integers, got bool"),
+    (tracks(id=np.array([1, 2**63], dtype=np.uint64)), r"track id must be in .*, got 9223372036854775808"),
+    (tracks(id=np.array([-1, 2])), r"track id must be in 0\.\.\d+, got -1"),
+    (tracks(id=[1, 2**62]), r"track id must be in 0\.\.4611686018427387903"),
     ({"tracks": {"id": []}}, "tracks are a dict with"),
     ({"boxes": []}, r"an action is a dict with \['tracks'\], got \['boxes'\]"),
     (None, "an action is a dict"),
@@ -76,7 +94,30 @@ def test_unknown_and_missing_agents(make_small: Make) -> None:
         env.step([])
 
 
-@pytest.mark.parametrize("maneuver", [5, -1, 1.0, "left", None])
+@pytest.mark.parametrize(
+    ("label", "match"), [([4.5], "float64"), ([np.nan], "float64"), ([1e300], r"got 1e\+300"), ("1", "U1")]
+)
+def test_detections_of_ones_own_take_no_fraction_for_a_label(label: Any, match: str) -> None:
+    box = Boxes3D.from_array(np.ones((1, 7)))
+    assert Detections(box, [1], [2.0]).label.dtype == np.int64
+    with pytest.raises(InvalidValueError, match=f"^label must be .*{match}"):
+        Detections(box, [1], label)
+
+
+def test_what_happens_to_an_action_later_does_not_change_what_was_reported(make_small: Make) -> None:
+    env = make_small()
+    env.reset(seed=0)
+    actions = {agent: tracks() for agent in env.agents}
+    env.step(actions)
+    before = env.bev_frame().tracks["cav_0"]
+    for column in actions["cav_0"]["tracks"].values():
+        column += 1
+    after = env.bev_frame().tracks["cav_0"]
+    np.testing.assert_array_equal(after.boxes.array, before.boxes.array)
+    np.testing.assert_array_equal(after.label, 0)
+
+
+@pytest.mark.parametrize("maneuver", [5, -1, 1.0, True, "left", None])
 def test_bad_maneuver(make_small: Make, maneuver: Any) -> None:
     env = make_small(control="policy")
     env.reset(seed=0)
@@ -102,6 +143,48 @@ def test_calls_at_the_wrong_moment(make_small: Make) -> None:
         coopsim.make_policy("no_fusion").act({})
 
 
+class Flaky(SimulatedDetector, Reward):
+    """Fails when told to."""
+
+    fails = ""
+
+    def detect(self, *args: Any) -> Detections:
+        return 1 // 0 if self.fails == "detector" else super().detect(*args)  # type: ignore[return-value]
+
+    def __call__(self, counts: object) -> float:
+        return 1 // 0 if self.fails == "reward" else 0.0
+
+
+@pytest.mark.parametrize("part", ["detector", "reward"])
+def test_after_an_error_in_the_middle_only_reset_goes_on(make_small: Make, part: str) -> None:
+    flaky = Flaky()
+    env = make_small(detector=flaky, reward=flaky)
+
+    def step() -> None:
+        env.step({agent: tracks(0) for agent in env.possible_agents})
+
+    def scored_frames() -> int:
+        return len(env.logs["cav_0"])
+
+    env.reset(seed=0)
+    flaky.fails = part
+    with pytest.raises(ZeroDivisionError):
+        step()
+    flaky.fails = ""
+    for _ in range(2):
+        with pytest.raises(EpisodeStateError, match="ended halfway in an error: call reset"):
+            step()
+    assert scored_frames() == 1
+    env.reset(seed=0)
+    step()
+    assert scored_frames() == 1
+    flaky.fails = "detector"
+    with pytest.raises(ZeroDivisionError):
+        env.reset(seed=1)
+    with pytest.raises(EpisodeStateError, match="halfway"):
+        step()
+
+
 @pytest.mark.parametrize(
     ("option", "error", "match"),
     [
@@ -123,7 +206,12 @@ def test_calls_at_the_wrong_moment(make_small: Make) -> None:
         ({"false_positives": "skip"}, UnknownNameError, "unknown false_positives"),
         ({"render_mode": "ansi"}, UnknownNameError, "unknown render_mode 'ansi'"),
         ({"lidar": "HDL-32"}, UnknownNameError, "Did you mean 'HDL-32E'"),
-        ({"lidar_columns": 0}, InvalidValueError, "columns"),
+        ({"lidar": None}, UnknownNameError, "^unknown lidar None"),
+        ({"lidar_columns": 0}, InvalidValueError, r"^lidar_columns must be an integer in 1\.\.16384, got 0"),
+        ({"lidar_range_m": 0.5}, InvalidValueError, "^lidar_range_m must be a finite number > 1, got 0.5"),
+        ({"reward": MotaReward}, InvalidValueError, r"^reward must be a coopsim Reward.*: write MotaReward\(\)"),
+        ({"name": "x"}, UnknownNameError, "^unknown option 'name'"),
+        ({"scenario": "highway"}, UnknownNameError, "^unknown option 'scenario'"),
         ({"detector": "simulated"}, InvalidValueError, "detector must be a coopsim Detector or None"),
         ({"vehicles": -1}, InvalidValueError, "vehicles"),
         ({"connected_cars": 11, "vehicles": 10}, InvalidValueError, "connected_cars"),
@@ -135,6 +223,38 @@ def test_calls_at_the_wrong_moment(make_small: Make) -> None:
 def test_bad_options(option: dict[str, Any], error: type[Exception], match: str) -> None:
     with pytest.raises(error, match=match):
         coopsim.parallel_env("crossing", **option)
+    with pytest.raises(error, match=match):
+        pettingzoo.make("parallel", "coopsim/crossing-v0", **option)
+
+
+BOTH = np.array(["none", "detections"])
+
+WRONG_TYPES = {
+    "cameras": ["no", "false", np.nan, [1], 1, None],
+    "expose_ground_truth": ["no", 0],
+    "communication_range_m": [None, "x", [1], True, np.nan],
+    "latency_s": [None, "x", 1e300, 10**400, True],
+    "latency_jitter_s": [1e300],
+    "dt_s": ["x", 1e300, 1e-300],
+    "lidar_columns": [True, 20_000, 1.5],
+    "lidar_range_m": [None, np.inf],
+    "uplink": [[1], {}, None, BOTH],
+    "control": [[1], BOTH],
+    "ground_truth": [BOTH],
+    "false_positives": [{}, BOTH],
+    "render_mode": [0, BOTH],
+    "renderer": [None],
+    "reward": [3, "x", {}, 0],
+    "detector": [0, Flaky],
+}
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [(name, value) for name, values in WRONG_TYPES.items() for value in values]
+)
+def test_a_wrong_type_is_refused_by_the_name_of_its_option(option: str, value: Any) -> None:
+    with pytest.raises(CoopsimError, match=f"^(unknown )?{option} "):
+        coopsim.parallel_env("crossing", **{option: value})
 
 
 @pytest.mark.parametrize(
@@ -145,6 +265,13 @@ def test_bad_options(option: dict[str, Any], error: type[Exception], match: str)
             "unknown environment 'crosing'. Did you mean 'crossing-v0'",
         ),
         (lambda: coopsim.parallel_env("crossing-v9"), "unknown environment 'crossing-v9'"),
+        (lambda: coopsim.parallel_env(None), "unknown environment None"),
+        (lambda: coopsim.parallel_env(3), "unknown environment 3"),
+        (lambda: coopsim.parallel_env("replay", max_cycles=3), "unknown option 'max_cycles'.*detections.*path"),
+        (lambda: coopsim.parallel_env("crossing", rewards=None), "unknown option 'rewards'. Did you mean 'reward'"),
+        (lambda: coopsim.make_policy([1]), r"unknown policy \[1\]"),
+        (lambda: coopsim.make_policy("ab3dmot", late=BOTH), "unknown way"),
+        (lambda: coopsim.make_policy("ab3dmot", name="x"), "unknown parameter of policy 'ab3dmot' 'name'"),
         (
             lambda: coopsim.make_policy("late_fusoin"),
             "unknown policy 'late_fusoin'. Did you mean 'late_fusion'",
@@ -160,16 +287,70 @@ def test_unknown_names(call: Callable[[], Any], match: str) -> None:
         call()
 
 
-@pytest.mark.parametrize("parameters", [{"hits": 0}, {"age": 0}, {"gate": float("nan")}, {"hits": 1.5}])
-def test_bad_policy_parameters(parameters: dict[str, Any]) -> None:
-    with pytest.raises(InvalidValueError, match=next(iter(parameters))):
-        coopsim.make_policy("ab3dmot", **parameters)
+@pytest.mark.parametrize(
+    ("policies", "parameter", "values"),
+    [
+        ("ab3dmot", "hits", [0, 1.5]),
+        ("ab3dmot", "age", [0]),
+        ("ab3dmot late_fusion graph_lap_tsa", "gate", [None, "x", [1], True, 5, -2, np.nan]),
+        ("vic_fscm", "gate", [None, True, -0.1, 1.1]),
+        ("dino_codt", "gate", ["x", 0, 1.1]),
+        ("vic_fscm", "detection_score", [None, np.inf]),
+        ("vic_fscm", "track_score", [True, np.nan]),
+        ("graph_lap_aos", "one_per_object", ["no", 1]),
+        ("late_fusion yoloo", "merge_iou", [0, -0.1, 1.5, np.nan]),
+    ],
+)
+def test_bad_policy_parameters(policies: str, parameter: str, values: list[Any]) -> None:
+    for policy, value in itertools.product(policies.split(), values):
+        with pytest.raises(InvalidValueError, match=f"^{parameter} must be"):
+            coopsim.make_policy(policy, **{parameter: value})
 
 
-@pytest.mark.parametrize("merge_iou", [0, -0.1, 1.5, float("nan")])
-def test_bad_merge_threshold(merge_iou: float) -> None:
-    with pytest.raises(InvalidValueError, match="iou"):
-        coopsim.make_policy("late_fusion", merge_iou=merge_iou)
+def test_parameters_of_ones_own_policies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(coopsim.POLICIES._entries, "anything", lambda **parameters: parameters)
+    monkeypatch.setitem(coopsim.POLICIES._entries, "needy", lambda gate: gate)
+    assert coopsim.make_policy("anything", name=1, x=2) == {"name": 1, "x": 2}
+    with pytest.raises(InvalidValueError, match="policy 'needy': missing a required argument: 'gate'"):
+        coopsim.make_policy("needy")
+
+
+@pytest.mark.parametrize("tracked", [None, {}, tracks()])
+def test_a_policy_that_reports_no_tracks_is_named(make_small: Make, tracked: Any) -> None:
+    class Careless(coopsim.Policy):
+        def track(self, agent: str, observation: Any) -> Any:
+            return tracked
+
+    env, policy = make_small(), Careless()
+    observations, _ = env.reset(seed=0)
+    policy.reset(env.agent_specs)
+    with pytest.raises(InvalidActionError, match=r"Careless\.track must return Tracks, got .* for cav_0"):
+        policy.act(observations)
+    with pytest.raises(UnknownNameError, match=r"unknown agent 'cav_9'.*cav_0"):
+        policy.act({"cav_9": observations["cav_0"]})
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: SimulatedDetectorConfig(score_offset="x"), "score_offset must be a finite number, got 'x'"),
+        (lambda: SimulatedDetectorConfig(false_positive_logit=None), "false_positive_logit must be a finite"),
+        (lambda: SimulatedDetectorConfig(false_positives=1e300), "false_positives must be in"),
+        (lambda: SimulatedDetector("x"), "config must be a coopsim SimulatedDetectorConfig or None"),
+        (lambda: SimulatedDetector(SimulatedDetectorConfig), r"write SimulatedDetectorConfig\(\)"),
+        (lambda: SimulatedDetector({}), "config must be"),
+    ],
+)
+def test_bad_detectors(make: Callable[[], Any], match: str) -> None:
+    with pytest.raises(InvalidValueError, match=match):
+        make()
+
+
+@pytest.mark.parametrize("given", ["path", "detections", ""])
+def test_a_replay_needs_a_path_and_detections(recordings: Path, given: str) -> None:
+    good = {"path": recordings, "detections": ("ego",)}
+    with pytest.raises(CoopsimError, match="detections" if given == "path" else "path"):
+        coopsim.parallel_env("replay", **{name: value for name, value in good.items() if name == given})
 
 
 def test_a_policy_that_needs_another_uplink(make_small: Make) -> None:
@@ -187,6 +368,18 @@ def test_a_bad_seed_leaves_the_running_episode(make_small: Make, seed: Any) -> N
     with pytest.raises(InvalidValueError, match="seed must be an integer >= 0"):
         env.reset(seed=seed)
     assert env.time_ns == 100_000_000
+
+
+@pytest.mark.parametrize("options", [[1], [], "abc", 0, {"sequence": "0009"}, {"sequence": None}, {"sequence": "0001"}])
+def test_bad_reset_options_leave_the_running_episode(recordings: Path, options: Any) -> None:
+    env = coopsim.parallel_env("replay", path=recordings, detections=("ego",))
+    env.reset(seed=0)
+    env.step({"ego": tracks(0)})
+    (recordings / "detections" / "ego" / "0001.txt").write_text("nonsense")
+    with pytest.raises(CoopsimError, match=r"reset options must be a dict or None|unknown sequence|0001.txt"):
+        env.reset(seed=1, options=options)
+    env.step({"ego": tracks(0)})
+    assert len(env.logs["ego"]) == 2
 
 
 def test_an_unknown_reset_option_is_warned_about(make_small: Make) -> None:

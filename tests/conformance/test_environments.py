@@ -9,9 +9,10 @@ import numpy as np
 import pettingzoo
 import pytest
 from conftest import SIMULATED, SMALL
-from pettingzoo.test import parallel_api_test
+from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 import coopsim
+from coopsim.types import seconds_to_ns
 
 Make = Callable[..., Any]
 
@@ -53,6 +54,12 @@ def test_parallel_api(make_small: Make, name: str, control: str) -> None:
 def test_parallel_api_of_replay(recordings: Any) -> None:
     env = coopsim.parallel_env("replay", path=recordings, detections=("ego", "1"))
     parallel_api_test(env, num_cycles=15)
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_parallel_seed(make_small: Make, name: str) -> None:
+    """It stops after one step; `test_same_seed_same_bits_for_200_steps` does not. But it seeds the spaces."""
+    parallel_seed_test(lambda: make_small(name, control="policy"), 5)
 
 
 @pytest.mark.parametrize("name", [f"coopsim/{name}-v0" for name in SIMULATED])
@@ -141,12 +148,13 @@ def test_one_agent_more_leaves_the_others_as_they_were(make_small: Make, name: s
             assert heard_a == [heard for heard in heard_b if heard[0] != new]
 
 
-def test_zero_latency_arrives_in_the_same_frame_and_200_ms_two_frames_later(make_small: Make) -> None:
-    for latency_s, frames in ((0.0, 0), (0.2, 2)):
-        for k, step in enumerate(play(make_small(latency_s=latency_s), seed=0)):
-            captured = step[0]["cav_0"]["inbox"]["captured_ns"]
-            expected = [(k - frames) * 100_000_000] * 3 if k >= frames else []
-            assert captured.tolist() == expected
+@pytest.mark.parametrize("dt_s", [0.1, 1 / 30, 1 / 3])
+@pytest.mark.parametrize("frames", [0, 1, 2])
+def test_a_latency_of_n_frames_is_n_frames(make_small: Make, dt_s: float, frames: int) -> None:
+    for k, step in enumerate(play(make_small(dt_s=dt_s, latency_s=frames * dt_s), seed=0)):
+        captured = step[0]["cav_0"]["inbox"]["captured_ns"]
+        expected = [seconds_to_ns((k - frames) * dt_s)] * 3 if k >= frames else []
+        assert captured.tolist() == expected
 
 
 def test_ground_truth_is_only_where_it_was_asked_for(make_small: Make) -> None:
@@ -158,6 +166,22 @@ def test_ground_truth_is_only_where_it_was_asked_for(make_small: Make) -> None:
     assert len(truth["id"]) == len(truth["box"]) == len(truth["label"]) > 0
     assert len(infos["cav_0"]["instances"]["lidar"]) == len(observations["cav_0"]["sweeps"]["lidar"])
     assert observations["cav_0"].keys() == hidden.reset(seed=0)[0]["cav_0"].keys()
+
+
+def test_writing_into_the_truth_that_was_handed_out_changes_no_score(make_small: Make) -> None:
+    def score(write: bool) -> Any:
+        env = make_small(expose_ground_truth=True, max_cycles=3)
+        policy = coopsim.make_policy("no_fusion")
+        observations, infos = env.reset(seed=0)
+        policy.reset(env.agent_specs)
+        while env.agents:
+            for info in infos.values() if write else ():
+                for column in info["ground_truth"].values():
+                    column[:] = 7
+            observations, _, _, _, infos = env.step(policy.act(observations))
+        return env.score().to_dict()
+
+    assert_same(score(write=True), score(write=False))
 
 
 def test_truth_that_counts_is_in_the_region_and_was_hit_by_somebody(make_small: Make) -> None:
