@@ -2,6 +2,7 @@
 
 from coopsim.agents import (
     ab3dmot,
+    coop_fuse,
     dino_codt,
     graph_lap,
     late_fusion,
@@ -15,6 +16,7 @@ from coopsim.agents.base import Policy
 __all__ = [
     "Policy",
     "ab3dmot",
+    "coop_fuse",
     "dino_codt",
     "graph_lap",
     "late_fusion",

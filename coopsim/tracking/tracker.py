@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.tracking.cascade import Cascade, Chooser, everyone
 from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion import Beliefs, Motion
+from coopsim.tracking.scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import NS_PER_S, Detections, Tracks
 
@@ -28,15 +29,6 @@ class Turn:
 
     association: Cascade
     born: Chooser = everyone
-
-
-ScoreRule = Callable[[Floats, Floats], Floats]
-"""A track's score so far and that of its new detection, (K,) each, to its score from now on."""
-
-
-def latest(before: Floats, found: Floats) -> Floats:
-    """AB3DMOT's rule: a track has the score of its last detection."""
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +58,7 @@ class Tracker:
         motion: the motion model and its filter.
         association: matches predicted tracks to detections.
         lifecycle: what is reported and what is dropped.
-        score: how a track's score follows its detections'.
+        scoring: how a track's score follows its detections'; None: the latest.
         born: which of the detections that no track matches begin a track.
         later: how the groups after the first are taken, see `step_in_turn`; None: as the first.
     """
@@ -77,11 +69,11 @@ class Tracker:
         association: Cascade,
         lifecycle: Lifecycle,
         *,
-        score: ScoreRule = latest,
+        scoring: Scoring | None = None,
         born: Chooser = everyone,
         later: Turn | None = None,
     ) -> None:
-        self._motion, self._lifecycle, self._score = motion, lifecycle, score
+        self._motion, self._lifecycle, self._scoring = motion, lifecycle, scoring or Latest()
         self._first = Turn(association, born)
         self._later = later or self._first
         self.reset()
@@ -136,6 +128,8 @@ class Tracker:
             born = self._begin(unmatched[turn.born(unmatched)], next_id)
             next_id += len(born)
             tracked = tracked.join(born)
+        lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
+        tracked = replace(tracked, score=lost)
         tracked = tracked[self._lifecycle.alive(tracked)]
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
@@ -171,7 +165,7 @@ class Tracker:
         boxes = Boxes3D.from_array(shown.boxes)
         # A filter may shrink a box through zero; a report of it would be refused.
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
-        return Tracks(shown.id, boxes, shown.velocity, shown.score, shown.label)
+        return Tracks(shown.id, boxes, shown.velocity, self._scoring.reported(shown), shown.label)
 
     def _updated(
         self, tracked: Tracked, rows: np.ndarray[tuple[int], np.dtype[np.int64]], found: Detections
@@ -182,7 +176,7 @@ class Tracker:
         matched = self._motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
         mean[rows], covariance[rows] = matched.mean, matched.covariance
         score, hits, misses = tracked.score.copy(), tracked.hits.copy(), tracked.misses.copy()
-        score[rows] = self._score(score[rows], found.score)
+        score[rows] = self._scoring.hit(score[rows], found.score, tracked.age[rows])
         hits[rows] += misses[rows] > 0
         misses[rows] = 0
         return self._believing(replace(tracked, score=score, hits=hits, misses=misses), Beliefs(mean, covariance))
@@ -192,7 +186,7 @@ class Tracker:
         beliefs = self._motion.initiate(found.boxes.array, found.covariance)
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        return Tracked(beliefs, boxes, velocity, ids, found.label, found.score, ones, none, none)
+        return Tracked(beliefs, boxes, velocity, ids, found.label, self._scoring.first(found.score), ones, none, none)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)

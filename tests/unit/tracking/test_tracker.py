@@ -15,6 +15,7 @@ from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, score_from
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.scoring import ShrunkMean
 from coopsim.tracking.tracker import Tracker, Turn
 from coopsim.types import Detections, Tracks
 
@@ -139,11 +140,13 @@ def test_later_groups_may_be_taken_otherwise() -> None:
 
 
 def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
-    def highest(before: np.ndarray, found: np.ndarray) -> np.ndarray:
-        return np.maximum(before, found)
-
     first = Cascade([Stage(giou_3d, hungarian, -0.2)])
-    tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), score=highest, born=score_from(0.5))
+    tracker = Tracker(
+        ConstantVelocity(), first, HitsAndAge(1, 3), scoring=ShrunkMean(0.2, 10, 0.5), born=score_from(0.5)
+    )
     assert len(tracker.step(cars((0, 0), score=0.4), 0)) == 0
-    tracker.step(cars((0, 0), score=0.6), FRAME_NS)
-    assert tracker.step(cars((0, 0), score=0.3), 2 * FRAME_NS).score.tolist() == [0.6]
+    reports = [
+        tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k) for k, score in enumerate((0.6, 0.3, 0.0), 1)
+    ]
+    expected = [(2 + 0.6) / 11, (2 + 0.6 + 0.3) / 12, (2 + 0.6 + 0.3) / 13 * 0.5]
+    assert [tracks.score[0] for tracks in reports] == pytest.approx(expected)

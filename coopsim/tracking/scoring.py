@@ -1,0 +1,80 @@
+"""How sure a track is: what becomes of the scores of its detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from coopsim.checks import require_positive, require_probability
+from coopsim.geometry.se3 import Floats
+from coopsim.tracking.tracked import Tracked
+from coopsim.types import Ints
+
+
+class Scoring(Protocol):
+    """Keeps the scores of all tracks at once."""
+
+    def first(self, found: Floats) -> Floats:
+        """Of tracks that detections with these scores begin, (K,)."""
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        """Of tracks with a detection in this frame, (K,); `age` is their frames since birth."""
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        """Of tracks without a detection in this frame, (K,)."""
+
+    def reported(self, tracks: Tracked) -> Floats:
+        """What reports say, (N,)."""
+
+
+class Latest:
+    """AB3DMOT's: a track has the score of its last detection."""
+
+    def first(self, found: Floats) -> Floats:
+        return found
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        return found
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        return before
+
+    def reported(self, tracks: Tracked) -> Floats:
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class ShrunkMean:
+    """The mean over a track's life, a frame without a detection counting 0, drawn to a prior while it is young.
+
+    What is seen again and again is rather there than what was seen once, however clearly.
+
+    Attributes:
+        prior: score that a track starts from, in [0, 1].
+        weight: number of frames that the prior counts for.
+        coasting: factor on what is reported of a track without a detection in this frame, in [0, 1].
+    """
+
+    prior: float = 0.2
+    weight: float = 10.0
+    coasting: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_probability(prior=self.prior, coasting=self.coasting)
+        require_positive(weight=self.weight)
+
+    def first(self, found: Floats) -> Floats:
+        return (self.weight * self.prior + found) / (self.weight + 1)
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        return (before * (self.weight + age) + found) / (self.weight + age + 1)
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        kept: Floats = before * (self.weight + age) / (self.weight + age + 1)
+        return kept
+
+    def reported(self, tracks: Tracked) -> Floats:
+        reported: Floats = np.where(tracks.misses > 0, self.coasting, 1.0) * tracks.score
+        return reported
