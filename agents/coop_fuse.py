@@ -9,16 +9,16 @@ import numpy as np
 
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
+from coopsim.checks import require_between, require_count, require_probability
 from coopsim.fusion.trust import trust_first
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.lifecycle import Mask
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.scoring import ShrunkMean
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import Detections
+from coopsim.types import Detections, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,9 @@ class CoopFuse(TrackingPolicy):
         age: int = 2,
         late: str = "predict",
     ) -> None:
-        trust_first([], merge_gate, floor)  # checks both
+        require_between(-1, 1, merge_gate=merge_gate, gate=gate)
+        require_probability(floor=floor, sure=sure)
+        require_count(1, hits=hits, age=age)
         self._merge_gate, self._floor = merge_gate, floor
         self._settings = (gate, hits, sure, age)
         super().__init__(late)

@@ -7,10 +7,11 @@ the extended Laplacian's least squares (eq. 8-10) moves them, and AB3DMOT tracks
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from coopsim.agents.ab3dmot import AB3DMOTBased
+from coopsim.agents.ab3dmot import AB3DMOTBased, ab3dmot
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_count, require_flag, require_threshold
 from coopsim.geometry.boxes import Boxes3D
@@ -19,8 +20,6 @@ from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody
 from coopsim.tracking.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
-from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.tracker import Tracker, Turn, sane
 from coopsim.types import Detections, Ints
 
@@ -70,8 +69,7 @@ class GraphLap(AB3DMOTBased):
             center = refine_sparse(center, anchor, nearest_graph(center, self._neighbours))
         else:
             center = refine(center, anchor)
-        boxes = Boxes3D(center, pooled.boxes.size, pooled.boxes.yaw)
-        moved = Detections(boxes, pooled.score, pooled.label, pooled.covariance, pooled.embedding)
+        moved = replace(pooled, boxes=Boxes3D(center, pooled.boxes.size, pooled.boxes.yaw))
         return moved[np.unique(same, return_index=True)[1]] if self._one_per_object else moved
 
 
@@ -93,9 +91,8 @@ class GraphLapTSA(GraphLap):
     """
 
     def make_tracker(self) -> Tracker:
-        gate, hits, age = self._settings
-        first, again = (Cascade([Stage(giou_3d, hungarian, gate=gate, **who)]) for who in ({}, {"tracks": missed}))
-        return Tracker(ConstantVelocity(), first, HitsAndAge(hits, age), later=Turn(again, born=nobody))
+        extend = Cascade([Stage(giou_3d, hungarian, gate=self._settings[0], tracks=missed)])
+        return ab3dmot(*self._settings, later=Turn(extend, born=nobody))
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         pooled, agent, same = self._pool(groups)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_between, require_threshold
+from coopsim.checks import require_threshold
 from coopsim.fusion.late import merge_duplicates
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
@@ -51,7 +51,6 @@ class LateFusion(PooledBoxes):
     def __init__(
         self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current"
     ) -> None:
-        require_between(-1, 1, gate=gate)
         self._settings = (gate, hits, age)
         super().__init__(merge_iou, late)
 

@@ -14,7 +14,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
 from coopsim.tracking.tracker import Tracker, sane
-from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Mask, Message, Observation, Tracks
 
 _MEMORY_NS = 2 * NS_PER_S
 """How long an agent remembers where it was."""
@@ -88,12 +88,11 @@ def _received(message: Message, observation: Observation, state: _AgentState) ->
     return Measurement(message.sender, message.captured_ns, found)
 
 
-def over_origin(detections: Detections) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def over_origin(detections: Detections) -> Mask:
     """Which boxes (N,) cover the origin on the ground."""
     boxes = detections.boxes
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     x, y = boxes.center[:, 0], boxes.center[:, 1]
     ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)
-    over: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    over = (ahead <= boxes.size[:, 0] / 2) & (aside <= boxes.size[:, 1] / 2)
+    over: Mask = (ahead <= boxes.size[:, 0] / 2) & (aside <= boxes.size[:, 1] / 2)
     return over

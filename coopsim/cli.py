@@ -87,25 +87,27 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_replay(parser: argparse.ArgumentParser) -> None:
+    _add_recordings(parser)
     add = parser.add_argument
-    add("path", type=Path, help="folder with labels/ and detections/<name>/")
     add("--policy", default="ab3dmot", help="see `list` (default: %(default)s)")
-    add("--detections", type=_names, required=True, metavar="A,B", help="every name is one agent")
-    add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
-    add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
     parser.set_defaults(command=_replay)
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
+    _add_recordings(parser)
+    add = parser.add_argument
+    add("--policies", type=_names, metavar="A,B", help="default: all, see `list`")
+    add("--out", type=Path, default=Path("coopsim-comparison"), metavar="FOLDER", help="default: %(default)s")
+    parser.set_defaults(command=_compare)
+
+
+def _add_recordings(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("path", type=Path, help="folder with labels/ and detections/<name>/")
     add("--detections", type=_names, required=True, metavar="A,B", help="every name is one agent")
-    add("--policies", type=_names, metavar="A,B", help="default: all, see `list`")
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
     add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
-    add("--out", type=Path, default=Path("coopsim-comparison"), metavar="FOLDER", help="default: %(default)s")
-    parser.set_defaults(command=_compare)
 
 
 def _demo(options: argparse.Namespace) -> int:

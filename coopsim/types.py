@@ -20,6 +20,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.taxonomy import CLASS_NAMES
 
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 NS_PER_S = 1_000_000_000
 

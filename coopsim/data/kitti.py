@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.taxonomy import ObjectClass
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 
 DETECTION_FIELDS = 15
 """frame, type, x1, y1, x2, y2, score, h, w, l, x, y, z, rot_y, alpha; commas between them."""
@@ -118,7 +117,6 @@ def _fields(path: Path, separator: str | None, width: int) -> list[list[str]]:
     return fields
 
 
-Mask = NDArray[np.bool_]
 RowCheck = Callable[[Floats], list[tuple[Mask, str]]]
 
 

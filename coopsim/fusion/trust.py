@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.checks import require_probability
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_between, require_probability
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev
 from coopsim.tracking.assignment import hungarian
@@ -33,9 +32,8 @@ def trust_first(groups: Sequence[Detections], gate: float, floor: float) -> Dete
     Returns:
         (K,) detections. Boxes that are not finite or have no size are left out.
     """
+    require_between(-1, 1, gate=gate)
     require_probability(floor=floor)
-    if not -1 <= gate <= 1:
-        raise InvalidValueError(f"gate must be in [-1, 1], got {gate!r}")
     fused = Detections.empty()
     held = np.zeros(0)  # scores of the boxes that stand; `fused` has the best of all agents
     for group in map(sane, groups):

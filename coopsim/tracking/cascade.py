@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
+from coopsim.checks import require_finite_number
 from coopsim.tracking.affinity import Affinity
 from coopsim.tracking.assignment import Assigner, Pairs
 from coopsim.tracking.tracked import Tracked
-from coopsim.types import Detections
+from coopsim.types import Detections, Mask
 
-Mask = NDArray[np.bool_]
 Chooser = Callable[[Any], Mask]
 """Who takes part in a stage: tracks or detections to a mask (N,)."""
 
@@ -69,8 +67,7 @@ class Stage:
     found: Chooser = everyone
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.gate):
-            raise InvalidValueError(f"gate must be a finite number, got {self.gate!r}")
+        require_finite_number(gate=self.gate)
 
 
 class Cascade:

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopsim.checks import require_count, require_non_negative
 from coopsim.errors import InvalidValueError
 from coopsim.tracking.tracked import Tracked
-
-Mask = NDArray[np.bool_]
+from coopsim.types import Mask
 
 
 class Lifecycle(Protocol):
