@@ -12,7 +12,7 @@ from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_threshold
-from coopsim.fusion.late import merge_duplicates
+from coopsim.fusion.late import merge_duplicates, pool
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
 
@@ -33,7 +33,7 @@ class PooledBoxes(TrackingPolicy):
         super().__init__(late)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        return [merge_duplicates(Detections.concatenate(groups), iou_threshold=self._merge_iou)]
+        return [merge_duplicates(pool(groups), iou_threshold=self._merge_iou)]
 
 
 @POLICIES.register("late_fusion")

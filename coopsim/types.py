@@ -6,8 +6,8 @@ Shapes are checked when an object is made; values (finite, positive) where they 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -39,7 +39,8 @@ class Detections:
         score: (N,) confidence; larger is surer. Simulated scores lie in [0, 1], recorded ones need not.
         label: (N,) int, an `ObjectClass`.
         covariance: (N, 7, 7) of x, y, z, l, w, h, yaw, or None where the detector states none.
-        embedding: (N, D) appearance, or None.
+        embedding: (N, D) appearance, or None. A row that is not finite, or all zeros, is none.
+        seen_by: (N, A) which of A agents saw each, where several agents' detections were put together, or None.
     """
 
     boxes: Boxes3D
@@ -47,6 +48,7 @@ class Detections:
     label: Ints
     covariance: Floats | None = None
     embedding: Floats | None = None
+    seen_by: Mask | None = None
 
     def __post_init__(self) -> None:
         count = len(self.boxes)
@@ -58,6 +60,8 @@ class Detections:
         if self.embedding is not None:
             embedding = frozen(self.embedding, (count, None), np.float64, "embedding")
             object.__setattr__(self, "embedding", embedding)
+        if self.seen_by is not None:
+            object.__setattr__(self, "seen_by", frozen(self.seen_by, (count, None), np.bool_, "seen_by"))
 
     @classmethod
     def empty(cls) -> Detections:
@@ -66,21 +70,22 @@ class Detections:
 
     @classmethod
     def concatenate(cls, parts: Iterable[Detections]) -> Detections:
-        """All detections in order. Optional fields stay only where every non-empty part has them."""
+        """All detections in order.
+
+        Covariances stay only where every non-empty part has them. Embeddings stay if any part has them, with NaN for
+        the detections of parts that have none, or of another width than the first, which nothing can be compared with.
+        Who saw what is not kept: the parts need not count the same agents.
+        """
         full = [part for part in parts if len(part)]
         if not full:
             return cls.empty()
-
-        def join(arrays: list[Floats | None]) -> Floats | None:
-            present = [array for array in arrays if array is not None]
-            return np.concatenate(present) if len(present) == len(arrays) else None
-
+        covariances = [part.covariance for part in full if part.covariance is not None]
         return cls(
             Boxes3D.concatenate(part.boxes for part in full),
             np.concatenate([part.score for part in full]),
             np.concatenate([part.label for part in full]),
-            join([part.covariance for part in full]),
-            join([part.embedding for part in full]),
+            np.concatenate(covariances) if len(covariances) == len(full) else None,
+            _joined_embeddings(full),
         )
 
     def __len__(self) -> int:
@@ -93,6 +98,7 @@ class Detections:
             self.label[index],
             None if self.covariance is None else self.covariance[index],
             None if self.embedding is None else self.embedding[index],
+            None if self.seen_by is None else self.seen_by[index],
         )
 
     def transform(self, dst_SE3_src: SE3) -> Detections:
@@ -103,7 +109,22 @@ class Detections:
             jacobian[:3, :3] = dst_SE3_src.rotation
             covariance = jacobian @ covariance @ jacobian.T
         boxes = self.boxes.transform(dst_SE3_src)
-        return Detections(boxes, self.score, self.label, covariance, self.embedding)
+        return replace(self, boxes=boxes, covariance=covariance)
+
+
+def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
+    """(N, D) of all parts, as `Detections.concatenate` says; None if no part has any."""
+    width = next((part.embedding.shape[1] for part in parts if part.embedding is not None), None)
+    if width is None:
+        return None
+    return np.concatenate(
+        [
+            part.embedding
+            if part.embedding is not None and part.embedding.shape[1] == width
+            else np.full((len(part), width), np.nan)
+            for part in parts
+        ]
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

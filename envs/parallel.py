@@ -50,6 +50,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | pose | (4,) | estimated x, y, z m and heading rad in the world frame |
     | odometry | (4,) | estimated motion since the last observation, in its base frame |
     | detections | box (N, 7), score (N, 1), label (N,) | the agent's own, base frame |
+    | | embedding (N, D) | only if the detector gives any; of length 1, zeros for none |
     | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras=True` |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
@@ -78,7 +79,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {
-            name: observation_space(self.possible_agents, source.lidars, source.cameras)
+            name: observation_space(self.possible_agents, source.lidars, source.cameras, source.embedding_dim)
             for name in self.possible_agents
         }
         self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
@@ -304,12 +305,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             if message is not None:
                 self._channel.send(message, frame.time_ns, positions)
         arrived = self._channel.deliver(frame.time_ns)
-        return {
-            name: pack_observation(
-                replace(agent.observation, inbox=_by_capture(arrived.get(name, []))), self.possible_agents
-            )
+        heard = {
+            name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
+        dim = self._source.embedding_dim
+        return {name: pack_observation(each, self.possible_agents, dim) for name, each in heard.items()}
 
     def _truth(self, agent: AgentFrame) -> dict[str, Any]:
         if not self._options.expose_ground_truth:

@@ -42,6 +42,7 @@ class Simulation(FrameSource):
         self._scenario, self._options = scenario, options
         self._lidar = Lidar(options.lidar_config)
         self._detector = options.detector or SimulatedDetector()
+        self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
         self.region_m = (options.region_x_m, options.region_y_m)
         self._world = self._make_world(seed=0)

@@ -65,6 +65,7 @@ class FrameSource(ABC):
         road_map: outlines for pictures.
         capacity: the largest number of actors in a frame.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
+        embedding_dim: length of the embeddings of detections; 0: they have none.
     """
 
     name: str
@@ -74,6 +75,7 @@ class FrameSource(ABC):
     road_map: RoadMap
     capacity: int
     region_m: tuple[float, float] | None
+    embedding_dim: int = 0
 
     @abstractmethod
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:

@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium import spaces
 
 from coopsim.arrays import as_numbers
-from coopsim.errors import CoopsimError, InvalidActionError
+from coopsim.embedding import directions
+from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.taxonomy import CLASS_NAMES
 from coopsim.types import (
@@ -50,7 +51,7 @@ def _box() -> spaces.Box:
 
 
 def observation_space(
-    agents: Sequence[str], sensors: Sequence[str], cameras: Mapping[str, tuple[int, int]]
+    agents: Sequence[str], sensors: Sequence[str], cameras: Mapping[str, tuple[int, int]], embedding_dim: int = 0
 ) -> spaces.Dict:
     """The space of one agent's observations.
 
@@ -58,7 +59,11 @@ def observation_space(
         agents: all agents, in the order in which an inbox numbers its senders.
         sensors: names of the agent's LiDARs.
         cameras: height and width of each camera's image.
+        embedding_dim: length of the embeddings of detections; 0: they have none.
     """
+    found = {"box": _box(), "score": _reals(1), "label": spaces.Discrete(len(CLASS_NAMES))}
+    if embedding_dim:
+        found["embedding"] = _reals(embedding_dim, dtype=np.float32)
     image: dict[str, spaces.Space[Any]] = {
         name: spaces.Dict(rgb=spaces.Box(0, 255, (*size, 3), np.uint8), depth=_reals(*size, low=0.0, dtype=np.float32))
         for name, size in cameras.items()
@@ -67,7 +72,7 @@ def observation_space(
         time_ns=spaces.Discrete(_COUNTER),
         pose=_reals(4),
         odometry=_reals(4),
-        detections=_rows(box=_box(), score=_reals(1), label=spaces.Discrete(len(CLASS_NAMES))),
+        detections=_rows(**found),
         sweeps=spaces.Dict({name: spaces.Sequence(_reals(5, dtype=np.float32), stack=True) for name in sensors}),
         cameras=spaces.Dict(image),
         inbox=_rows(
@@ -96,16 +101,19 @@ def action_space(*, drives: bool) -> spaces.Dict:
     return spaces.Dict(parts)
 
 
-def pack_observation(observation: Observation, agents: Sequence[str]) -> dict[str, Any]:
-    """An observation as its space's dict of arrays; `agents` numbers the senders."""
+def pack_observation(observation: Observation, agents: Sequence[str], embedding_dim: int = 0) -> dict[str, Any]:
+    """An observation as its space's dict of arrays; `agents` numbers the senders.
+
+    Raises:
+        InvalidValueError: the detections' embeddings are not of the length that was announced.
+    """
     inbox = observation.inbox
     payload = b"".join(message.payload for message in inbox)
-    sent = observation.detections
     return {
         "time_ns": np.int64(observation.time_ns),
         "pose": observation.pose.xyz_yaw,
         "odometry": observation.odometry.xyz_yaw,
-        "detections": {"box": sent.boxes.array, "score": sent.score[:, None], "label": sent.label},
+        "detections": _pack_detections(observation.detections, embedding_dim),
         "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
         "cameras": {name: {"rgb": image.rgb, "depth": image.depth} for name, image in observation.cameras.items()},
         "inbox": {
@@ -126,7 +134,7 @@ def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: A
         time_ns=int(packed["time_ns"]),
         pose=PoseEstimate(packed["pose"]),
         odometry=Odometry(packed["odometry"]),
-        detections=Detections(boxes, np.reshape(found["score"], -1), found["label"]),
+        detections=Detections(boxes, np.reshape(found["score"], -1), found["label"], embedding=found.get("embedding")),
         sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
         cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()},
         inbox=_unpack_inbox(packed, agents, spec.uplink),
@@ -179,6 +187,18 @@ def _unpack_tracks(packed: object) -> Tracks:
         raise InvalidActionError(f"track id must be in 0..{_COUNTER - 1}, got {track_id.min()}..{track_id.max()}")
     score = score[:, 0] if score.ndim == 2 and score.shape[1] == 1 else score
     return Tracks(track_id, Boxes3D.from_array(box), velocity, score, label)
+
+
+def _pack_detections(found: Detections, embedding_dim: int) -> dict[str, Any]:
+    """Embeddings at length 1, zeros for none: an observation is finite."""
+    rows: dict[str, Any] = {"box": found.boxes.array, "score": found.score[:, None], "label": found.label}
+    if found.embedding is not None and found.embedding.shape[1] != embedding_dim:
+        width = found.embedding.shape[1]
+        raise InvalidValueError(f"detections have embeddings of length {width}, announced were {embedding_dim}")
+    if embedding_dim:
+        none = np.zeros((len(found), embedding_dim))
+        rows["embedding"], _ = directions(none if found.embedding is None else found.embedding)
+    return rows
 
 
 def _pack_sweep(sweep: Sweep) -> np.ndarray[Any, np.dtype[np.float32]]:

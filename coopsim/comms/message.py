@@ -12,8 +12,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from coopsim.embedding import directions
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
 from coopsim.taxonomy import CLASS_NAMES
 from coopsim.types import Detections, Message, PoseEstimate
 
@@ -39,25 +41,51 @@ class Codec(ABC, Generic[T]):
 class DetectionsCodec(Codec[Detections]):
     """Boxes (seven float32), score (float32) and label (one byte): 33 bytes an object, 2 for their number.
 
-    Covariances and embeddings are not sent.
+    Where any of them has an embedding, 2 bytes follow for the width, and 2 for each element of each object: the
+    embedding at length 1 as float16, zeros for none. Covariances are not sent.
     """
 
     _ROW = np.dtype([("box", "<f4", (7,)), ("score", "<f4"), ("label", "u1")])
+    _WIDEST = 4096  # receivers keep tables of embeddings: nobody else shall decide how large
 
     def encode(self, content: Detections) -> bytes:
         if len(content) > 0xFFFF:
             raise CodecError(f"one message carries at most {0xFFFF} detections, got {len(content)}")
         rows = np.empty(len(content), dtype=self._ROW)
         rows["box"], rows["score"], rows["label"] = content.boxes.array, content.score, content.label
-        return struct.pack("<H", len(rows)) + rows.tobytes()
+        return struct.pack("<H", len(rows)) + rows.tobytes() + self._encode_embeddings(content)
 
     def decode(self, payload: bytes) -> Detections:
-        if len(payload) < 2 or len(payload) != 2 + struct.unpack_from("<H", payload)[0] * self._ROW.itemsize:
+        count = struct.unpack_from("<H", payload)[0] if len(payload) >= 2 else 0
+        end = 2 + count * self._ROW.itemsize
+        if len(payload) < end:
             raise CodecError(f"{len(payload)} bytes are not a whole number of detections")
-        rows = np.frombuffer(payload, dtype=self._ROW, offset=2)
+        rows = np.frombuffer(payload, dtype=self._ROW, count=count, offset=2)
         if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
             raise CodecError(f"detection label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
-        return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])
+        embedding = self._decode_embeddings(payload[end:], count)
+        return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"], embedding=embedding)
+
+    def _encode_embeddings(self, content: Detections) -> bytes:
+        if content.embedding is None:
+            return b""
+        unit, present = directions(content.embedding)
+        if not present.any():
+            return b""
+        if unit.shape[1] > self._WIDEST:
+            raise CodecError(f"an embedding has at most {self._WIDEST} elements, got {unit.shape[1]}")
+        return struct.pack("<H", unit.shape[1]) + unit.astype("<f2").tobytes()
+
+    def _decode_embeddings(self, block: bytes, count: int) -> Floats | None:
+        if not block:
+            return None
+        width = struct.unpack_from("<H", block)[0] if len(block) >= 2 else 0
+        if not (count and 1 <= width <= self._WIDEST and len(block) == 2 + 2 * count * width):
+            raise CodecError(f"{len(block)} bytes after {count} detections are not an embedding for each")
+        values = np.frombuffer(block, dtype="<f2", offset=2).reshape(count, width).astype(np.float64)
+        if not np.isfinite(values).all():
+            raise CodecError("the embeddings of detections must be finite")
+        return values
 
 
 _DETECTIONS = DetectionsCodec()

@@ -31,7 +31,13 @@ from coopsim.world.snapshot import Actors
 
 
 class Detector(ABC):
-    """Boxes from one agent's sweeps."""
+    """Boxes from one agent's sweeps.
+
+    Attributes:
+        embedding_dim: length of the embeddings that its detections have; 0: none.
+    """
+
+    embedding_dim: int = 0
 
     @abstractmethod
     def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -108,6 +111,52 @@ def test_ids_are_unique_and_results_repeat(name: str) -> None:
     for first, again in zip(once(), once(), strict=True):
         np.testing.assert_array_equal(first.id, again.id)
         np.testing.assert_array_equal(first.boxes.array, again.boxes.array)
+
+
+def looking(found: Detections, kind: str, rng: np.random.Generator) -> Detections:
+    """The same detections with embeddings, good ones or rubbish."""
+    shape = (len(found), 8 if kind == "wide" else 4)
+    values = {
+        "good": np.ones(shape) + rng.normal(0, 0.2, shape),
+        "wide": rng.normal(size=shape),
+        "huge": 1e300 * rng.normal(size=shape),
+        "nan": np.full(shape, np.nan),
+        "infinite": np.full(shape, np.inf),
+        "zero": np.zeros(shape),
+        "empty": np.zeros((len(found), 0)),
+    }
+    return replace(found, embedding=values[kind])
+
+
+def wandering(kinds: Sequence[str | None]) -> list[Observation]:
+    """Cars that come and go, seen by two agents; embeddings of the own and of the heard detections by frame."""
+    rng, looks = np.random.default_rng(2), np.random.default_rng(3)
+    frames = []
+    for k in range(16):
+        where = np.column_stack([10.0 * np.arange(5) + k, np.zeros(5)])
+        groups = []
+        for kind in (kinds[k % len(kinds)], kinds[(k + 1) % len(kinds)]):
+            seen = boxes(where[rng.random(5) < 0.7] + rng.normal(0, 0.1, 2))
+            groups.append(seen if kind is None else looking(seen, kind, looks))
+        frames.append(observe(k * FRAME_NS, groups[0], message(groups[1], k * FRAME_NS)))
+    return frames
+
+
+@EVERY
+@pytest.mark.parametrize("late", LATE.names())
+def test_embeddings_of_any_kind(name: str, late: str) -> None:
+    for kinds in (["good"], ["good", "wide"], ["good", "nan", None, "huge", "zero", "wide", "infinite", "empty"]):
+        reports = play(begin(name, late=late), *wandering(kinds))
+        assert any(len(tracks) for tracks in reports[3:])
+
+
+@EVERY
+@pytest.mark.parametrize("kind", ["nan", "infinite", "zero", "empty"])
+def test_what_is_no_embedding_changes_nothing(name: str, kind: str) -> None:
+    expected, got = (play(begin(name), *wandering([each])) for each in (None, kind))
+    for one, other in zip(expected, got, strict=True):
+        np.testing.assert_array_equal(one.id, other.id)
+        np.testing.assert_array_equal(one.boxes.array, other.boxes.array)
 
 
 @EVERY

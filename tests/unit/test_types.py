@@ -1,5 +1,7 @@
 """Structs check shapes when made and values when asked."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,13 +55,17 @@ def test_tracks_validate(change: dict[str, object], message: str) -> None:
     good.validate()
 
 
-def test_concatenate_keeps_optional_fields_only_where_all_have_them() -> None:
+def test_concatenate_keeps_covariances_only_where_all_have_them_and_embeddings_where_any() -> None:
     plain = Detections(boxes(1), np.ones(1), np.zeros(1, dtype=int))
-    rich = Detections(boxes(2), np.ones(2), np.zeros(2, dtype=int), embedding=np.ones((2, 4)))
-    assert Detections.concatenate([rich, rich]).embedding.shape == (4, 4)  # type: ignore[union-attr]
-    assert Detections.concatenate([plain, rich]).embedding is None
-    assert len(Detections.concatenate([])) == 0
-    assert Detections.concatenate([Detections.empty(), rich]).embedding is not None
+    rich = replace(plain, covariance=np.eye(7)[None], embedding=np.ones((1, 4)))
+    wide = replace(plain, embedding=np.ones((1, 9)))
+    both = Detections.concatenate([rich, rich, Detections.empty()])
+    assert both.covariance is not None and both.covariance.shape == (2, 7, 7)
+    assert both.embedding is not None and both.embedding.shape == (2, 4)
+    mixed = Detections.concatenate([plain, rich, wide])
+    assert mixed.covariance is None and mixed.embedding is not None
+    np.testing.assert_array_equal(np.isnan(mixed.embedding), [[True] * 4, [False] * 4, [True] * 4])
+    assert Detections.concatenate([plain, plain]).embedding is None
 
 
 def test_transform_turns_boxes_velocities_and_covariances() -> None:

@@ -1,6 +1,7 @@
 """What is encoded comes back, and what is not a message is refused by name."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,3 +72,58 @@ def test_a_label_out_of_range_is_refused() -> None:
     payload[-1] = 200
     with pytest.raises(CodecError, match="label 200"):
         DetectionsCodec().decode(bytes(payload))
+
+
+def looking(count: int, width: int, seed: int = 0) -> Detections:
+    return replace(detections(count), embedding=np.random.default_rng(seed).normal(0, 20, (count, width)))
+
+
+@pytest.mark.parametrize(("count", "width"), [(1, 1), (3, 7), (40, 1024)])
+def test_embeddings_come_back_in_direction_and_their_bytes_are_counted(count: int, width: int) -> None:
+    sent = looking(count, width)
+    payload = DetectionsCodec().encode(sent)
+    assert len(payload) == 2 + 33 * count + 2 + 2 * width * count
+    got = decode_detections(message(payload))
+    assert sent.embedding is not None and got.embedding is not None
+    unit = sent.embedding / np.linalg.norm(sent.embedding, axis=1, keepdims=True)
+    np.testing.assert_allclose((got.embedding * unit).sum(axis=1), 1, atol=1e-3)
+
+
+@pytest.mark.parametrize("embedding", [None, np.full((3, 4), np.nan), np.zeros((3, 4)), np.zeros((3, 0))])
+def test_without_a_usable_embedding_a_message_keeps_its_bytes(embedding: object) -> None:
+    codec, plain = DetectionsCodec(), detections(3)
+    payload = codec.encode(replace(plain, embedding=embedding))
+    assert payload == codec.encode(plain) and codec.decode(payload).embedding is None
+
+
+def test_what_is_no_embedding_arrives_as_zeros_and_any_length_survives() -> None:
+    rows = np.array([[np.nan, 1], [np.inf, 1], [0, 0], [3e300, 4e300], [3e-300, 4e-300]])
+    got = DetectionsCodec().decode(DetectionsCodec().encode(replace(detections(5), embedding=rows)))
+    np.testing.assert_allclose(got.embedding, [[0, 0]] * 3 + [[0.6, 0.8]] * 2, atol=1e-3)
+
+
+def test_broken_embeddings_are_refused() -> None:
+    codec = DetectionsCodec()
+    payload = codec.encode(looking(2, 3))
+    head = 2 + 33 * 2
+    for broken in (
+        *(payload[:length] for length in range(head + 1, len(payload))),
+        payload + b"\0",
+        payload[:head] + b"\0\0",
+        payload[:head] + b"\xff\xff" + payload[head + 2 :],
+        codec.encode(detections(0)) + b"\x01\0",
+    ):
+        with pytest.raises(CodecError, match="are not an embedding for each"):
+            codec.decode(broken)
+    for value in (np.inf, np.nan):
+        with pytest.raises(CodecError, match="must be finite"):
+            codec.decode(payload[:-2] + np.float16(value).tobytes())
+    with pytest.raises(CodecError, match="at most 4096 elements, got 5000"):
+        codec.encode(looking(1, 5000))
+
+
+@given(st.binary(max_size=60), st.integers(0, 3))
+def test_random_bytes_after_detections_are_refused_or_finite(noise: bytes, count: int) -> None:
+    with contextlib.suppress(CodecError):
+        got = DetectionsCodec().decode(DetectionsCodec().encode(detections(count)) + noise)
+        assert got.embedding is None or np.isfinite(got.embedding).all()

@@ -1,9 +1,11 @@
 """Duplicates become one box, neighbours stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from coopsim.fusion.late import merge_duplicates
+from coopsim.fusion.late import merge_duplicates, pool
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
 
@@ -62,3 +64,28 @@ def test_height_does_not_matter() -> None:
 def test_nothing_and_rubbish() -> None:
     assert kept(Detections.empty()) == []
     assert kept(found((np.nan, 0.9, 0), (1.0, 0.3, 0), (1.0, np.nan, 0))) == [(1.0, 0.3)]
+
+
+def test_the_best_one_with_an_embedding_lends_it_and_all_who_saw_it_are_named() -> None:
+    near = found((0.0, 0.9, 0), (20.0, 0.4, 0))
+    groups = [
+        replace(near, embedding=[[np.nan, np.nan], [1.0, 2.0]]),
+        replace(found((0.1, 0.5, 0)), embedding=[[3.0, 4.0]]),
+        found((0.2, 0.7, 0), (40.0, 0.3, 0)),
+    ]
+    merged = merge_duplicates(pool(groups), 0.2)
+    assert merged.boxes.center[1:, 0].tolist() == [20, 40]
+    np.testing.assert_array_equal(merged.embedding, [[3, 4], [1, 2], [np.nan, np.nan]])
+    np.testing.assert_array_equal(merged.seen_by, [[True] * 3, [True, False, False], [False, False, True]])
+
+
+def test_embeddings_of_another_width_than_the_first_are_none() -> None:
+    groups = [replace(found((x, 0.5, 0)), embedding=np.ones((1, width))) for x, width in ((0, 2), (20, 3), (40, 2))]
+    merged = merge_duplicates(pool([Detections.empty(), *groups]), 0.2)
+    np.testing.assert_array_equal(merged.embedding, [[1, 1], [np.nan, np.nan], [1, 1]])
+    assert merged.seen_by is not None and merged.seen_by.shape == (3, 4)
+
+
+def test_pooling_nobody() -> None:
+    for groups in ([], [Detections.empty()] * 2):
+        assert len(merge_duplicates(pool(groups), 0.2)) == 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,23 @@ def test_nobody_and_nothing() -> None:
 def test_bad_settings(gate: float, floor: float) -> None:
     with pytest.raises(InvalidValueError, match="must be in"):
         trust_first([], gate, floor)
+
+
+def test_covariance_and_embedding_go_with_the_box_that_stands() -> None:
+    groups = [
+        replace(
+            found((0, 0.2), (30, 0.5)), covariance=np.stack([np.eye(7), 2 * np.eye(7)]), embedding=[[1, 0], [2, 0]]
+        ),
+        replace(found((0.4, 0.9), (30.4, 0.9)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
+        replace(found((60, 0.4)), covariance=5 * np.eye(7)[None], embedding=[[5, 0]]),
+    ]
+    kept = trust_first(groups, gate=0.1, floor=0.3)
+    assert kept.boxes.center[:, 0].tolist() == [0.4, 30, 60] and kept.score.tolist() == [0.9, 0.9, 0.4]
+    assert kept.covariance is not None and kept.covariance[:, 0, 0].tolist() == [3, 2, 5]
+    assert kept.embedding is not None and kept.embedding[:, 0].tolist() == [3, 2, 5]
+
+
+def test_embeddings_that_only_one_has_or_of_another_width_raise_nothing() -> None:
+    groups = [found((0, 0.5)), replace(found((30, 0.5)), embedding=[[1, 2]]), replace(found((60, 1)), embedding=[[1]])]
+    nan = [np.nan, np.nan]
+    np.testing.assert_array_equal(trust_first(groups, gate=0.1, floor=0.3).embedding, [nan, [1, 2], nan])
