@@ -1,20 +1,22 @@
-"""The tracking side of DINO-CoDT (He et al., sec. III-F to III-H): rules by class, and a maximum age by speed.
+"""The tracking side of DINO-CoDT (He et al., sec. III-F to III-H): rules by class, re-identification, age by speed.
 
-Its detector and the re-identification by DINOv2 embeddings come later; until then this is the geometric part alone.
+Its detector is not part of this policy, nor is what makes embeddings: any detector may give them, the paper's are
+DINOv2's. Without them, boxes alone decide.
 """
 
 from __future__ import annotations
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_threshold
+from coopsim.checks import require_instance, require_threshold
 from coopsim.taxonomy import ObjectClass
 from coopsim.tracking.affinity import iou_3d
-from coopsim.tracking.assignment import greedy, hungarian
+from coopsim.tracking.appearance import Appearance
+from coopsim.tracking.assignment import Assigner, greedy, hungarian
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.lifecycle import VelocityAdaptiveAge
-from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge
+from coopsim.tracking.motion import ConstantVelocity, Motion
 from coopsim.tracking.tracker import Tracker
 from coopsim.tracking.turning import ConstantTurnRateAcceleration
 
@@ -32,7 +34,8 @@ NIMBLE = (
 class DinoCoDT(PooledBoxes):
     """Vehicles by constant velocity, Hungarian; people and two-wheelers by constant turn rate and acceleration, greedy.
 
-    The paper assigns the motion models to classes twice, and differently; this is its section III-F.
+    What their boxes do not match is matched by embeddings, where detections have them. The paper assigns the motion
+    models to classes twice, and differently; this is its section III-F.
 
     Args:
         gate: smallest 3D IoU of a match, in (0, 1].
@@ -41,6 +44,7 @@ class DinoCoDT(PooledBoxes):
         age_per_m_s: frames more per m/s (alpha).
         merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         late: what to do with messages that come late, see `TrackingPolicy`.
+        appearance: how embeddings are used; None: with the defaults.
     """
 
     def __init__(
@@ -51,13 +55,20 @@ class DinoCoDT(PooledBoxes):
         age_per_m_s: float = 0.2,
         merge_iou: float = 0.15,
         late: str = "as_current",
+        appearance: Appearance | None = None,
     ) -> None:
         require_threshold(gate=gate)
-        self._gate, self._lifecycle = gate, VelocityAdaptiveAge(hits, age, age_per_m_s)
+        require_instance(Appearance, appearance=appearance)
+        self._gate, self._appearance = gate, appearance or Appearance()
+        self._lifecycle = Remembered(VelocityAdaptiveAge(hits, age, age_per_m_s), hits, self._appearance.frames)
         super().__init__(merge_iou, late)
 
     def make_tracker(self) -> TrackersByClass:
-        vehicles = Tracker(ConstantVelocity(), Cascade([Stage(iou_3d, hungarian, self._gate)]), self._lifecycle)
         turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # nobody walks backwards faster
-        nimble = Tracker(turning, Cascade([Stage(iou_3d, greedy, self._gate)]), self._lifecycle)
+        vehicles, nimble = self._tracker(ConstantVelocity(), hungarian), self._tracker(turning, greedy)
         return TrackersByClass(vehicles, {NIMBLE: nimble})
+
+    def _tracker(self, motion: Motion, assigner: Assigner) -> Tracker:
+        by_boxes = Stage(iou_3d, assigner, self._gate, tracks=self._lifecycle.in_sight)
+        stages = Cascade([by_boxes, self._appearance.stage()])
+        return Tracker(motion, stages, self._lifecycle, appearance=self._appearance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -109,6 +109,39 @@ class VelocityAdaptiveAge:
         speed_m_s = np.linalg.norm(tracks.velocity, axis=1)
         alive: Mask = tracks.misses < self.age + self.age_per_m_s * speed_m_s
         return alive
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """Keeps confirmed tracks that another rule would drop, unreported, as long as it is known what they look like.
+
+    Their boxes mean little by then: a stage that compares boxes takes the tracks `in_sight`, one that compares
+    embeddings takes all.
+
+    Attributes:
+        rule: reports and drops what is in sight, and all tracks without an embedding.
+        hits: frames with a detection from which a track is kept.
+        frames: without a detection until such a track is dropped.
+    """
+
+    rule: Lifecycle
+    hits: int = 3
+    frames: int = 30
+
+    def __post_init__(self) -> None:
+        require_count(1, hits=self.hits, frames=self.frames)
+
+    def reported(self, tracks: Tracked, frame: int) -> Mask:
+        return self.rule.reported(tracks, frame) & self.rule.alive(tracks)
+
+    def alive(self, tracks: Tracked) -> Mask:
+        kept = tracks.appearance.known & (tracks.hits >= self.hits) & (tracks.misses < self.frames)
+        return self.rule.alive(tracks) | kept
+
+    def in_sight(self, tracks: Tracked) -> Mask:
+        """Which of the tracks expected in a frame, (N,), the other rule would have kept until then."""
+        before = replace(tracks, misses=tracks.misses - 1)
+        return self.rule.alive(before) | ~tracks.appearance.known
 
 
 def _confirmed(tracks: Tracked, frame: int, hits: int, coast: int) -> Mask:

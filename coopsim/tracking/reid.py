@@ -2,9 +2,9 @@
 
 DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's last
 feature vectors (its eq. 8) and compares a detection that nothing else matched (eq. 7) with them by cosine similarity
-(eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents' tables of the
-same time. The table is here; the threshold and the matching are a gate and an assignment, as for any affinity. What
-makes the vectors is the caller's choice: the paper takes layer 31 of DINOv2.
+(eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents' vectors of the
+same time. The table is here, what a tracker does with it in `appearance`. What makes the vectors is the caller's
+choice: the paper takes layer 31 of DINOv2.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.arrays import frozen
 from coopsim.checks import require_choice, require_count
+from coopsim.embedding import directions
 from coopsim.geometry.se3 import Floats
+from coopsim.types import Detections, Mask
 
 Index = NDArray[np.integer] | NDArray[np.bool_]
 
@@ -26,7 +28,7 @@ class EmbeddingMemory:
     """The last W embeddings of each of N tracks, first in, first out. Never changes; every change is a new memory.
 
     An embedding that is not finite, or all zeros, is none: it is not stored, pushes no other out, and is like nothing.
-    `absent` makes such rows for detections without an embedding.
+    `readable` makes such rows for detections without an embedding. Until there is one, D is 0.
 
     Attributes:
         vectors: (N, W, D), of length 1, the newest last; zeros where there is none.
@@ -39,18 +41,20 @@ class EmbeddingMemory:
     def __post_init__(self) -> None:
         object.__setattr__(self, "vectors", frozen(self.vectors, (None, None, None), np.float32, "vectors"))
         object.__setattr__(self, "valid", frozen(self.valid, self.vectors.shape[:2], np.bool_, "valid"))
-        require_count(1, window=self.window, dim=self.dim)
+        require_count(1, window=self.window)
 
     @classmethod
-    def empty(cls, dim: int, window: int) -> EmbeddingMemory:
-        """Of no tracks.
+    def blank(cls, count: int, dim: int, window: int) -> EmbeddingMemory:
+        """Of tracks of which nothing is known.
 
         Args:
+            count: N.
             dim: D, length of an embedding.
             window: W, how many embeddings of a track are kept.
         """
-        require_count(1, dim=dim, window=window)
-        return cls(np.zeros((0, window, dim), dtype=np.float32), np.zeros((0, window), dtype=np.bool_))
+        require_count(0, count=count, dim=dim)
+        require_count(1, window=window)
+        return cls(np.zeros((count, window, dim), dtype=np.float32), np.zeros((count, window), dtype=np.bool_))
 
     @property
     def window(self) -> int:
@@ -65,13 +69,30 @@ class EmbeddingMemory:
     def __len__(self) -> int:
         return len(self.vectors)
 
-    def absent(self, count: int) -> Floats:
-        """(count, D): what to give for detections without an embedding."""
-        return np.full((count, self.dim), np.nan)
+    @property
+    def known(self) -> Mask:
+        """(N,) of which tracks there is an embedding."""
+        known: Mask = np.any(self.valid, axis=1)  # numpy types the method as a scalar
+        return known
+
+    def ready_for(self, found: Detections) -> EmbeddingMemory:
+        """A blank one with the width of these detections' embeddings, or, once something is known, this one.
+
+        So the first width that comes stands, until all tracks that were known by it are gone.
+        """
+        if found.embedding is None or found.embedding.shape[1] == self.dim or self.valid.any():
+            return self
+        return EmbeddingMemory.blank(len(self), found.embedding.shape[1], self.window)
+
+    def readable(self, found: Detections) -> Floats:
+        """The detections' embeddings, (M, D): NaN where they have none, or of a width that says nothing here."""
+        if found.embedding is None or found.embedding.shape[1] != self.dim:
+            return np.full((len(found), self.dim), np.nan)
+        return found.embedding
 
     def born(self, embeddings: ArrayLike) -> EmbeddingMemory:
         """Of M new tracks alone, one embedding each, (M, D); `join` adds them."""
-        unit, present = self._units(embeddings, None)
+        unit, present = directions(embeddings, (None, self.dim))
         vectors = np.zeros((len(unit), self.window, self.dim), dtype=np.float32)
         valid = np.zeros((len(unit), self.window), dtype=np.bool_)
         vectors[:, -1], valid[:, -1] = unit, present
@@ -85,7 +106,9 @@ class EmbeddingMemory:
             embeddings: (M, D).
         """
         at = np.arange(len(self))[rows]
-        unit, present = self._units(embeddings, len(at))
+        unit, present = directions(embeddings, (len(at), self.dim))
+        if not present.any():
+            return self
         at, unit = at[present], unit[present]
         vectors, valid = self.vectors.copy(), self.valid.copy()
         vectors[at, :-1], valid[at, :-1] = self.vectors[at, 1:], self.valid[at, 1:]
@@ -112,22 +135,11 @@ class EmbeddingMemory:
                 match; "mean" is steadier where single crops are poor.
         """
         require_choice("over", over, ("best", "mean"))
-        unit, present = self._units(embeddings, None)
+        unit, present = directions(embeddings, (None, self.dim))
         each = np.clip(self.vectors @ unit.T, -1.0, 1.0)  # (N, W, M)
         if over == "best":
             pooled = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)
         else:
             # What is not valid is zeros and adds nothing to the sum.
             pooled = each.sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1)[:, None]
-        known = np.logical_and.outer(np.any(self.valid, axis=1), present)
-        return np.where(known, pooled, -np.inf).astype(np.float64)
-
-    def _units(self, embeddings: ArrayLike, count: int | None) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Each (M, D) at length 1, or zeros where it is none, and where it is one, (M,)."""
-        given = frozen(embeddings, (count, self.dim), np.float64, "embeddings")
-        # Divided by the largest element first: squares of very large or small ones would leave the range.
-        largest = np.abs(given).max(axis=1, keepdims=True)
-        present = np.isfinite(largest) & (largest > 0)
-        scaled = np.where(present, given, 0.0) / np.where(present, largest, 1.0)
-        length = np.linalg.norm(scaled, axis=1, keepdims=True)
-        return (scaled / np.where(present, length, 1.0)).astype(np.float32), present[:, 0]
+        return np.where(np.logical_and.outer(self.known, present), pooled, -np.inf).astype(np.float64)

@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.motion import Beliefs
+from coopsim.tracking.reid import EmbeddingMemory
 from coopsim.types import Ints
 
 
@@ -26,6 +27,7 @@ class Tracked:
         hits: (N,) frames with a detection so far.
         misses: (N,) frames since the last detection; 0 if detected in this one.
         age: (N,) frames since birth; 0 in the frame of birth.
+        appearance: what they looked like, as far as the tracker keeps it.
     """
 
     beliefs: Beliefs
@@ -37,13 +39,15 @@ class Tracked:
     hits: Ints
     misses: Ints
     age: Ints
+    appearance: EmbeddingMemory
 
     def __len__(self) -> int:
         return len(self.id)
 
     def __getitem__(self, index: Any) -> Tracked:
         beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
-        return Tracked(beliefs, *(getattr(self, name)[index] for name in _ARRAYS))
+        arrays = {name: getattr(self, name)[index] for name in _ARRAYS}
+        return Tracked(beliefs=beliefs, appearance=self.appearance.take(index), **arrays)
 
     def join(self, other: Tracked) -> Tracked:
         """These tracks, then the others."""
@@ -51,7 +55,8 @@ class Tracked:
         beliefs = Beliefs(
             np.concatenate([mine.mean, theirs.mean]), np.concatenate([mine.covariance, theirs.covariance])
         )
-        return Tracked(beliefs, *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS))
+        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS}
+        return Tracked(beliefs=beliefs, appearance=self.appearance.join(other.appearance), **arrays)
 
 
-_ARRAYS = tuple(field.name for field in fields(Tracked) if field.name != "beliefs")
+_ARRAYS = tuple(field.name for field in fields(Tracked) if field.name not in ("beliefs", "appearance"))

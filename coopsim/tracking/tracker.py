@@ -10,12 +10,14 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.cascade import Cascade, Chooser, everyone
 from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion import Beliefs, Motion
+from coopsim.tracking.reid import EmbeddingMemory
 from coopsim.tracking.scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
-from coopsim.types import NS_PER_S, Detections, Tracks
+from coopsim.types import NS_PER_S, Detections, Ints, Tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ class Tracker:
         scoring: how a track's score follows its detections'; None: the latest.
         born: which of the detections that no track matches begin a track.
         later: how the groups after the first are taken, see `step_in_turn`; None: as the first.
+        appearance: what is kept of embeddings, and which detections begin no track because of them; None: nothing is.
     """
 
     def __init__(
@@ -72,15 +75,18 @@ class Tracker:
         scoring: Scoring | None = None,
         born: Chooser = everyone,
         later: Turn | None = None,
+        appearance: Appearance | None = None,
     ) -> None:
         self._motion, self._lifecycle, self._scoring = motion, lifecycle, scoring or Latest()
+        self._appearance = appearance
         self._first = Turn(association, born)
         self._later = later or self._first
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state = TrackerState(self._begin(Detections.empty(), 1), next_id=1, frame=0, time_ns=None)
+        memory = EmbeddingMemory.blank(0, dim=0, window=1 if self._appearance is None else self._appearance.views)
+        self.state = TrackerState(self._begin(Detections.empty(), 1, memory), next_id=1, frame=0, time_ns=None)
 
     @property
     def time_ns(self) -> int | None:
@@ -122,12 +128,15 @@ class Tracker:
         tracked, next_id = self.predicted(time_ns), self.state.next_id
         for number, group in enumerate(groups):
             turn, found = self._later if number else self._first, sane(group)
+            if self._appearance is not None:
+                tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
             rows, columns = turn.association.match(tracked, found)
             tracked = self._updated(tracked, rows, found[columns])
-            unmatched = found[np.setdiff1d(np.arange(len(found)), columns)]
-            born = self._begin(unmatched[turn.born(unmatched)], next_id)
-            next_id += len(born)
-            tracked = tracked.join(born)
+            unmatched = found[self._unmatched(found, columns)]
+            new = unmatched[turn.born(unmatched)]
+            if len(new):
+                tracked = tracked.join(self._begin(new, next_id, tracked.appearance))
+                next_id += len(new)
         lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
         tracked = replace(tracked, score=lost)
         tracked = tracked[self._lifecycle.alive(tracked)]
@@ -167,9 +176,7 @@ class Tracker:
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
         return Tracks(shown.id, boxes, shown.velocity, self._scoring.reported(shown), shown.label)
 
-    def _updated(
-        self, tracked: Tracked, rows: np.ndarray[tuple[int], np.dtype[np.int64]], found: Detections
-    ) -> Tracked:
+    def _updated(self, tracked: Tracked, rows: Ints, found: Detections) -> Tracked:
         if not len(rows):
             return tracked
         mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
@@ -179,14 +186,24 @@ class Tracker:
         score[rows] = self._scoring.hit(score[rows], found.score, tracked.age[rows])
         hits[rows] += misses[rows] > 0
         misses[rows] = 0
-        return self._believing(replace(tracked, score=score, hits=hits, misses=misses), Beliefs(mean, covariance))
+        memory = tracked.appearance
+        if found.embedding is not None:
+            memory = memory.update(rows, memory.readable(found))
+        updated = replace(tracked, score=score, hits=hits, misses=misses, appearance=memory)
+        return self._believing(updated, Beliefs(mean, covariance))
 
-    def _begin(self, found: Detections, first_id: int) -> Tracked:
+    def _unmatched(self, found: Detections, matched: Ints) -> Ints:
+        """Of N detections those without a track, matched (K,) apart, and without another agent's that has one."""
+        rest = np.setdiff1d(np.arange(len(found)), matched)
+        return rest if self._appearance is None else rest[~self._appearance.repeated(found, matched)[rest]]
+
+    def _begin(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
         count = len(found)
         beliefs = self._motion.initiate(found.boxes.array, found.covariance)
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        return Tracked(beliefs, boxes, velocity, ids, found.label, self._scoring.first(found.score), ones, none, none)
+        score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
+        return Tracked(beliefs, boxes, velocity, ids, found.label, score, ones, none, none, looks)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)

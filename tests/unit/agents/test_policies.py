@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
+from conftest import SMALL
 
 import coopsim
 from coopsim.agents.tracking import over_origin
 from coopsim.comms.message import DetectionsCodec
-from coopsim.envs.spaces import pack_observation, pack_tracks, unpack_action, unpack_observation
+from coopsim.detection.simulated import SimulatedDetector
+from coopsim.envs.spaces import observation_space, pack_observation, pack_tracks, unpack_action, unpack_observation
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
@@ -131,6 +136,47 @@ def test_observations_survive_packing() -> None:
     assert [(m.sender, m.captured_ns, m.payload, m.codec) for m in got.inbox] == [
         (m.sender, m.captured_ns, m.payload, m.codec) for m in inbox
     ]
+
+
+def test_embeddings_survive_packing_as_directions() -> None:
+    names = ("cav_0",)
+    seen = replace(detections((7, 8, 0.2), (9, 9, 0)), embedding=[[30.0, 40.0], [np.nan, 1.0]])
+    packed = pack_observation(observe(seen), names, embedding_dim=2)
+    assert observation_space(names, (), {}, embedding_dim=2)["detections"].contains(packed["detections"])
+    got = unpack_observation(packed, names, specs("cav_0")["cav_0"]).detections
+    np.testing.assert_allclose(got.embedding, [[0.6, 0.8], [0, 0]], rtol=1e-6)
+    blind = pack_observation(observe(detections((7, 8, 0.2))), names, embedding_dim=2)
+    np.testing.assert_array_equal(blind["detections"]["embedding"], [[0, 0]])
+    with pytest.raises(coopsim.errors.InvalidValueError, match="embeddings of length 2, announced were 0"):
+        pack_observation(observe(seen), names)
+
+
+class Recogniser(SimulatedDetector):
+    """Tells all objects apart, as perfect embeddings would."""
+
+    embedding_dim = 64
+
+    def detect(self, sweeps: Any, truth: Any, rng: np.random.Generator) -> Detections:
+        found = super().detect(sweeps, truth, rng)
+        apart_m = np.linalg.norm(found.boxes.center[:, None] - truth.boxes.center, axis=2)
+        looks = np.array([np.random.default_rng(id_).normal(size=self.embedding_dim) for id_ in truth.id])
+        return replace(found, embedding=looks[apart_m.argmin(axis=1)])
+
+
+def test_embeddings_go_from_the_detector_to_the_tracker_and_over_the_air() -> None:
+    env = coopsim.parallel_env("crossing", **SMALL, detector=Recogniser(), latency_s=0.1)
+    policy = coopsim.make_policy("dino_codt")
+    observations, _ = env.reset(seed=1)
+    policy.reset(env.agent_specs, seed=1)
+    while env.agents:
+        for name, observation in observations.items():
+            assert env.observation_space(name).contains(observation)
+        observations, *_ = env.step(policy.act(observations))
+    states = [policy._states[name].tracks.tracker.state for name in observations]  # type: ignore[attr-defined]
+    memories = [each.tracked.appearance for state in states for each in state if len(each.tracked)]
+    assert memories and all(memory.known.all() for memory in memories)
+    plain = coopsim.evaluate("dino_codt", **SMALL, latency_s=0.1, seed=1).score["bytes_per_s"]
+    assert env.score()["bytes_per_s"] > 2 * plain
 
 
 def test_tracks_survive_packing() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.reid import EmbeddingMemory
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections
 
@@ -26,6 +27,7 @@ def tracks(
     hits: int | list[int] = 3,
     misses: int | list[int] = 0,
     speed_m_s: float | list[float] = 0.0,
+    memory: EmbeddingMemory | None = None,
 ) -> Tracked:
     """Tracks at (x, 0), going along x."""
     found = cars(*xs)
@@ -46,4 +48,5 @@ def tracks(
         numbers(hits),
         numbers(misses),
         numbers(5),
+        EmbeddingMemory.blank(count, dim=0, window=1) if memory is None else memory,
     )

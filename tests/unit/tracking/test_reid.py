@@ -17,7 +17,7 @@ HALF = np.sqrt(0.5)
 
 def remembering(*histories: list[list[float]], window: int = 3) -> EmbeddingMemory:
     """Tracks that were born with the first embedding of each history, and saw the others in turn."""
-    memory = EmbeddingMemory.empty(2, window)
+    memory = EmbeddingMemory.blank(0, 2, window)
     memory = memory.join(memory.born([history[0] for history in histories]))
     for row, history in enumerate(histories):
         for embedding in history[1:]:
@@ -48,7 +48,7 @@ def test_what_has_no_embedding_is_like_nothing() -> None:
     for over in ("best", "mean"):
         got = memory.similarity([EAST, NONE, [0.0, 0.0], [np.inf, 1.0]], over)
         np.testing.assert_array_equal(np.isneginf(got), [[False, True, True, True], [True] * 4])
-    assert np.isneginf(memory.similarity(memory.absent(3))).all()
+    assert np.isneginf(memory.similarity(np.full((3, 2), np.nan))).all()
 
 
 def test_a_frame_without_an_embedding_pushes_none_out() -> None:
@@ -80,7 +80,7 @@ def test_rows_may_be_a_mask() -> None:
 
 
 def test_nothing_is_like_nobody() -> None:
-    empty = EmbeddingMemory.empty(4, 3)
+    empty = EmbeddingMemory.blank(0, 4, 3)
     assert len(empty) == 0 and (empty.dim, empty.window) == (4, 3)
     assert empty.similarity(np.ones((5, 4))).shape == (0, 5)
     one = empty.born(np.ones((1, 4)))
@@ -98,8 +98,7 @@ def test_very_long_and_very_short_embeddings_are_compared_by_direction() -> None
 def test_it_is_a_table_of_queues(window: int, events: list[tuple[int, bool]], seed: int) -> None:
     rng = np.random.default_rng(seed)
     queues: list[list[np.ndarray]] = [[], [], []]
-    memory = EmbeddingMemory.empty(5, window)
-    memory = memory.born(memory.absent(3))
+    memory = EmbeddingMemory.blank(3, 5, window)
     for row, seen in events:
         embedding = rng.normal(size=5) if seen else np.zeros(5)
         memory = memory.update(np.array([row]), embedding[None])
@@ -122,8 +121,8 @@ def test_wrong_shapes_and_names_are_refused() -> None:
     with pytest.raises(InvalidValueError, match=r"embeddings must have shape \(1, 2\), got \(2, 2\)"):
         memory.update(np.array([0]), [EAST, EAST])
     with pytest.raises(InvalidValueError, match=r"vectors of the other memory must have shape"):
-        memory.join(EmbeddingMemory.empty(2, 7))
+        memory.join(EmbeddingMemory.blank(0, 2, 7))
     with pytest.raises(InvalidValueError, match="window must be an integer >= 1, got 0"):
-        EmbeddingMemory.empty(2, 0)
+        EmbeddingMemory.blank(0, 2, 0)
     with pytest.raises(UnknownNameError, match="best"):
         memory.similarity([EAST], over="bets")
