@@ -135,19 +135,9 @@ def evaluate_recordings(
     finally:
         env.close()
     started = time.perf_counter()
-    count, ignore = (
-        Score.mean(
-            {
-                agent: summarize(
-                    logs[agent],
-                    false_positives=protocol,
-                    extra={"bytes_per_s": sent_bytes[agent] / simulated_s},
-                )
-                for agent in logs
-            }
-        )
-        for protocol in ("count", "ignore")
-    )
+    extra = {agent: {"bytes_per_s": sent_bytes[agent] / simulated_s} for agent in logs}
+    count = Score.mean({agent: summarize(logs[agent], extra=extra[agent]) for agent in logs})
+    ignore = count.ignoring_false_positives()
     return RecordingsEvaluation(count, ignore, frames, seconds + time.perf_counter() - started)
 
 

@@ -9,7 +9,7 @@ as AB3DMOT's code does, which took the rule from KITTI's: only between two succe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,18 +68,18 @@ class RecallSweep:
         candidates = [point.clear for point in self.points]
         return max(candidates, key=lambda clear: clear.mota, default=self.all_tracks)
 
+    def without_false_positives(self) -> RecallSweep:
+        """The same with no false positive counted: neither the matching nor the levels depend on them."""
+        points = (replace(point, clear=replace(point.clear, fp=0)) for point in self.points)
+        return RecallSweep(replace(self.all_tracks, fp=0), tuple(points))
 
-def sweep_recall(sequences: Sequence[NumberedSequence], *, ignore_false_positives: bool) -> RecallSweep:
+
+def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
     """Count at every level of recall."""
-    all_tracks, scores = count_clear(sequences, ignore_false_positives=ignore_false_positives)
+    all_tracks, scores = count_clear(sequences)
     points = []
     for recall, threshold in recall_thresholds(scores, all_tracks.gt):
-        clear, _ = count_clear(
-            sequences,
-            threshold=threshold,
-            ignore_false_positives=ignore_false_positives,
-            adjacent_switches=True,
-        )
+        clear, _ = count_clear(sequences, threshold=threshold, adjacent_switches=True)
         points.append(OperatingPoint(recall, threshold, clear))
     return RecallSweep(all_tracks, tuple(points))
 

@@ -92,7 +92,6 @@ def count_clear(
     sequences: Iterable[NumberedSequence],
     *,
     threshold: float = -np.inf,
-    ignore_false_positives: bool = False,
     adjacent_switches: bool = False,
 ) -> tuple[Clear, Floats]:
     """Counts over sequences, and the mean track score of every match (TP,).
@@ -100,7 +99,6 @@ def count_clear(
     Args:
         sequences: pooled.
         threshold: only tracks with at least this mean score are there.
-        ignore_false_positives: count none.
         adjacent_switches: count a switch only from one frame of an object to its next, as KITTI's development
             kit and AB3DMOT do; else also after a gap, as CLEAR and TrackEval do.
     """
@@ -113,7 +111,7 @@ def count_clear(
         share = found.matched / np.maximum(found.present, 1)
         total += Clear(
             tp=int(hit.sum()),
-            fp=0 if ignore_false_positives else int(found.false_positives),
+            fp=int(found.false_positives),
             fn=int((~hit).sum()),
             ids=int(found.adjacent_switches if adjacent_switches else found.switched.sum()),
             frag=int(np.maximum(found.fragments - 1, 0).sum()),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from tabulate import tabulate
 
 from coopsim.checks import require_choice
-from coopsim.errors import UnknownNameError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
 from coopsim.metrics.log import FlatLog, TrackLog
 from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
@@ -65,6 +65,26 @@ class Score:
         mean = _mean_of(parts)
         return cls(mean.values, mean.all_tracks, mean.false_positives, classes, bands, dict(agents))
 
+    def ignoring_false_positives(self) -> Score:
+        """The same with false positives ignored, which needs no new matching; values that always count them stay.
+
+        Raises:
+            InvalidValueError: it is the mean of a class or band, which keeps no levels of recall; ask the whole.
+        """
+        if self.agents:
+            return Score.mean({name: score.ignoring_false_positives() for name, score in self.agents.items()})
+        if self.sweep is None:
+            raise InvalidValueError("the mean of a class or band keeps no levels of recall: ask the whole score")
+        sweep = self.sweep.without_false_positives()
+        return Score(
+            {**self.values, **average_values(sweep), **clear_values(sweep.best)},
+            clear_values(sweep.all_tracks),
+            "ignore",
+            {name: score.ignoring_false_positives() for name, score in self.classes.items()},
+            {name: score.ignoring_false_positives() for name, score in self.bands.items()},
+            sweep=sweep,
+        )
+
     def table(self) -> str:
         """Aligned plain text: the whole, then each class, band and agent."""
         parts = (self.classes, self.bands, self.agents)
@@ -103,27 +123,26 @@ def summarize(
     require_choice("false_positives", false_positives, ("count", "ignore"))
     flats = [log.flat() for log in logs]
     labels = sorted({int(label) for flat in flats for label in flat.labels})
-    classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats], false_positives) for label in labels}
+    classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats]) for label in labels}
     # With a single class that nothing else was reported as, the whole is that class: no second sweep.
     reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
     whole = classes[CLASS_NAMES[labels[0]]] if len(labels) == 1 and reported <= set(labels) else None
-    whole = whole or _score(flats, false_positives)
-    bands = {name: _score([flat.within(*band) for flat in flats], false_positives) for name, band in BANDS_M.items()}
-    return Score(
-        {**whole.values, **_mean_precisions(classes), **(extra or {})},
-        whole.all_tracks,
-        false_positives,
-        classes,
-        {name: band for name, band in bands.items() if band["GT"]},
-        sweep=whole.sweep,
+    whole = whole or _score(flats)
+    bands = {name: _score([flat.within(*band) for flat in flats]) for name, band in BANDS_M.items()}
+    score = replace(
+        whole,
+        values={**whole.values, **_mean_precisions(classes), **(extra or {})},
+        classes=classes,
+        bands={name: band for name, band in bands.items() if band["GT"]},
     )
+    return score if false_positives == "count" else score.ignoring_false_positives()
 
 
-def _score(flats: Sequence[FlatLog], false_positives: FalsePositives) -> Score:
+def _score(flats: Sequence[FlatLog]) -> Score:
     sequences = [flat.numbered(flat.iou_3d, flat.match_iou) for flat in flats]
-    sweep = sweep_recall(sequences, ignore_false_positives=false_positives == "ignore")
+    sweep = sweep_recall(sequences)
     values = average_values(sweep) | clear_values(sweep.best) | uncut_values(flats, sequences)
-    return Score(values, clear_values(sweep.all_tracks), false_positives, sweep=sweep)
+    return Score(values, clear_values(sweep.all_tracks), "count", sweep=sweep)
 
 
 def _mean_precisions(classes: Mapping[str, Score]) -> dict[str, float]:

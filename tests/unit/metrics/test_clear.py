@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from coopsim.errors import UnknownNameError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
@@ -100,6 +100,32 @@ def test_ignored_false_positives_cost_nothing() -> None:
     assert count.all_tracks["FP"] == 10 and count.all_tracks["MOTA"] == -100
     assert ignore.all_tracks["FP"] == 0 and ignore.all_tracks["MOTA"] == 100
     assert "ignored" in ignore.table() and "ignored" not in count.table()
+
+
+def test_ignoring_false_tracks_is_as_if_they_had_not_been_reported() -> None:
+    rng = np.random.default_rng(0)
+    sure = {5: 0.5, 6: 0.4, 7: 0.9, 8: 0.3}  # of them 5 and 6 are on an object
+    with_false, without = {}, {}
+    for name in ("cav_0", "cav_1"):
+        logs = Evaluator(), Evaluator()
+        for _ in range(20):
+            places = {k: x for k, x in {5: 0.0, 6: 10.0, 7: 40.0, 8: 60.0}.items() if rng.random() < 0.7}
+            right = {k: x for k, x in places.items() if k in (5, 6)}
+            for evaluator, reported in zip(logs, (places, right), strict=True):
+                evaluator.update(truth({1: 0, 2: 10}), tracks(reported, scores=sure))
+        with_false[name], without[name] = (summarize([each.log], extra={"spent": 1.0}) for each in logs)
+    counted, expected = Score.mean(with_false), Score.mean(without)
+    got = counted.ignoring_false_positives()
+    parts = [(got, expected), (got.classes["car"], expected.classes["car"]), (got.bands["0-30 m"], expected)]
+    for ours, theirs in [*parts, *((got.agents[name], without[name]) for name in without)]:
+        assert ours.all_tracks == theirs.all_tracks and ours.false_positives == "ignore"
+        for name in ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MT", "IDS", "FP", "FN", "precision"):
+            assert ours[name] == theirs[name]
+    assert counted["FP"] > 0 and counted["MOTA"] < got["MOTA"]
+    for name in ("HOTA", "IDF1", "AP3D@0.5", "AMOTA@2m", "spent"):  # these count them in any case
+        assert got[name] == counted[name]
+    with pytest.raises(InvalidValueError, match="ask the whole score"):
+        counted.classes["car"].ignoring_false_positives()
 
 
 def test_sequences_are_pooled_and_ids_are_their_own() -> None:
