@@ -41,11 +41,20 @@ def giou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
     return _overlap(a, b, volume=False, generalized=True)
 
 
+def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
+    """`iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than one of them."""
+    in_space, from_above = _both_overlaps(*_checked(a, b))
+    return in_space, from_above
+
+
 def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool) -> Floats:
-    rows = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
-    columns = np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
-    result: Floats = _all_pairs(rows, columns, volume, generalized)
+    result: Floats = _all_pairs(*_checked(a, b), volume, generalized)
     return result
+
+
+def _checked(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
+    rows = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
+    return rows, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
 
 
 # Fast-math is off on purpose: exact ones for identical boxes are worth more than the few per cent.
@@ -65,10 +74,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
             low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
             if not generalized and (apart or (volume and high <= low)):
                 continue
-            cos = cos_b[j] * cos_a[i] + sin_b[j] * sin_a[i]
-            sin = sin_b[j] * cos_a[i] - cos_b[j] * sin_a[i]
-            x, y = dx * cos_a[i] + dy * sin_a[i], dy * cos_a[i] - dx * sin_a[i]
-            other = (x, y, *_extremes(b[j, 3] / 2, b[j, 4] / 2, cos, sin))
+            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
             inter = 0.0 if apart else _area_within(half_x, half_y, other, polygon, spare)
             size_a, size_b, depth = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4], 1.0
             if volume:
@@ -86,6 +92,46 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
                 enclosing = max(enclosing, union)
                 out[i, j] -= (enclosing - union) / enclosing
     return out
+
+
+@njit(cache=True, nogil=True)
+def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """IoU in 3D and in the BEV as `_all_pairs` has them, with each footprint clipped once."""
+    in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
+    reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
+    cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
+    polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
+            reach = reach_a[i] + reach_b[j]
+            if dx * dx + dy * dy >= reach * reach:
+                continue
+            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
+            area = _area_within(a[i, 3] / 2, a[i, 4] / 2, other, polygon, spare)
+            size_a, size_b = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4]
+            from_above[i, j] = _over_union(area, size_a, size_b)
+            dz, half_a, half_b = b[j, 2] - a[i, 2], a[i, 5] / 2, b[j, 5] / 2
+            low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
+            if high > low:
+                in_space[i, j] = _over_union(area * (high - low), size_a * a[i, 5], size_b * b[j, 5])
+    return in_space, from_above
+
+
+@njit(cache=True, nogil=True)
+def _over_union(inter: float, size_a: float, size_b: float) -> float:
+    inter = min(inter, size_a, size_b)
+    union = size_a + size_b - inter
+    return inter / union if union > 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _in_axes_of(
+    dx: float, dy: float, cos_a: float, sin_a: float, cos_b: float, sin_b: float, half_length: float, half_width: float
+) -> _Rectangle:
+    """The other's footprint, dx and dy from the first in common axes, in the first box's own axes."""
+    cos, sin = cos_b * cos_a + sin_b * sin_a, sin_b * cos_a - cos_b * sin_a
+    return (dx * cos_a + dy * sin_a, dy * cos_a - dx * sin_a, *_extremes(half_length, half_width, cos, sin))
 
 
 @njit(cache=True, nogil=True)

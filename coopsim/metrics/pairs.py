@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import iou_3d, iou_bev
+from coopsim.geometry.iou import iou_3d_and_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -43,7 +43,7 @@ def find_pairs(truth: Boxes3D, truth_label: Ints, tracks: Boxes3D, track_label: 
     """The pairs of a frame: N objects with their (N,) classes, and M tracks with theirs."""
     rows, columns = truth.array, tracks.array
     same_class = truth_label[:, None] == track_label
-    return Pairs(*_select(same_class, iou_3d(rows, columns), iou_bev(rows, columns), rows, columns))
+    return Pairs(*_select(same_class, *iou_3d_and_bev(rows, columns), rows, columns))
 
 
 # Everything that is handed over is fresh, so writeable and contiguous: one layout, compiled once.
@@ -59,10 +59,10 @@ def _select(
         for j in range(len(tracks)):
             if not same_class[i, j]:
                 continue
-            apart = np.hypot(truth[i, 0] - tracks[j, 0], truth[i, 1] - tracks[j, 1])
-            if from_above[i, j] <= 0 and apart >= NEAR_M:
+            dx, dy = truth[i, 0] - tracks[j, 0], truth[i, 1] - tracks[j, 1]
+            if from_above[i, j] <= 0 and dx * dx + dy * dy >= NEAR_M * NEAR_M:
                 continue
             rows[found], columns[found] = i, j
-            volume[found], area[found], distance[found] = in_space[i, j], from_above[i, j], apart
+            volume[found], area[found], distance[found] = in_space[i, j], from_above[i, j], np.hypot(dx, dy)
             found += 1
     return rows[:found], columns[:found], volume[:found], area[:found], distance[:found]

@@ -8,7 +8,7 @@ from shapely.geometry import Polygon
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_bev
+from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_3d_and_bev, iou_bev
 
 KERNELS = (iou_3d, giou_3d, iou_bev, giou_bev)
 CAR = [0.0, 0, 0, 4, 2, 1.5, 0]
@@ -113,6 +113,18 @@ def test_a_box_that_is_not_a_number_overlaps_nothing() -> None:
         for kernel in (iou_3d, giou_3d):
             assert not kernel(broken, np.array([CAR]))[0, 0] > 0
             assert not kernel(np.array([CAR]), broken)[0, 0] > 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_both_at_once_are_the_same_to_the_bit(seed: int) -> None:
+    first, second = random_boxes(60, seed), random_boxes(80, seed + 100)
+    second[:60:3] = first[::3]
+    second[1, 0], second[4, 3:6], first[2, 6] = np.nan, 0.0, np.inf
+    in_space, from_above = iou_3d_and_bev(first, second)
+    assert (from_above > 0).any() and (in_space < from_above).any()
+    np.testing.assert_array_equal(in_space, iou_3d(first, second))
+    np.testing.assert_array_equal(from_above, iou_bev(first, second))
+    assert [each.shape for each in iou_3d_and_bev(first[:0], second)] == [(0, 80)] * 2
 
 
 def test_no_boxes_give_empty_matrices() -> None:
