@@ -96,6 +96,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """What a policy may know before the first frame, for every possible agent."""
         return self._source.specs
 
+    @property
+    def sequences(self) -> tuple[str, ...]:
+        """What `reset(options={"sequence": name})` can play, sorted; empty in a simulation."""
+        return self._source.sequences
+
     def observation_space(self, agent: str) -> spaces.Dict:
         """The space of an agent's observations; always the same object."""
         return self._observation_spaces[agent]

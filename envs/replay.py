@@ -68,7 +68,6 @@ class Replay(FrameSource):
 
     @property
     def sequences(self) -> tuple[str, ...]:
-        """Names of the set's sequences, sorted."""
         return self._set.sequences
 
     @property

@@ -93,6 +93,11 @@ class FrameSource(ABC):
         """The next frame; `maneuvers` are the discrete meta-actions of the agents that drive."""
 
     @property
+    def sequences(self) -> tuple[str, ...]:
+        """Names of the sequences that `reset(options={"sequence": name})` plays; empty where there are none."""
+        return ()
+
+    @property
     def reset_options(self) -> tuple[str, ...]:
         """Names that `reset(options=...)` understands."""
         return ()

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.catalog import make_policy, parallel_env
-from coopsim.data.recording import RecordingSet
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -125,7 +124,7 @@ def evaluate_recordings(
     dt_s = next(iter(env.agent_specs.values())).dt_s
     seconds, simulated_s, frames = 0.0, 0.0, 0
     try:
-        for sequence in RecordingSet(path).sequences:
+        for sequence in env.sequences:
             rewards, spent = run_episode(env, policy, seed=seed, on_frame=on_frame, sequence=sequence)
             on_air_s = env.time_ns / NS_PER_S + dt_s
             seconds, simulated_s, frames = seconds + spent, simulated_s + on_air_s, frames + len(rewards)

@@ -94,6 +94,21 @@ def test_an_evaluation_reads_detections_once(recordings: Path, reads: Counter[st
     assert reads == labels | {"ego/0000": 1, "ego/0001": 1, "1/0000": 1, "1/0001": 1}
 
 
+def test_an_evaluation_lists_the_set_once(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed: list[object] = []
+    make = recording.RecordingSet.__init__
+    monkeypatch.setattr(
+        recording.RecordingSet, "__init__", lambda self, path: (listed.append(path), make(self, path))[1]
+    )
+    assert coopsim.evaluate_recordings("no_fusion", recordings, "ego").frames == 10
+    assert listed == [recordings]
+
+
+def test_which_sequences_there_are(recordings: Path, make_small: Any) -> None:
+    assert coopsim.parallel_env("replay", path=recordings, detections="ego").sequences == ("0000", "0001")
+    assert make_small().sequences == ()
+
+
 def test_an_unknown_sequence_leaves_the_running_episode(recordings: Path) -> None:
     env = coopsim.parallel_env("replay", path=recordings, detections="ego")
     env.reset(seed=0)
