@@ -220,7 +220,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def channel_counts(self) -> ChannelCounts:
-        """What became of this episode's messages."""
+        """What became of this episode's messages, each counted for every other agent."""
         self._current()
         return self._channel.counts
 

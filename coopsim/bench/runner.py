@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.catalog import make_policy, parallel_env
+from coopsim.comms.channel import ChannelCounts
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -36,12 +37,14 @@ class Evaluation:
         rewards: (F,) mean over agents, per frame.
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
+        messages: what became of them, each counted for every other agent.
     """
 
     score: Score
     rewards: Floats
     frames: int
     seconds: float
+    messages: ChannelCounts
 
     @property
     def frames_per_s(self) -> float:
@@ -90,7 +93,7 @@ def evaluate(
     env = _listening_env(environment, policy, options)
     try:
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        return Evaluation(env.score(), rewards, len(rewards), seconds)
+        return Evaluation(env.score(), rewards, len(rewards), seconds, env.channel_counts)
     finally:
         env.close()
 

@@ -100,6 +100,17 @@ def test_agents_broadcast_what_the_policy_needs_and_the_bytes_are_counted(policy
     assert (on_air.total() > 0) == (policy.uplink != "none")
 
 
+def test_what_became_of_the_messages() -> None:
+    result = coopsim.evaluate(Talker(), loss=0.3, latency_s=0.2, seed=1, **SHORT)
+    messages, agents = result.messages, len(result.score.agents)
+    assert messages.sent == (result.frames + 1) * agents * (agents - 1)
+    assert messages.sent == messages.delivered + messages.lost + messages.pending
+    assert min(messages.delivered, messages.lost, messages.pending) > 0
+    assert messages.pending <= 2 * agents * (agents - 1)  # at most those of the last two frames
+    ideal, silent = (coopsim.evaluate(policy, **SHORT).messages for policy in (Talker(), Echo()))
+    assert ideal.delivered == ideal.sent == messages.sent and silent.sent == 0
+
+
 def test_on_frame_watches_every_step(closed: list[CooperativeEnv]) -> None:
     times: list[int] = []
     coopsim.evaluate(Echo(), on_frame=lambda env: times.append(env.time_ns), **SHORT)
