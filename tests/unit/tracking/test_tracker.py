@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,10 @@ import pytest
 from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.affinity import giou_3d
+from coopsim.tracking.affinity import center_distance, giou_3d
 from coopsim.tracking.assignment import hungarian
-from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, score_from
-from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from
+from coopsim.tracking.lifecycle import ByScore, HitsAndAge
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.scoring import ShrunkMean
 from coopsim.tracking.tracker import Tracker, Turn
@@ -137,6 +138,22 @@ def test_later_groups_may_be_taken_otherwise() -> None:
     tracks = tracker.step_in_turn([cars((0, 0)), cars((1, 0), (30.4, 0), (60, 0))], FRAME_NS)
     # The track at 0 has been seen already, that at 30 is found by the second group, which may begin none.
     np.testing.assert_allclose(tracks.boxes.center[:, 0], [0, 30.4], atol=0.05)
+
+
+def test_rules_by_class_and_by_score_make_a_tracker() -> None:
+    stages = [Stage(center_distance, hungarian, gate, found=of_class(label)) for label, gate in ((0, -4.0), (7, -0.5))]
+    tracker = Tracker(ConstantVelocity(), Cascade(stages), ByScore(report=0.5, drop=0.2, age=3, coast=0))
+
+    def both(x: float, score: float) -> Detections:
+        return replace(cars((x, 0), (x, 20), score=score), label=np.array([0, 7]))
+
+    assert tracker.step(both(0.0, 0.6), 0).id.tolist() == [1, 2]
+    again = tracker.step(both(2.0, 0.7), FRAME_NS)  # near enough for a car, too far for a pedestrian
+    assert again.id.tolist() == [1, 3]
+    assert len(tracker.step(both(4.0, 0.4), 2 * FRAME_NS)) == 0  # doubtful: kept, not reported
+    assert 1 in tracker.step(both(6.0, 0.6), 3 * FRAME_NS).id
+    assert len(tracker.step(both(8.0, 0.1), 4 * FRAME_NS)) == 0  # given up
+    assert 1 not in tracker.step(both(10.0, 0.9), 5 * FRAME_NS).id
 
 
 def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
