@@ -22,11 +22,13 @@ import coopsim
 from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.data.recording import Recording, RecordingSet
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_3d, iou_3d, iou_bev
+from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_3d_and_bev, iou_bev
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
-from coopsim.tracking.assignment import hungarian
+from coopsim.tracking.assignment import greedy, hungarian
+from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.overlap import mahalanobis
 from coopsim.types import Detections, Tracks
 
 FRAME_NS = 100_000_000
@@ -42,7 +44,7 @@ def median_ms(call: Callable[[], Any], repeats: int = 20) -> float:
     return 1000 * float(np.median(spent))
 
 
-def test_overlap_of_200_by_200_boxes() -> None:
+def a_street_of_200_twice() -> tuple[np.ndarray, np.ndarray]:
     """A street's density: most pairs are apart, some overlap."""
     rng = np.random.default_rng(0)
     rows = np.column_stack(
@@ -53,10 +55,37 @@ def test_overlap_of_200_by_200_boxes() -> None:
             rng.uniform(-4, 4, 400),
         ]
     )
+    return rows[:200], rows[200:]
+
+
+def print_200_by_200(name: str, call: Callable[[], Any]) -> None:
+    print(f"{name:>14}, 200 x 200: {median_ms(call):5.2f} ms")
+
+
+def test_overlap_of_200_by_200_boxes() -> None:
+    first, second = a_street_of_200_twice()
     print()
-    for kernel in (iou_bev, iou_3d, giou_3d):
-        spent = median_ms(lambda kernel=kernel: kernel(rows[:200], rows[200:]))
-        print(f"{kernel.__name__:>8}, 200 x 200: {spent:5.2f} ms")
+    for kernel in (iou_bev, iou_3d, iou_3d_and_bev, giou_bev, giou_3d):
+        print_200_by_200(kernel.__name__, lambda kernel=kernel: kernel(first, second))
+
+
+def test_mahalanobis_distances_of_200_by_200_boxes() -> None:
+    first, second = a_street_of_200_twice()
+    motion = ConstantVelocity()
+    covariance = motion.measurement_covariance(motion.initiate(first, None))
+    print()
+    for name, planar in (("mahalanobis", False), ("its planar one", True)):
+        print_200_by_200(name, lambda planar=planar: mahalanobis(first, covariance, second, planar=planar))
+
+
+def test_assignment_of_200_by_200() -> None:
+    """By GIoU, so that every pair is possible; and by random numbers, where all compete with all."""
+    overlap, random = giou_3d(*a_street_of_200_twice()), np.random.default_rng(1).random((200, 200))
+    print()
+    for assigner in (greedy, hungarian):
+        print_200_by_200(assigner.__name__, lambda assigner=assigner: assigner(overlap, -0.2))
+        print_200_by_200(f"{assigner.__name__}*", lambda assigner=assigner: assigner(random, 0.0))
+    print("* random affinities")
 
 
 def street(count: int, frames: int, seed: int = 0) -> list[Detections]:
