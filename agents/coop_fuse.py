@@ -5,20 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_between, require_count, require_probability
-from coopsim.fusion.trust import trust_first
+from coopsim.fusion.trust import Doubt, trust_likelier
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.scoring import ShrunkMean
+from coopsim.tracking.scoring import Likelihood
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections, Mask
+
+MERGE_GATE = 0.08
+DOUBT = Doubt(
+    bias=-1.2977,
+    own_score=-4.8722,
+    other_score=0.8826,
+    own_away=0.0607,
+    other_away=-0.0311,
+    gap=-0.2208,
+    gap_away=0.0087,
+)
+LIKELIHOOD = Likelihood(0.2, 10, bias=-5.0692, mean=4.3701, latest=6.8399, missed=0.7506, frames=0.2836)
+"""Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +41,7 @@ class _SeenAgainOrSure:
     age: int
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        return (tracks.hits >= self.hits) | (tracks.score >= self.sure)
+        return (tracks.hits >= self.hits) | (tracks.latest >= self.sure)
 
     def alive(self, tracks: Tracked) -> Mask:
         return tracks.misses < self.age
@@ -38,46 +49,46 @@ class _SeenAgainOrSure:
 
 @POLICIES.register("coop_fuse")
 class CoopFuse(TrackingPolicy):
-    """The own box stands unless it is doubtful; a track is as sure as it was seen often and clearly.
+    """Of several boxes on an object the likelier one weighs more; a track's score is how likely it is on an object.
 
-    Boxes of several agents are not averaged (`trust_first`), a track's score is the mean over its life drawn to a low
-    prior (`ShrunkMean`), and what is clear is reported at once. Settings were chosen on the training recordings 0001
-    to 0031 of V2V4Real.
+    Which agent is right about a box (`Doubt`) and how likely a track is real (`Likelihood`) were learned from labels;
+    the rest is AB3DMOT's.
 
     Args:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
-        floor: score below which the own box gives way to a better one, in [0, 1].
         gate: smallest 3D GIoU of a track and a box, in [-1, 1].
         hits: frames with a detection until a track is reported.
         sure: score of a first detection with which it is reported at once, in [0, 1].
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
+        doubt: which of two agents' boxes to believe.
+        likelihood: how likely a track is on an object.
     """
 
     uplink = "detections"
 
     def __init__(
         self,
-        merge_gate: float = 0.08,
-        floor: float = 0.27,
+        merge_gate: float = MERGE_GATE,
         gate: float = -0.2,
         hits: int = 2,
-        sure: float = 0.3,
+        sure: float = 0.6,
         age: int = 2,
         late: str = "predict",
+        doubt: Doubt = DOUBT,
+        likelihood: Likelihood = LIKELIHOOD,
     ) -> None:
         require_between(-1, 1, merge_gate=merge_gate, gate=gate)
-        require_probability(floor=floor, sure=sure)
+        require_probability(sure=sure)
         require_count(1, hits=hits, age=age)
-        self._merge_gate, self._floor = merge_gate, floor
+        self._merge_gate, self._doubt, self._likelihood = merge_gate, doubt, likelihood
         self._settings = (gate, hits, sure, age)
         super().__init__(late)
 
     def make_tracker(self) -> Tracker:
         gate, hits, sure, age = self._settings
-        scoring = ShrunkMean(prior=0.2, weight=10, coasting=0.5)
-        lifecycle = _SeenAgainOrSure(hits, float(scoring.first(np.array(sure))), age)
-        return Tracker(ConstantVelocity(), Cascade([Stage(giou_3d, hungarian, gate)]), lifecycle, scoring=scoring)
+        stages = Cascade([Stage(giou_3d, hungarian, gate)])
+        return Tracker(ConstantVelocity(), stages, _SeenAgainOrSure(hits, sure, age), scoring=self._likelihood)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        return [trust_first(groups, self._merge_gate, self._floor)]
+        return [trust_likelier(groups, self._merge_gate, self._doubt)]

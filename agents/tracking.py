@@ -61,13 +61,15 @@ class TrackingPolicy(Policy):
         """A new tracker, for one agent and one episode."""
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        """What is made of one moment's detections, a group per agent, the receiver's first: groups that are
-        tracked in turn. By default each agent's own group updates the tracks.
+        """What is made of one moment's detections, a group per agent: groups that are tracked in turn. First is the
+        receiver's, or in a recording that of the agent whose frame it is, because it came through no estimated pose.
+        By default each agent's own group updates the tracks.
         """
         return groups
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        self._states[spec.name] = _AgentState(self._late(self.make_tracker, self.fuse), spec.is_object)
+        first = OWN if spec.frame_owner in (None, spec.name) else spec.frame_owner
+        self._states[spec.name] = _AgentState(self._late(self.make_tracker, self.fuse, first), spec.is_object)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]

@@ -324,6 +324,8 @@ class AgentSpec:
         drives: the action must say how to drive (`control="policy"`, connected cars only).
         is_object: others see it over the origin of its base frame, but it is not its own object. Not so for a mast, nor
             for a recording, which does not say where its agents are.
+        frame_owner: whose base frame all agents' boxes are in, where that is one agent's, as in a recording; None: each
+            agent's are in its own.
     """
 
     name: str
@@ -332,6 +334,7 @@ class AgentSpec:
     uplink: str
     drives: bool = False
     is_object: bool = True
+    frame_owner: str | None = None
 
 
 def stack_xyz_yaw(pose: SE3) -> Floats:

@@ -34,7 +34,8 @@ class Replay(FrameSource):
     Args:
         name: the environment's id.
         path: a folder with `labels/<sequence>.txt` and `detections/<name>/<sequence>.txt`.
-        detections: the names to play, in order; they name the agents. A text is one name.
+        detections: the names to play; they name the agents, and the first is the one whose frame the recording is in.
+            A text is one name.
         dt_s: time between two frames.
         uplink: what the agents' specs say they broadcast.
 
@@ -61,7 +62,9 @@ class Replay(FrameSource):
         if not agents:
             accepted = ", ".join(self._set.detection_names)
             raise InvalidValueError(f"detections must be at least one name, got {detections!r}; accepted: {accepted}")
-        self.specs = {agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False) for agent in agents}
+        self.specs = {
+            agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False, frame_owner=agents[0]) for agent in agents
+        }
         self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in agents}
         self._dt_s = dt_s
         self.capacity = self._set.most_objects()

@@ -6,7 +6,7 @@ Three strategies, from cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindA
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ OWN = ""
 MakeTracker = Callable[[], Tracker | TrackersByClass]
 
 Fusion = Callable[[Sequence[Detections]], Sequence[Detections]]
-"""What is made of one moment's detections before they are tracked: one group per source, the agent's own first, to
+"""What is made of one moment's detections before they are tracked: one group per source, the most trusted first, to
 groups that are tracked in turn."""
 
 
@@ -55,10 +55,11 @@ class LateMeasurements(ABC):
     Args:
         make_tracker: gives the tracker.
         fusion: is applied to the measurements of one moment.
+        first: the source whose measurements come first; the others follow in order of their names.
     """
 
-    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn) -> None:
-        self.tracker, self._fusion = make_tracker(), fusion
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN) -> None:
+        self.tracker, self._fusion, self._first = make_tracker(), fusion, first
 
     @abstractmethod
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
@@ -75,12 +76,24 @@ class LateMeasurements(ABC):
     def _track(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
         return self.tracker.step_in_turn(self._fusion(groups), time_ns)
 
+    def _in_order(self, sources: Iterable[str]) -> list[str]:
+        return sorted(sources, key=lambda source: (source != self._first, source))
+
+    def _newest(self, measurements: Sequence[Measurement]) -> list[Measurement]:
+        """The last captured measurement of each source."""
+        latest: dict[str, Measurement] = {}
+        for measurement in measurements:
+            known = latest.get(measurement.source)
+            if known is None or measurement.captured_ns >= known.captured_ns:
+                latest[measurement.source] = measurement
+        return [latest[source] for source in self._in_order(latest)]
+
 
 class AsIfCurrent(LateMeasurements):
     """Takes the newest measurement of each source as if it were captured now: objects lag behind by the delay."""
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        return self._track([measurement.detections for measurement in newest(measurements)], now_ns)
+        return self._track([measurement.detections for measurement in self._newest(measurements)], now_ns)
 
 
 class PredictForward(LateMeasurements):
@@ -91,14 +104,14 @@ class PredictForward(LateMeasurements):
     velocity confirms it, and the error grows from frame to frame.
     """
 
-    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn) -> None:
-        super().__init__(make_tracker, fusion)
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN) -> None:
+        super().__init__(make_tracker, fusion, first)
         self._make_tracker = make_tracker
         self._sources: dict[str, Tracker | TrackersByClass] = {}
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         self.tracker.require_time(now_ns)
-        return self._track([self._moved(measurement, now_ns) for measurement in newest(measurements)], now_ns)
+        return self._track([self._moved(measurement, now_ns) for measurement in self._newest(measurements)], now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         found, captured_ns = sane(measurement.detections), min(measurement.captured_ns, now_ns)
@@ -131,11 +144,14 @@ class RewindAndReplay(LateMeasurements):
     Args:
         make_tracker: gives the tracker.
         fusion: is applied to the measurements of one moment.
+        first: the source whose measurements come first.
         window_s: what is later than this is left out.
     """
 
-    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, window_s: float = 1.0) -> None:
-        super().__init__(make_tracker, fusion)
+    def __init__(
+        self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN, window_s: float = 1.0
+    ) -> None:
+        super().__init__(make_tracker, fusion, first)
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
@@ -166,18 +182,8 @@ class RewindAndReplay(LateMeasurements):
             self.tracker.state = known
         for moment in again:
             moment.before = self.tracker.state
-            tracks = self._track([moment.groups[source] for source in sorted(moment.groups)], moment.time_ns)
+            tracks = self._track([moment.groups[source] for source in self._in_order(moment.groups)], moment.time_ns)
         return tracks
-
-
-def newest(measurements: Sequence[Measurement]) -> list[Measurement]:
-    """The last captured measurement of each source, in order of the sources' names."""
-    latest: dict[str, Measurement] = {}
-    for measurement in measurements:
-        known = latest.get(measurement.source)
-        if known is None or measurement.captured_ns >= known.captured_ns:
-            latest[measurement.source] = measurement
-    return [latest[source] for source in sorted(latest)]
 
 
 LATE: Registry[type[LateMeasurements]] = Registry("way to take in late measurements")

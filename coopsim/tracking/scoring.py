@@ -54,15 +54,13 @@ class ShrunkMean:
     Attributes:
         prior: score that a track starts from, in [0, 1].
         weight: number of frames that the prior counts for.
-        coasting: factor on what is reported of a track without a detection in this frame, in [0, 1].
     """
 
     prior: float = 0.2
     weight: float = 10.0
-    coasting: float = 0.5
 
     def __post_init__(self) -> None:
-        require_probability(prior=self.prior, coasting=self.coasting)
+        require_probability(prior=self.prior)
         require_positive(weight=self.weight)
 
     def first(self, found: Floats) -> Floats:
@@ -76,5 +74,35 @@ class ShrunkMean:
         return kept
 
     def reported(self, tracks: Tracked) -> Floats:
-        reported: Floats = np.where(tracks.misses > 0, self.coasting, 1.0) * tracks.score
-        return reported
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood(ShrunkMean):
+    """How likely a track is on an object: log odds linear in its shrunk mean score and what else its life shows.
+
+    Attributes:
+        bias: log odds with everything else 0.
+        mean: per unit of the shrunk mean score.
+        latest: per unit of the score of this frame's detection.
+        missed: without a detection in this frame.
+        frames: per unit of the logarithm of the number of frames since birth, that one included.
+    """
+
+    bias: float = 0.0
+    mean: float = 1.0
+    latest: float = 0.0
+    missed: float = 0.0
+    frames: float = 0.0
+
+    def reported(self, tracks: Tracked) -> Floats:
+        weights = np.array([self.mean, self.latest, self.missed, self.frames])
+        odds: Floats = 1.0 / (1.0 + np.exp(-(self.bias + self.features(tracks) @ weights)))
+        return odds
+
+    @staticmethod
+    def features(tracks: Tracked) -> Floats:
+        """What the weights after the bias are for, (N, 4)."""
+        missed = tracks.misses > 0
+        latest = np.where(missed, 0.0, tracks.latest)
+        return np.stack([tracks.score, latest, missed, np.log(tracks.age + 1.0)], axis=1)

@@ -23,7 +23,8 @@ class Tracked:
         velocity: (N, 2) m/s, as the beliefs have it.
         id: (N,) int.
         label: (N,) int, an `ObjectClass`.
-        score: (N,).
+        score: (N,) as the tracker's scoring keeps it.
+        latest: (N,) score of the last detection.
         hits: (N,) frames with a detection so far.
         misses: (N,) frames since the last detection; 0 if detected in this one.
         age: (N,) frames since birth; 0 in the frame of birth.
@@ -36,6 +37,7 @@ class Tracked:
     id: Ints
     label: Ints
     score: Floats
+    latest: Floats
     hits: Ints
     misses: Ints
     age: Ints

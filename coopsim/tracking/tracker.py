@@ -182,14 +182,16 @@ class Tracker:
         mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
         matched = self._motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
         mean[rows], covariance[rows] = matched.mean, matched.covariance
-        score, hits, misses = tracked.score.copy(), tracked.hits.copy(), tracked.misses.copy()
+        score, latest = tracked.score.copy(), tracked.latest.copy()
+        hits, misses = tracked.hits.copy(), tracked.misses.copy()
         score[rows] = self._scoring.hit(score[rows], found.score, tracked.age[rows])
+        latest[rows] = found.score
         hits[rows] += misses[rows] > 0
         misses[rows] = 0
         memory = tracked.appearance
         if found.embedding is not None:
             memory = memory.update(rows, memory.readable(found))
-        updated = replace(tracked, score=score, hits=hits, misses=misses, appearance=memory)
+        updated = replace(tracked, score=score, latest=latest, hits=hits, misses=misses, appearance=memory)
         return self._believing(updated, Beliefs(mean, covariance))
 
     def _unmatched(self, found: Detections, matched: Ints) -> Ints:
@@ -203,7 +205,7 @@ class Tracker:
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
-        return Tracked(beliefs, boxes, velocity, ids, found.label, score, ones, none, none, looks)
+        return Tracked(beliefs, boxes, velocity, ids, found.label, score, found.score, ones, none, none, looks)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)

@@ -1,4 +1,4 @@
-"""The first one's box stands, unless it is doubtful; whoever sees an object adds to how sure it is."""
+"""Of two agents' boxes on an object the likelier one weighs more; whoever sees it adds to how sure it is."""
 
 from __future__ import annotations
 
@@ -8,31 +8,64 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.trust import trust_first
+from coopsim.fusion.trust import Doubt, away_from_middle, pair_features, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
 
+# Decides by the scores alone, and sharply: the better-scored box is right.
+BY_SCORE = Doubt(bias=0, own_score=-200, other_score=200, own_away=0, other_away=0, gap=0, gap_away=0)
+UNDECIDED = Doubt(bias=0, own_score=0, other_score=0, own_away=0, other_away=0, gap=0, gap_away=0)
 
-def found(*objects: tuple[float, float], label: int = 0) -> Detections:
-    rows = np.array([[x, 0, 0.8, 4.5, 1.9, 1.6, 0] for x, _ in objects]).reshape(-1, 7)
+
+def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) -> Detections:
+    rows = np.array([[x, 0, 0.8 + bottom_m, 4.5, 1.9, 1.6, 0] for x, _ in objects]).reshape(-1, 7)
     return Detections(Boxes3D.from_array(rows), [score for _, score in objects], np.full(len(rows), label))
 
 
-def fused(*groups: Detections) -> list[tuple[float, float]]:
-    kept = trust_first(groups, gate=0.1, floor=0.3)
+def fused(*groups: Detections, doubt: Doubt = BY_SCORE) -> list[tuple[float, float]]:
+    kept = trust_likelier(groups, gate=0.1, doubt=doubt)
     return sorted(zip(kept.boxes.center[:, 0].tolist(), kept.score.tolist(), strict=True))
 
 
-def test_the_first_box_stands_with_the_best_score() -> None:
-    assert fused(found((0, 0.5)), found((0.4, 0.9))) == [(0, 0.9)]
-    assert fused(found((0, 0.9)), found((0.4, 0.5))) == [(0, 0.9)]
+def test_the_likelier_box_with_the_best_score() -> None:
+    assert fused(found((0, 0.5)), found((0.4, 0.9))) == [(pytest.approx(0.4), 0.9)]
+    assert fused(found((0, 0.9)), found((0.4, 0.5))) == [(pytest.approx(0), 0.9)]
 
 
-def test_a_doubtful_box_gives_way_to_a_better_one_only() -> None:
-    assert fused(found((0, 0.2)), found((0.4, 0.9))) == [(0.4, 0.9)]
-    assert fused(found((0, 0.2)), found((0.4, 0.1))) == [(0, 0.2)]
-    # What stands now is the second one's, which is sure: the third only confirms it.
-    assert fused(found((0, 0.2)), found((0.4, 0.5)), found((0.2, 0.9))) == [(0.4, 0.9)]
+def test_between_equals_lies_the_mean() -> None:
+    assert fused(found((0, 0.5)), found((0.4, 0.5)), doubt=UNDECIDED) == [(pytest.approx(0.2), 0.5)]
+    # Of three the first two are the first one's rival together.
+    assert fused(*(found((x, 0.5)) for x in (0, 0.4, 0.6)), doubt=UNDECIDED) == [(pytest.approx(0.4), 0.5)]
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.2, -1.2])
+def test_a_height_that_both_reach_where_there_is_one(gap_m: float) -> None:
+    kept = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED)
+    assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
+
+
+def test_else_the_height_of_the_likelier() -> None:
+    for own, expected in ((0.6, 0.0), (0.4, 3.0)):
+        groups = [found((0, own)), found((0, 0.5), bottom_m=3.0)]
+        kept = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30))
+        assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(expected)
+
+
+def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
+    away = away_from_middle(found((0, 0.8), (10, 0.8), (100, 0.01)))
+    np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)
+    assert len(away_from_middle(found())) == 0
+    assert np.isfinite(away_from_middle(found((0, 0.0), (10, -3.0)))).all()
+
+
+def test_every_weight_is_of_its_own_feature() -> None:
+    values = [np.array([value]) for value in (2.0, 3.0, 5.0, 7.0, -11.0)]
+    features = pair_features(*values)
+    assert features.tolist() == [[2, 3, 5, 7, 11, 55]]
+    log_odds = 0.1 + 2 * 0.01 - 3 * 0.02 + 5 * 0.03 - 7 * 0.04 + 11 * 0.05 - 55 * 0.001
+    assert Doubt(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).of_own(features)[0] == pytest.approx(
+        1 / (1 + np.exp(-log_odds))
+    )
 
 
 def test_what_only_one_sees_is_kept() -> None:
@@ -50,22 +83,22 @@ def test_nobody_and_nothing() -> None:
     assert fused(rubbish, found((0, 0.5))) == [(0, 0.5)]
 
 
-@pytest.mark.parametrize(("gate", "floor"), [(1.5, 0.3), (float("nan"), 0.3), (0.1, -1), (0.1, float("nan"))])
-def test_bad_settings(gate: float, floor: float) -> None:
+@pytest.mark.parametrize("gate", [1.5, -1.5, float("nan")])
+def test_bad_settings(gate: float) -> None:
     with pytest.raises(InvalidValueError, match="must be in"):
-        trust_first([], gate, floor)
+        trust_likelier([], gate, BY_SCORE)
 
 
-def test_covariance_and_embedding_go_with_the_box_that_stands() -> None:
+def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
     groups = [
         replace(
             found((0, 0.2), (30, 0.5)), covariance=np.stack([np.eye(7), 2 * np.eye(7)]), embedding=[[1, 0], [2, 0]]
         ),
-        replace(found((0.4, 0.9), (30.4, 0.9)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
+        replace(found((0.4, 0.9), (30.4, 0.4)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
         replace(found((60, 0.4)), covariance=5 * np.eye(7)[None], embedding=[[5, 0]]),
     ]
-    kept = trust_first(groups, gate=0.1, floor=0.3)
-    assert kept.boxes.center[:, 0].tolist() == [0.4, 30, 60] and kept.score.tolist() == [0.9, 0.9, 0.4]
+    kept = trust_likelier(groups, gate=0.1, doubt=BY_SCORE)
+    np.testing.assert_allclose(kept.boxes.center[:, 0], [0.4, 30, 60])
     assert kept.covariance is not None and kept.covariance[:, 0, 0].tolist() == [3, 2, 5]
     assert kept.embedding is not None and kept.embedding[:, 0].tolist() == [3, 2, 5]
 
@@ -73,4 +106,4 @@ def test_covariance_and_embedding_go_with_the_box_that_stands() -> None:
 def test_embeddings_that_only_one_has_or_of_another_width_raise_nothing() -> None:
     groups = [found((0, 0.5)), replace(found((30, 0.5)), embedding=[[1, 2]]), replace(found((60, 1)), embedding=[[1]])]
     nan = [np.nan, np.nan]
-    np.testing.assert_array_equal(trust_first(groups, gate=0.1, floor=0.3).embedding, [nan, [1, 2], nan])
+    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE).embedding, [nan, [1, 2], nan])

@@ -45,6 +45,7 @@ def tracks(
         1 + np.arange(count),
         numbers(label),
         np.array(np.broadcast_to(score, count), dtype=float),
+        np.array(np.broadcast_to(score, count), dtype=float),
         numbers(hits),
         numbers(misses),
         numbers(5),

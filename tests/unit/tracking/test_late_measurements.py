@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from some_tracks import FRAME_NS, cars
 from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.late import merge_duplicates
-from coopsim.tracking.late import LATE, OWN, AsIfCurrent, Measurement, PredictForward, RewindAndReplay, newest
+from coopsim.tracking.late import LATE, OWN, AsIfCurrent, Measurement, PredictForward, RewindAndReplay
 from coopsim.types import Detections, Tracks
 
 SPEED_M_S = 12.0
@@ -116,12 +117,27 @@ def test_what_was_overtaken_by_newer_of_its_source_is_left_out() -> None:
     assert len(tracks.tracker.state.tracked) == 1
 
 
-def test_the_newest_of_each_source_own_first() -> None:
-    def taken(source: str, captured_ns: int) -> Measurement:
-        return Measurement(source, captured_ns, cars())
+@pytest.mark.parametrize("name", LATE.names())
+@pytest.mark.parametrize(("first", "order"), [(OWN, [9, 3, 7]), ("b", [7, 9, 3])])
+def test_the_newest_of_each_source_the_most_trusted_first(name: str, first: str, order: list[int]) -> None:
+    seen: list[float] = []
 
-    arrived = [taken("b", 5), taken("a", 3), taken("b", 9), taken("b", 7), taken(OWN, 9)]
-    assert [(m.source, m.captured_ns) for m in newest(arrived)] == [(OWN, 9), ("a", 3), ("b", 9)]
+    def watch(groups: Sequence[Detections]) -> Sequence[Detections]:
+        seen[:] = [float(group.score[0]) for group in groups]
+        return groups
+
+    def taken(source: str, score: float) -> Measurement:
+        return Measurement(source, 0, replace(cars(0.0), score=np.array([score])))
+
+    tracks = LATE.get(name)(ab3dmot, watch, first)
+    tracks.step([taken("b", 7), taken("a", 3), taken(OWN, 9)], 0)
+    assert seen == order
+
+
+def test_of_one_source_only_the_newest_counts() -> None:
+    tracks = AsIfCurrent(lambda: ab3dmot(hits=1))
+    arrived = [Measurement("b", captured_ns, cars(float(captured_ns))) for captured_ns in (5, 90, 30)]
+    assert tracks.step(arrived, 90).boxes.center[:, 0].tolist() == [90.0]
 
 
 @pytest.mark.parametrize("name", LATE.names())

@@ -16,7 +16,7 @@ from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from
 from coopsim.tracking.lifecycle import ByScore, HitsAndAge
 from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.scoring import ShrunkMean
+from coopsim.tracking.scoring import Likelihood, ShrunkMean
 from coopsim.tracking.tracker import Tracker, Turn
 from coopsim.types import Detections, Tracks
 
@@ -158,12 +158,24 @@ def test_rules_by_class_and_by_score_make_a_tracker() -> None:
 
 def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
     first = Cascade([Stage(giou_3d, hungarian, -0.2)])
-    tracker = Tracker(
-        ConstantVelocity(), first, HitsAndAge(1, 3), scoring=ShrunkMean(0.2, 10, 0.5), born=score_from(0.5)
-    )
+    tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), scoring=ShrunkMean(0.2, 10), born=score_from(0.5))
     assert len(tracker.step(cars((0, 0), score=0.4), 0)) == 0
     reports = [
         tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k) for k, score in enumerate((0.6, 0.3, 0.0), 1)
     ]
-    expected = [(2 + 0.6) / 11, (2 + 0.6 + 0.3) / 12, (2 + 0.6 + 0.3) / 13 * 0.5]
+    expected = [(2 + 0.6) / 11, (2 + 0.6 + 0.3) / 12, (2 + 0.6 + 0.3) / 13]
     assert [tracks.score[0] for tracks in reports] == pytest.approx(expected)
+
+
+def test_a_track_is_as_likely_as_its_life_says() -> None:
+    def odds(*scores: float) -> float:
+        stages, scoring = Cascade([Stage(giou_3d, hungarian, -0.2)]), Likelihood(bias=-2, mean=4, latest=1, missed=-3)
+        tracker = Tracker(ConstantVelocity(), stages, HitsAndAge(1, 9, coast=9), scoring=scoring)
+        for k, score in enumerate(scores):
+            tracks = tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k * FRAME_NS)
+        return float(np.log(tracks.score[0] / (1 - tracks.score[0])))
+
+    assert odds(0.6) == pytest.approx(-2 + 4 * (2 + 0.6) / 11 + 0.6)
+    assert odds(0.6, 0.9) == pytest.approx(-2 + 4 * (2 + 1.5) / 12 + 0.9)
+    assert odds(0.6, 0.9, 0.0) == pytest.approx(-2 + 4 * (2 + 1.5) / 13 - 3)
+    assert odds(0.6, 0.9, 0.0, 0.9) > odds(0.6, 0.9, 0.0)
