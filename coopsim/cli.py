@@ -105,7 +105,13 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 def _add_recordings(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("path", type=Path, help="folder with labels/ and detections/<name>/")
-    add("--detections", type=_names, required=True, metavar="A,B", help="every name is one agent")
+    add(
+        "--detections",
+        type=_names,
+        required=True,
+        metavar="A,B",
+        help="every name is one agent, first the one in whose frame the boxes are",
+    )
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
     add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
 

@@ -67,6 +67,18 @@ def test_which_boxes_cover_the_origin() -> None:
     assert over_origin(found).tolist() == [True, False, False, False]
 
 
+def test_in_a_recording_the_boxes_of_the_frames_owner_come_first_whoever_receives() -> None:
+    spec = AgentSpec("1", "cav", 0.1, "detections", is_object=False, frame_owner="ego")
+    policy = coopsim.make_policy("sequential_kf", hits=1)
+    positions = []
+    for first, second in ((20, 21), (21, 20)):
+        policy.reset({"1": spec})
+        heard = message("ego", 0, [0, 0, 0, 0], detections((first, 0, 0)))
+        positions.append(policy.track("1", observe(detections((second, 0, 0)), heard)).boxes.center[0, 0])
+    # The later of two boxes draws a new track nearly to itself.
+    assert positions[0] > 20.5 > positions[1]
+
+
 @pytest.mark.parametrize("is_object", [True, False])
 def test_the_receiver_is_not_its_own_object_where_it_was_at_capture(is_object: bool) -> None:
     policy = coopsim.make_policy("late_fusion")

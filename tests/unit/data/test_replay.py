@@ -115,3 +115,8 @@ def test_an_unknown_sequence_leaves_the_running_episode(recordings: Path) -> Non
     with pytest.raises(UnknownNameError, match=r"unknown sequence '002'.*Accepted: 0000, 0001"):
         env.reset(seed=0, options={"sequence": "002"})
     assert env.agents == ["ego"]
+
+
+def test_the_first_agent_owns_the_frame_for_all(recordings: Path) -> None:
+    env = coopsim.parallel_env("replay", path=recordings, detections=("ego", "1"))
+    assert [spec.frame_owner for spec in env.agent_specs.values()] == ["ego", "ego"]
