@@ -59,7 +59,7 @@ def test_the_same_car_seen_by_both_is_one_car(name: str) -> None:
 
 def test_which_boxes_cover_the_origin() -> None:
     found = detections((0.8, 0.3, 0.1), (4, 0, 0), (0, 2.5, 0), (1.5, 0, np.pi / 2))
-    assert over_origin(found).tolist() == [True, False, False, False]
+    assert over_origin(found.boxes).tolist() == [True, False, False, False]
 
 
 @pytest.mark.parametrize("is_object", [True, False])
