@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
@@ -20,6 +21,8 @@ from coopsim.types import Detections, Message, PoseEstimate
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""
 
+_COUNT = struct.Struct("<H")
+_MOST_ROWS = 0xFFFF
 
 T = TypeVar("T")
 
@@ -36,6 +39,20 @@ class Codec(ABC, Generic[T]):
         """What `encode` was given, to the codec's precision; raises `CodecError` on anything else."""
 
 
+def pack_rows(rows: NDArray[np.void], what: str) -> bytes:
+    """The payload of structured rows: two bytes for their number, then the rows; `CodecError` if they are too many."""
+    if len(rows) > _MOST_ROWS:
+        raise CodecError(f"one message carries at most {_MOST_ROWS} {what}, got {len(rows)}")
+    return _COUNT.pack(len(rows)) + rows.tobytes()
+
+
+def unpack_rows(payload: bytes, row: np.dtype[np.void], what: str) -> NDArray[np.void]:
+    """The rows that `pack_rows` was given; raises `CodecError` unless the payload is exactly as long as it says."""
+    if len(payload) < _COUNT.size or len(payload) != _COUNT.size + _COUNT.unpack_from(payload)[0] * row.itemsize:
+        raise CodecError(f"{len(payload)} bytes are not a whole number of {what}")
+    return np.frombuffer(payload, dtype=row, offset=_COUNT.size)
+
+
 class DetectionsCodec(Codec[Detections]):
     """Boxes (seven float32), score (float32) and label (one byte): 33 bytes an object, 2 for their number.
 
@@ -45,16 +62,12 @@ class DetectionsCodec(Codec[Detections]):
     _ROW = np.dtype([("box", "<f4", (7,)), ("score", "<f4"), ("label", "u1")])
 
     def encode(self, content: Detections) -> bytes:
-        if len(content) > 0xFFFF:
-            raise CodecError(f"one message carries at most {0xFFFF} detections, got {len(content)}")
         rows = np.empty(len(content), dtype=self._ROW)
         rows["box"], rows["score"], rows["label"] = content.boxes.array, content.score, content.label
-        return struct.pack("<H", len(rows)) + rows.tobytes()
+        return pack_rows(rows, "detections")
 
     def decode(self, payload: bytes) -> Detections:
-        if len(payload) < 2 or len(payload) != 2 + struct.unpack_from("<H", payload)[0] * self._ROW.itemsize:
-            raise CodecError(f"{len(payload)} bytes are not a whole number of detections")
-        rows = np.frombuffer(payload, dtype=self._ROW, offset=2)
+        rows = unpack_rows(payload, self._ROW, "detections")
         if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
             raise CodecError(f"detection label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
         return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])
