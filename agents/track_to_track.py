@@ -13,17 +13,15 @@ import numpy as np
 from coopsim.agents.base import Policy
 from coopsim.agents.tracking import over_origin
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_between, require_choice, require_non_negative, require_number
+from coopsim.checks import require_between, require_choice, require_number
 from coopsim.comms.track_codec import decode_tracks
 from coopsim.fusion.tracks import fuse_tracks
 from coopsim.tracking.estimates import TrackEstimates
+from coopsim.tracking.late import OWN
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
 from coopsim.types import NS_PER_S, AgentSpec, Ints, Message, Observation, Tracks, seconds_to_ns
-
-_OWN = ""
-"""The agent itself among the sources; it sorts before all names."""
 
 _FARTHEST_M = 10_000.0
 """What is farther away in x or y is left out: no radio reaches there, and uncertainties grow with its square."""
@@ -86,7 +84,8 @@ class TrackToTrack(Policy):
     ) -> None:
         require_between(-1, 1, fuse_gate=fuse_gate)
         require_number(f"in (0, {_LONGEST_S:g}]", lambda value: 0 < value <= _LONGEST_S, valid_s=valid_s)
-        require_non_negative(position_noise_m=position_noise_m, heading_noise_rad=heading_noise_rad)
+        require_between(0, 100, position_noise_m=position_noise_m)
+        require_between(0, np.pi, heading_noise_rad=heading_noise_rad)
         require_choice("late", late, ("predict", "as_current"))
         self._settings = (gate, hits, age)
         self._fuse_gate, self._valid_s, self._late = fuse_gate, valid_s, late
@@ -102,7 +101,7 @@ class TrackToTrack(Policy):
         own = state.tracker.step(observation)
         self._listen(state, observation)
         fused, members = self._fused(own, [self._current(heard, now_ns) for heard in state.heard.values()])
-        public = state.ids.assign([_OWN, *state.heard], members, now_ns)
+        public = state.ids.assign([OWN, *state.heard], members, now_ns)
         return replace(fused.tracks, id=public).transform(state.tracker.frame.odom_SE3_base.inverse())
 
     def _listen(self, state: _AgentState, observation: Observation) -> None:

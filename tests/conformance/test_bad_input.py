@@ -304,7 +304,7 @@ def test_unknown_names(call: Callable[[], Any], match: str) -> None:
         ("track_to_track", "gate", [None, -2]),
         ("track_to_track", "fuse_gate", ["x", 2, np.nan]),
         ("track_to_track", "valid_s", [0, -1, 11, np.inf, None]),
-        ("track_to_track", "position_noise_m", [-0.1, np.inf, "x"]),
+        ("track_to_track", "position_noise_m", [-0.1, np.inf, 1e200, "x"]),
         ("track_to_track", "heading_noise_rad", [-0.1, np.nan]),
     ],
 )
