@@ -8,6 +8,7 @@ from coopsim.agents import (
     late_fusion,
     no_fusion,
     sequential_kf,
+    track_to_track,
     vic_fscm,
     yoloo,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "late_fusion",
     "no_fusion",
     "sequential_kf",
+    "track_to_track",
     "vic_fscm",
     "yoloo",
 ]

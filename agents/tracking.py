@@ -10,33 +10,19 @@ import numpy as np
 
 from coopsim.agents.base import Policy
 from coopsim.comms.message import decode_detections
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
+from coopsim.tracking.odometry import OdometryFrame
 from coopsim.tracking.tracker import Tracker, sane
-from coopsim.types import NS_PER_S, AgentSpec, Detections, Mask, Message, Observation, Tracks
-
-_MEMORY_NS = 2 * NS_PER_S
-"""How long an agent remembers where it was."""
+from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
 
 
 @dataclass
 class _AgentState:
     tracks: LateMeasurements
     is_object: bool
-    odom_SE3_base: SE3 = field(default_factory=SE3.identity)
-    path: dict[int, SE3] = field(default_factory=dict)
-
-    def move(self, observation: Observation) -> None:
-        """Follow the odometry, and remember the way for a while."""
-        self.odom_SE3_base = self.odom_SE3_base.compose(observation.odometry.previous_SE3_current)
-        now_ns = observation.time_ns
-        self.path = {time_ns: pose for time_ns, pose in self.path.items() if time_ns >= now_ns - _MEMORY_NS}
-        self.path[now_ns] = self.odom_SE3_base
-
-    def pose_at(self, time_ns: int) -> SE3:
-        """Where the agent was, as far as it remembers: `odom_SE3_base` at the moment nearest to `time_ns`."""
-        return self.path[min(self.path, key=lambda known_ns: abs(known_ns - time_ns))]
+    frame: OdometryFrame = field(default_factory=OdometryFrame)
 
 
 class TrackingPolicy(Policy):
@@ -73,26 +59,25 @@ class TrackingPolicy(Policy):
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]
-        state.move(observation)
-        own = Measurement(OWN, observation.time_ns, sane(observation.detections).transform(state.odom_SE3_base))
+        state.frame.move(observation)
+        odom_SE3_base = state.frame.odom_SE3_base
+        own = Measurement(OWN, observation.time_ns, sane(observation.detections).transform(odom_SE3_base))
         others = [] if self.uplink == "none" else [_received(each, observation, state) for each in observation.inbox]
         tracks = state.tracks.step([own, *others], observation.time_ns)
-        return tracks.transform(state.odom_SE3_base.inverse())
+        return tracks.transform(odom_SE3_base.inverse())
 
 
 def _received(message: Message, observation: Observation, state: _AgentState) -> Measurement:
     """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
-    base_SE3_world = observation.pose.world_SE3_base.inverse()
-    odom_SE3_sender = state.odom_SE3_base.compose(base_SE3_world).compose(message.pose.world_SE3_base)
-    found = sane(decode_detections(message)).transform(odom_SE3_sender)
+    found = sane(decode_detections(message)).transform(state.frame.odom_SE3_sender(message, observation))
     if state.is_object:
-        found = found[~over_origin(found.transform(state.pose_at(message.captured_ns).inverse()))]
+        then = state.frame.pose_at(message.captured_ns)
+        found = found[~over_origin(found.boxes.transform(then.inverse()))]
     return Measurement(message.sender, message.captured_ns, found)
 
 
-def over_origin(detections: Detections) -> Mask:
+def over_origin(boxes: Boxes3D) -> Mask:
     """Which boxes (N,) cover the origin on the ground."""
-    boxes = detections.boxes
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     x, y = boxes.center[:, 0], boxes.center[:, 1]
     ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)

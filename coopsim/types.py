@@ -320,7 +320,7 @@ class AgentSpec:
         name: as `cav_0` or `rsu_0`.
         kind: "cav" (moves) or "rsu" (stands).
         dt_s: time between two observations.
-        uplink: what the environment lets agents broadcast ("none", "detections").
+        uplink: what the environment lets agents broadcast ("none", "detections", "tracks").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
         is_object: others see it over the origin of its base frame, but it is not its own object. Not so for a mast, nor
             for a recording, which does not say where its agents are.

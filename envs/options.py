@@ -32,7 +32,7 @@ class CommonOptions:
     """What every environment has, simulated or replayed.
 
     Attributes:
-        uplink: what agents broadcast: "detections" or "none"; a policy states what it needs.
+        uplink: what agents broadcast: "detections", "tracks" or "none"; a policy states what it needs.
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].

@@ -23,7 +23,7 @@ from pettingzoo import ParallelEnv
 
 from coopsim.checks import require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
-from coopsim.comms.uplink import UPLINKS
+from coopsim.comms.uplink import UPLINKS, Uplink
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
@@ -65,7 +65,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
-        self._uplink = UPLINKS.get(options.uplink)
+        self._make_uplink = UPLINKS.get(options.uplink)
         require_instance(Reward, reward=reward)
         self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)
@@ -87,6 +87,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._frame: Frame | None = None
         self._halfway = False  # a call began to change things and did not come to its end
         self._channel: Channel
+        self._uplinks: Mapping[str, Uplink]
         self._scorer: Scorer
         self._shown: tuple[Frame, Mapping[str, Tracks]]
         self._renderer: BevRenderer | None = None
@@ -138,6 +139,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._halfway = before
             raise
         self._channel = Channel(self._options.channel, seed)
+        self._uplinks = {name: self._make_uplink() for name in self.possible_agents}
         self._scorer = Scorer(
             tuple(self.possible_agents),
             self._options.match_iou,
@@ -306,7 +308,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Send every agent's message, deliver what is due, and pack the observations."""
         positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
         for name, agent in frame.agents.items():
-            message = self._uplink.message(name, agent.observation)
+            message = self._uplinks[name].message(name, agent.observation)
             if message is not None:
                 self._channel.send(message, frame.time_ns, positions)
         arrived = self._channel.deliver(frame.time_ns)

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.embedding import directions
 from coopsim.errors import CodecError
@@ -22,6 +23,8 @@ from coopsim.types import Detections, Message, PoseEstimate
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""
 
+_COUNT = struct.Struct("<H")
+_MOST_ROWS = 0xFFFF
 
 T = TypeVar("T")
 
@@ -38,6 +41,22 @@ class Codec(ABC, Generic[T]):
         """What `encode` was given, to the codec's precision; raises `CodecError` on anything else."""
 
 
+def pack_rows(rows: NDArray[np.void], what: str) -> bytes:
+    """The payload of structured rows: two bytes for their number, then the rows; `CodecError` if they are too many."""
+    if len(rows) > _MOST_ROWS:
+        raise CodecError(f"one message carries at most {_MOST_ROWS} {what}, got {len(rows)}")
+    return _COUNT.pack(len(rows)) + rows.tobytes()
+
+
+def unpack_rows(payload: bytes, row: np.dtype[np.void], what: str) -> tuple[NDArray[np.void], bytes]:
+    """The rows that `pack_rows` was given, and what follows them; raises `CodecError` if it is too short."""
+    count = _COUNT.unpack_from(payload)[0] if len(payload) >= _COUNT.size else 0
+    end = _COUNT.size + count * row.itemsize
+    if len(payload) < end:
+        raise CodecError(f"{len(payload)} bytes are not a whole number of {what}")
+    return np.frombuffer(payload, dtype=row, count=count, offset=_COUNT.size), payload[end:]
+
+
 class DetectionsCodec(Codec[Detections]):
     """Boxes (seven float32), score (float32) and label (one byte): 33 bytes an object, 2 for their number.
 
@@ -49,21 +68,15 @@ class DetectionsCodec(Codec[Detections]):
     _WIDEST = 4096  # receivers keep tables of embeddings: nobody else shall decide how large
 
     def encode(self, content: Detections) -> bytes:
-        if len(content) > 0xFFFF:
-            raise CodecError(f"one message carries at most {0xFFFF} detections, got {len(content)}")
         rows = np.empty(len(content), dtype=self._ROW)
         rows["box"], rows["score"], rows["label"] = content.boxes.array, content.score, content.label
-        return struct.pack("<H", len(rows)) + rows.tobytes() + self._encode_embeddings(content)
+        return pack_rows(rows, "detections") + self._encode_embeddings(content)
 
     def decode(self, payload: bytes) -> Detections:
-        count = struct.unpack_from("<H", payload)[0] if len(payload) >= 2 else 0
-        end = 2 + count * self._ROW.itemsize
-        if len(payload) < end:
-            raise CodecError(f"{len(payload)} bytes are not a whole number of detections")
-        rows = np.frombuffer(payload, dtype=self._ROW, count=count, offset=2)
+        rows, rest = unpack_rows(payload, self._ROW, "detections")
         if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
             raise CodecError(f"detection label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
-        embedding = self._decode_embeddings(payload[end:], count)
+        embedding = self._decode_embeddings(rest, len(rows))
         return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"], embedding=embedding)
 
     def _encode_embeddings(self, content: Detections) -> bytes:

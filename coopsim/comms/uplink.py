@@ -1,16 +1,19 @@
-"""What an agent broadcasts: the part of its observation that goes into a message, and by which codec."""
+"""What an agent broadcasts: what it makes of its observations for others, and by which codec."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 from coopsim.comms.message import DetectionsCodec
+from coopsim.comms.track_codec import TracksCodec, sendable
 from coopsim.registry import Registry
+from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.types import Message, Observation
 
 
 class Uplink(ABC):
-    """Makes an agent's message of one frame."""
+    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state."""
 
     @abstractmethod
     def message(self, sender: str, observation: Observation) -> Message | None:
@@ -35,6 +38,24 @@ class ShareDetections(Uplink):
         return Message(sender, observation.time_ns, observation.pose, payload, "detections")
 
 
-UPLINKS: Registry[Uplink] = Registry("uplink")
-UPLINKS.register("none")(Silence())
-UPLINKS.register("detections")(ShareDetections())
+class ShareTracks(Uplink):
+    """What the agent tracks by itself (`OnBoardTracker`), in its base frame, with its estimate of its pose.
+
+    Nothing of what others said is in it, so nobody hears an echo of himself.
+    """
+
+    def __init__(self) -> None:
+        self._tracker, self._codec = OnBoardTracker(), TracksCodec()
+
+    def message(self, sender: str, observation: Observation) -> Message | None:
+        estimates = self._tracker.step(observation).transform(self._tracker.frame.odom_SE3_base.inverse())
+        payload = self._codec.encode(estimates[sendable(estimates)])
+        return Message(sender, observation.time_ns, observation.pose, payload, "tracks")
+
+
+UPLINKS: Registry[Callable[[], Uplink]] = Registry("uplink")
+"""What makes an uplink; the environment makes one for each agent and episode."""
+
+UPLINKS.register("none")(Silence)
+UPLINKS.register("detections")(ShareDetections)
+UPLINKS.register("tracks")(ShareTracks)

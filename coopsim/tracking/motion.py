@@ -132,6 +132,9 @@ def check_parameters(model: Any) -> None:
             object.__setattr__(model, field.name, tuple(float(each) for each in value))
 
 
+_ROWS, _COLUMNS = np.ix_([0, 1, 7, 8], [0, 1, 7, 8])  # x, y, vx, vy in the state of `ConstantVelocity`
+
+
 @dataclass(frozen=True, slots=True)
 class ConstantVelocity:
     """Constant velocity with state x, y, z, l, w, h, yaw, vx, vy, vz (Weng et al. 2020, sec. III-B).
@@ -161,10 +164,17 @@ class ConstantVelocity:
         return born(boxes, covariance, self.initial_variance, (self.initial_velocity_variance,) * 3)
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
-        transition = np.eye(10)
-        transition[[0, 1, 2], [7, 8, 9]] = dt_s
-        process = diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3) * dt_s
-        return Beliefs(*kalman.predict(beliefs.mean, beliefs.covariance, transition, process))
+        return Beliefs(*kalman.predict(beliefs.mean, beliefs.covariance, *self._dynamics(dt_s)))
+
+    def planar(self, dt_s: float) -> tuple[Floats, Floats]:
+        """F and Q, (4, 4) each, of the state x, y, vx, vy alone, which the rest of the state does not act on."""
+        transition, process = self._dynamics(dt_s)
+        return transition[_ROWS, _COLUMNS], process[_ROWS, _COLUMNS]
+
+    @staticmethod
+    def planar_covariance(beliefs: Beliefs) -> Floats:
+        """(N, 4, 4) of x, y, vx, vy."""
+        return beliefs.covariance[:, _ROWS, _COLUMNS]
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
         return corrected(beliefs, boxes, covariance, self.measurement_variance)
@@ -177,3 +187,9 @@ class ConstantVelocity:
 
     def measurement_covariance(self, beliefs: Beliefs) -> Floats:
         return measurable(beliefs, self.measurement_variance)
+
+    def _dynamics(self, dt_s: float) -> tuple[Floats, Floats]:
+        """F and Q, (10, 10) each."""
+        transition = np.eye(10)
+        transition[[0, 1, 2], [7, 8, 9]] = dt_s
+        return transition, diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3) * dt_s

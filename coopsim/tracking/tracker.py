@@ -167,10 +167,14 @@ class Tracker:
         older = replace(before, misses=before.misses + 1, age=before.age + 1)
         return self._believing(older, beliefs)
 
+    def reported(self) -> Tracked:
+        """What stands behind the rows of `report`."""
+        tracked = self.state.tracked
+        return tracked[self._lifecycle.reported(tracked, self.state.frame)]
+
     def report(self) -> Tracks:
         """The tracks that are worth it, at the time of the last frame."""
-        tracked = self.state.tracked
-        shown = tracked[self._lifecycle.reported(tracked, self.state.frame)]
+        shown = self.reported()
         boxes = Boxes3D.from_array(shown.boxes)
         # A filter may shrink a box through zero; a report of it would be refused.
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)

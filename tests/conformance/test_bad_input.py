@@ -271,6 +271,7 @@ def test_a_wrong_type_is_refused_by_the_name_of_its_option(option: str, value: A
         (lambda: coopsim.parallel_env("crossing", rewards=None), "unknown option 'rewards'. Did you mean 'reward'"),
         (lambda: coopsim.make_policy([1]), r"unknown policy \[1\]"),
         (lambda: coopsim.make_policy("ab3dmot", late=BOTH), "unknown way"),
+        (lambda: coopsim.make_policy("track_to_track", late="replay"), "unknown late 'replay'.*as_current, predict"),
         (lambda: coopsim.make_policy("ab3dmot", name="x"), "unknown parameter of policy 'ab3dmot' 'name'"),
         (
             lambda: coopsim.make_policy("late_fusoin"),
@@ -299,6 +300,12 @@ def test_unknown_names(call: Callable[[], Any], match: str) -> None:
         ("vic_fscm", "track_score", [True, np.nan]),
         ("graph_lap_aos", "one_per_object", ["no", 1]),
         ("late_fusion yoloo", "merge_iou", [0, -0.1, 1.5, np.nan]),
+        ("track_to_track", "hits", [0, True]),
+        ("track_to_track", "gate", [None, -2]),
+        ("track_to_track", "fuse_gate", ["x", 2, np.nan]),
+        ("track_to_track", "valid_s", [0, -1, 11, np.inf, None]),
+        ("track_to_track", "position_noise_m", [-0.1, np.inf, 1e200, "x"]),
+        ("track_to_track", "heading_noise_rad", [-0.1, np.nan]),
     ],
 )
 def test_bad_policy_parameters(policies: str, parameter: str, values: list[Any]) -> None:
@@ -357,6 +364,8 @@ def test_a_policy_that_needs_another_uplink(make_small: Make) -> None:
     silent = make_small(uplink="none")
     with pytest.raises(PolicyMismatchError, match="LateFusion needs uplink 'detections', but cav_0 broadcasts 'none'"):
         coopsim.make_policy("late_fusion").reset(silent.agent_specs)
+    with pytest.raises(PolicyMismatchError, match=r"TrackToTrack needs uplink 'tracks', but .* 'detections'"):
+        coopsim.make_policy("track_to_track").reset(make_small().agent_specs)
     coopsim.make_policy("no_fusion").reset(make_small().agent_specs)
 
 

@@ -113,10 +113,16 @@ def test_same_seed_same_bits_for_200_steps(make_small: Make, name: str) -> None:
             assert_same(part_a, part_b, f"step {k}")
 
 
-def test_an_environment_that_was_used_before_starts_afresh(make_small: Make) -> None:
-    used = make_small()
-    play(used, seed=1)
-    assert_same(dict(enumerate(play(used, seed=2)[-1])), dict(enumerate(play(make_small(), seed=2)[-1])))
+@pytest.mark.parametrize("policy", ["late_fusion", "track_to_track"])
+def test_an_environment_that_was_used_before_starts_afresh(make_small: Make, policy: str) -> None:
+    def make() -> Any:
+        return make_small(uplink=coopsim.POLICIES.get(policy).uplink, latency_s=0.1)
+
+    used = make()
+    play(used, 1, policy)
+    used.reset(seed=3)  # and left in the middle
+    for again, first in zip(play(used, 2, policy), play(make(), 2, policy), strict=True):
+        assert_same(dict(enumerate(again)), dict(enumerate(first)))
 
 
 @pytest.mark.parametrize("name", SIMULATED)

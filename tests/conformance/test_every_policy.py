@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.comms.message import DetectionsCodec
+from coopsim.comms.uplink import UPLINKS
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.late import LATE
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 FRAME_NS = 100_000_000
 EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
+
+WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in LATE.names()]
+WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
 
 
 def boxes(xy: object, *, score: object = 0.8, label: object = 0) -> Detections:
@@ -25,8 +28,17 @@ def boxes(xy: object, *, score: object = 0.8, label: object = 0) -> Detections:
     return Detections(Boxes3D.from_array(rows), *full)
 
 
-def message(found: Detections, captured_ns: int, sender: str = "rsu_0") -> Message:
-    return Message(sender, captured_ns, PoseEstimate(np.zeros(4)), DetectionsCodec().encode(found), "detections")
+def message(name: str, found: Detections, captured_ns: int, sender: str = "rsu_0") -> Message:
+    """What a sender that has detected this and nothing before broadcasts, for the policy of that name."""
+    heard = UPLINKS.get(listens_to(name))().message(sender, observe(captured_ns, found))
+    assert heard is not None
+    return heard
+
+
+def listens_to(name: str) -> str:
+    """The policy's uplink; detections, for one that must not mind them."""
+    uplink = coopsim.POLICIES.get(name).uplink
+    return "detections" if uplink == "none" else uplink
 
 
 def observe(time_ns: int, found: Detections, *inbox: Message) -> Observation:
@@ -35,7 +47,7 @@ def observe(time_ns: int, found: Detections, *inbox: Message) -> Observation:
 
 def begin(name: str, **settings: object) -> coopsim.Policy:
     policy = coopsim.make_policy(name, **settings)
-    policy.reset({"cav_0": AgentSpec("cav_0", "cav", 0.1, "detections")})
+    policy.reset({"cav_0": AgentSpec("cav_0", "cav", 0.1, listens_to(name))})
     return policy
 
 
@@ -56,17 +68,16 @@ def test_empty_frames_and_nobody_else(name: str) -> None:
 
 @EVERY
 def test_the_same_message_twice_is_no_second_object(name: str) -> None:
-    heard = message(boxes([[20, 0]]), 0)
+    heard = message(name, boxes([[20, 0]]), 0)
     frames = [observe(k * FRAME_NS, boxes([[20, 0]]), *[heard] * (k % 3)) for k in range(9)]
     assert len(play(begin(name), *frames)[-1]) <= 2
 
 
-@EVERY
-@pytest.mark.parametrize("late", LATE.names())
+@pytest.mark.parametrize(("name", "late"), WAYS)
 def test_a_message_older_than_any_track(name: str, late: str) -> None:
     policy = begin(name, late=late)
     play(policy, *(observe(k * FRAME_NS, boxes([[20 + k, 0]])) for k in range(30, 36)))
-    ancient = message(boxes([[-40, 9]]), 0)
+    ancient = message(name, boxes([[-40, 9]]), 0)
     reports = play(policy, observe(36 * FRAME_NS, boxes([[56, 0]]), ancient))
     assert np.isclose(reports[-1].boxes.center[:, 0], 56, atol=0.5).any()
 
@@ -78,8 +89,15 @@ def test_what_is_not_finite_is_left_out(name: str) -> None:
     bad = Detections(Boxes3D.from_array(rows), [0.9, 0.9, 0.9, 0.9, np.nan], np.zeros(5, dtype=int))
     good = boxes([[10, 0]], score=0.9)
     expected = play(begin(name), *(observe(k * FRAME_NS, good) for k in range(6)))
-    frames = [observe(k * FRAME_NS, bad, message(bad[1:4], k * FRAME_NS)) for k in range(6)]
+    frames = [observe(k * FRAME_NS, bad, message(name, bad[1:4], k * FRAME_NS)) for k in range(6)]
     assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
+
+
+@pytest.mark.parametrize("name", [name for name in coopsim.POLICIES if coopsim.POLICIES.get(name).uplink != "none"])
+def test_a_payload_that_is_none_is_named(name: str) -> None:
+    broken = replace(message(name, boxes([[20, 0]]), 0), payload=b"\x07nonsense")
+    with pytest.raises(coopsim.errors.CodecError, match="whole number"):
+        play(begin(name), observe(0, boxes([[5, 0]]), broken))
 
 
 @EVERY
@@ -94,7 +112,7 @@ def test_a_class_never_seen_before(name: str) -> None:
 def test_thousands_of_boxes_in_one_frame(name: str) -> None:
     rng = np.random.default_rng(0)
     crowd = boxes(rng.uniform(-900, 900, (1500, 2)), score=rng.uniform(0.3, 0.9, 1500))
-    play(begin(name), *(observe(k * FRAME_NS, crowd, message(crowd, k * FRAME_NS)) for k in range(2)))
+    play(begin(name), *(observe(k * FRAME_NS, crowd, message(name, crowd, k * FRAME_NS)) for k in range(2)))
 
 
 @EVERY
@@ -104,7 +122,7 @@ def test_ids_are_unique_and_results_repeat(name: str) -> None:
         frames = []
         for k in range(25):
             mine, theirs = (boxes(rng.uniform(-40, 40, (rng.integers(0, 9), 2)), score=0.7) for _ in range(2))
-            heard = message(theirs, max(k - int(rng.integers(0, 4)), 0) * FRAME_NS)
+            heard = message(name, theirs, max(k - int(rng.integers(0, 4)), 0) * FRAME_NS)
             frames.append(observe(k * FRAME_NS, mine, heard))
         return play(begin(name), *frames)
 

@@ -1,0 +1,74 @@
+"""One id for an object that several agents track, each under an id of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coopsim.types import Ints
+
+_UNKNOWN = np.iinfo(np.int64).max
+_LOCAL_BITS = 40  # of a key; the rest is the number of the agent
+
+ABSENT = -1
+"""In place of an agent's id for an object that it does not track."""
+
+
+class PublicIds:
+    """Remembers under which id an object was reported, by every (agent, id) that it is known by.
+
+    An object keeps its id while any of them stays. Where objects with different ids turn out to be one it goes on
+    under the oldest; where one turns out to be two, the first in order keeps the id. Ids count from 1 and are never
+    used twice.
+
+    Args:
+        memory_ns: how long an (agent, id) is remembered that does not occur; memory is that of as many frames.
+    """
+
+    def __init__(self, memory_ns: int) -> None:
+        self._memory_ns, self._next = memory_ns, 1
+        self._agents: dict[str, int] = {}
+        self._keys, self._public, self._used_ns = (np.zeros(0, dtype=np.int64) for _ in range(3))
+
+    def __len__(self) -> int:
+        """The number of (agent, id) that are remembered."""
+        return len(self._keys)
+
+    def assign(self, agents: Sequence[str], members: Ints, now_ns: int) -> Ints:
+        """The ids (N,) of N objects, unique among them.
+
+        Args:
+            agents: A names.
+            members: (N, A), each agent's id for each object, in 0..2^40 - 1, or `ABSENT`; none of an agent's twice.
+            now_ns: must not go back.
+        """
+        self._forget(now_ns - self._memory_ns)
+        numbers = np.array([self._agents.setdefault(agent, len(self._agents)) for agent in agents], dtype=np.int64)
+        keys = (numbers << _LOCAL_BITS) + members
+        present = members != ABSENT
+        public: Ints = np.where(present, self._known(keys), _UNKNOWN).min(axis=1, initial=_UNKNOWN)
+        fresh = public == _UNKNOWN
+        fresh |= ~np.isin(np.arange(len(public)), np.unique(public, return_index=True)[1])
+        public[fresh] = self._next + np.arange(np.count_nonzero(fresh))
+        self._next += int(np.count_nonzero(fresh))
+        self._remember(keys[present], np.broadcast_to(public[:, None], keys.shape)[present], now_ns)
+        return public
+
+    def _known(self, keys: Ints) -> Ints:
+        """The ids that keys of any shape were last reported under, or `_UNKNOWN`."""
+        if not len(self._keys):
+            return np.full(keys.shape, _UNKNOWN)
+        at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        return np.where(self._keys[at] == keys, self._public[at], _UNKNOWN)
+
+    def _remember(self, keys: Ints, public: Ints, now_ns: int) -> None:
+        used_ns = np.full(len(keys), now_ns)
+        # Of equal keys `unique` points to the first, which is the new one.
+        self._keys, newest = np.unique(np.concatenate([keys, self._keys]), return_index=True)
+        self._public = np.concatenate([public, self._public])[newest]
+        self._used_ns = np.concatenate([used_ns, self._used_ns])[newest]
+
+    def _forget(self, oldest_ns: int) -> None:
+        recent = self._used_ns >= oldest_ns
+        self._keys, self._public, self._used_ns = self._keys[recent], self._public[recent], self._used_ns[recent]
