@@ -9,7 +9,9 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
+from coopsim.rng import chances
 from coopsim.taxonomy import ObjectClass
+from coopsim.world.appearance import draw_colors
 from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
@@ -34,6 +36,7 @@ class World:
 
     def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False) -> None:
         layout, population = scenario.layout, scenario.population
+        self._seed = seed
         self.models: tuple[Model, ...] = make_models()
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
@@ -67,10 +70,13 @@ class World:
         yaw = np.array([*(vehicle.heading for vehicle in vehicles), *people.yaw])
         label = np.array([shape.label for shape in self.models])[model]
         velocity = np.array([*(vehicle.ground_velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
-        color = np.array([*(vehicle.paint for vehicle in vehicles), *people.color]).reshape(-1, 3)
-        identity = [*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))]
+        identity = np.array([*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))])
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
-        return Actors(np.array(identity, dtype=np.int64), boxes, velocity, label, model, color)
+        travelled_m = np.concatenate([np.zeros(len(vehicles)), people.travelled_m])
+        cycles = travelled_m / np.array([shape.cycle_m for shape in self.models])[model]
+        # Nobody keeps step with anybody.
+        phase = np.mod(cycles + chances(self._seed, "step", identity, 1)[:, 0], 1.0)
+        return Actors(identity, boxes, velocity, label, model, *draw_colors(self._seed, identity, label), phase)
 
     def agents(self) -> dict[str, AgentBody]:
         """Connected cars, then roadside units."""
