@@ -85,9 +85,9 @@ _WARDROBES = {
     ObjectClass.CHILD: _PEOPLE,
 }
 
-_DARKER, _LIGHTER, _FADED = 0.10, 0.05, 8.0
-"""No two paints are the same: each is darker or lighter by up to these shares, half as much in each channel, and has up
-to so much white in it (of 255), as black has little of what could be darker."""
+_DARKER, _LIGHTER, _FADED = 0.10, 0.05, 12.0
+"""Paints of one name differ: each is darker or lighter by up to these shares, a quarter as much in each channel, and
+has up to so much white in it (of 255), as black has little of what could be darker."""
 
 
 def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
@@ -115,5 +115,5 @@ def _pick(colors: dict[RGB, float], draw: Floats) -> Floats:
 def _shaded(color: Floats, draw: Floats) -> Floats:
     """Colours (N, 3), each lighter or darker and a little off its hue, by draws (N, 5)."""
     off = draw[:, :4] * (_DARKER + _LIGHTER) - _DARKER
-    shaded: Floats = color * (1 + off[:, :1] + off[:, 1:] / 2) + _FADED * draw[:, 4:]
+    shaded: Floats = color * (1 + off[:, :1] + off[:, 1:] / 4) + _FADED * draw[:, 4:]
     return np.minimum(shaded, 255.0)

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, wrap_angle
+from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.rng import chances
 from coopsim.taxonomy import ObjectClass
-from coopsim.world.appearance import draw_colors
+from coopsim.types import Ints
+from coopsim.world.appearance import Colors, draw_colors
 from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
@@ -36,7 +37,8 @@ class World:
 
     def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False) -> None:
         layout, population = scenario.layout, scenario.population
-        self._seed = seed
+        self._seed, self._drawn_key = seed, b"none yet"
+        self._drawn: tuple[Colors, Colors, Floats]
         self.models: tuple[Model, ...] = make_models()
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
@@ -74,9 +76,16 @@ class World:
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
         travelled_m = np.concatenate([np.zeros(len(vehicles)), people.travelled_m])
         cycles = travelled_m / np.array([shape.cycle_m for shape in self.models])[model]
-        # Nobody keeps step with anybody.
-        phase = np.mod(cycles + chances(self._seed, "step", identity, 1)[:, 0], 1.0)
-        return Actors(identity, boxes, velocity, label, model, *draw_colors(self._seed, identity, label), phase)
+        color, accent, start = self._drawn_for(identity, label)
+        return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
+
+    def _drawn_for(self, identity: Ints, label: Ints) -> tuple[Colors, Colors, Floats]:
+        """First and second colours, and where in their cycle actors start: nobody keeps step with anybody."""
+        key = identity.tobytes()
+        if key != self._drawn_key:  # mostly the same actors as in the last frame
+            start = chances(self._seed, "phase", identity, 1)[:, 0]
+            self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label), start)
+        return self._drawn
 
     def agents(self) -> dict[str, AgentBody]:
         """Connected cars, then roadside units."""

@@ -163,7 +163,7 @@ def make_vans() -> list[Model]:
             ],
             cargo,
         ),
-        _van(
+        _car(
             "minivan",
             (5.17, 2.02, 1.78),
             [
@@ -175,19 +175,26 @@ def make_vans() -> list[Model]:
                 *snub,
             ],
             [("top", 1), ("side", 2), ("top", 3)],
+            label=ObjectClass.VAN,
         ),
     ]
 
 
 def _car(
-    name: str, size_m: tuple[float, float, float], stations: list[_Station], glass: _Glass, cover: int | None = None
+    name: str,
+    size_m: tuple[float, float, float],
+    stations: list[_Station],
+    glass: _Glass,
+    *,
+    label: ObjectClass = ObjectClass.CAR,
+    cover: int | None = None,
 ) -> Model:
-    """A car; `cover` is a segment whose top is a cover of plastic. The roof is what may have another colour."""
+    """A car, whose roof may have another colour; `cover` is a segment whose top is a cover of plastic."""
     roof = max(segment for kind, segment in glass if kind == "side")
     dress: dict[tuple[int, int], Surface | Window] = {(roof, _TOP): ACCENT}
     if cover is not None:
         dress[cover, _TOP] = PLASTIC
-    return _vehicle(name, ObjectClass.CAR, size_m, stations, glass, dress)
+    return _vehicle(name, label, size_m, stations, glass, dress)
 
 
 def _van(name: str, size_m: tuple[float, float, float], stations: list[_Station], glass: _Glass) -> Model:

