@@ -9,7 +9,7 @@ from __future__ import annotations
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_instance, require_threshold
-from coopsim.taxonomy import ObjectClass
+from coopsim.taxonomy import Superclass
 from coopsim.tracking.affinity import iou_3d
 from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.assignment import Assigner, greedy, hungarian
@@ -20,14 +20,8 @@ from coopsim.tracking.motion import ConstantVelocity, Motion
 from coopsim.tracking.tracker import Tracker
 from coopsim.tracking.turning import ConstantTurnRateAcceleration
 
-NIMBLE = (
-    ObjectClass.MOTORCYCLE,
-    ObjectClass.BICYCLE,
-    ObjectClass.SCOOTER,
-    ObjectClass.PEDESTRIAN,
-    ObjectClass.CHILD,
-)
-"""Classes that turn as they like."""
+NIMBLE = Superclass.PEDESTRIAN.classes
+"""Classes that turn as they like: people, on foot or on two wheels."""
 
 
 @POLICIES.register("dino_codt")

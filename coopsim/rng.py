@@ -9,8 +9,14 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+"""By which SplitMix64 goes on from one state to the next."""
 
 
 def require_seed(seed: object) -> None:
@@ -33,3 +39,22 @@ def stream(seed: int, purpose: str, *who: str) -> np.random.Generator:
     digest = hashlib.sha256("\x00".join((purpose, *who)).encode()).digest()
     words = np.frombuffer(digest[:16], dtype="<u4").tolist()
     return np.random.default_rng(np.random.SeedSequence([int(seed), *words]))
+
+
+def chances(seed: int, purpose: str, who: Ints, count: int) -> Floats:
+    """Draws for many owners at once: (N, `count`) uniform numbers in [0, 1), a row for each of `who` (N,) ints >= 0.
+
+    A row depends on `(seed, purpose, its number, count)` and on nothing else. The numbers are those of SplitMix64
+    (Steele, Lea and Flood 2014), in which any place of the stream can be computed by itself.
+    """
+    key = np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
+    place = who.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
+    state = (key + place * _GOLDEN).astype(np.uint64)
+    return (_splitmix64(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+def _splitmix64(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """SplitMix64's output for each of its states; products wrap around."""
+    mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return mixed ^ (mixed >> np.uint64(31))

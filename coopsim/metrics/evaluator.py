@@ -9,7 +9,10 @@ import numpy as np
 from coopsim.metrics.log import GroundTruth, TrackLog
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
 from coopsim.metrics.pairs import find_pairs
+from coopsim.taxonomy import SUPERCLASS_NUMBERS
 from coopsim.types import Ints, Tracks
+
+_SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +46,9 @@ class Evaluator:
     def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
         """Score one frame; truth and tracks in one frame of reference, ids unique in each."""
         frame = len(self.log)
-        pairs = find_pairs(truth.boxes, truth.label, tracks.boxes, tracks.label)
-        self.log.append(truth, tracks, pairs)
+        alike = find_pairs(truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label])
+        self.log.append(truth, tracks, alike)
+        pairs = alike[truth.label[alike.truth] == tracks.label[alike.track]]
         slots = self._slots(truth.id)
         kept = self._last_frame[slots] == frame - 1
         same = self._last_track[slots][pairs.truth] == tracks.id[pairs.track]

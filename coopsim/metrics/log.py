@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -81,7 +81,7 @@ class TrackLog:
         return len(self._starts["truth_start"]) - 1
 
     def append(self, truth: GroundTruth, tracks: Tracks, pairs: Pairs) -> None:
-        """Add a frame; the pairs are those of `find_pairs`."""
+        """Add a frame; the pairs are those of `find_pairs` by superclass."""
         for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
             start.append(start[-1] + count)
         objects = (truth.id, truth.label, _range_m(truth.boxes))
@@ -91,7 +91,7 @@ class TrackLog:
             column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
 
     def flat(self) -> FlatLog:
-        """All frames as flat arrays."""
+        """All frames as flat arrays, with the pairs of a superclass; `FlatLog.by_class` has those of a class."""
         columns = {**self._starts, **self._columns}
         arrays: dict[str, Any] = {name: np.array(column, _WIDE[column.typecode]) for name, column in columns.items()}
         return FlatLog(**arrays, match_iou=self.match_iou)
@@ -148,9 +148,17 @@ class FlatLog:
         """(P,) 1 - distance / 2 m, at least 0: TrackEval's similarity by distance, with nuScenes' reach."""
         return np.maximum(0.0, 1.0 - self.distance / NEAR_M)
 
-    def only(self, label: int) -> FlatLog:
-        """The part of one class."""
-        return self._part(self.truth_label == label, self.track_label == label)
+    def by_class(self) -> FlatLog:
+        """The same with no pair of an object of one class and a track of another."""
+        truth_row, track_row = self._pair_rows
+        kept = self.truth_label[truth_row] == self.track_label[track_row]
+        columns = ("pair_truth", "pair_track", "iou_3d", "iou_bev", "distance")
+        pairs = {name: getattr(self, name)[kept] for name in columns}
+        return replace(self, pair_start=_starts(_per_frame(kept, self.pair_start)), **pairs)
+
+    def only(self, *labels: int) -> FlatLog:
+        """The part of some classes, pooled."""
+        return self._part(np.isin(self.truth_label, labels), np.isin(self.track_label, labels))
 
     def within(self, low_m: float, high_m: float) -> FlatLog:
         """The part from one distance to below another.

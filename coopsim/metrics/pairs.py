@@ -19,7 +19,7 @@ NEAR_M = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Pairs of one class that overlap in the bird's-eye view (BEV), or whose centres are less than 2 m apart.
+    """Pairs of one kind that overlap in the bird's-eye view (BEV), or whose centres are less than 2 m apart.
 
     Attributes:
         truth: (P,) rows of the truth.
@@ -38,26 +38,31 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.truth)
 
+    def __getitem__(self, index: NDArray[np.bool_]) -> Pairs:
+        return Pairs(
+            self.truth[index], self.track[index], self.iou_3d[index], self.iou_bev[index], self.distance[index]
+        )
 
-def find_pairs(truth: Boxes3D, truth_label: Ints, tracks: Boxes3D, track_label: Ints) -> Pairs:
-    """The pairs of a frame: N objects with their (N,) classes, and M tracks with theirs."""
+
+def find_pairs(truth: Boxes3D, truth_kind: Ints, tracks: Boxes3D, track_kind: Ints) -> Pairs:
+    """The pairs of a frame: N objects with their (N,) kinds (classes, or superclasses), and M tracks with theirs."""
     rows, columns = truth.array, tracks.array
-    same_class = truth_label[:, None] == track_label
-    return Pairs(*_select(same_class, *iou_3d_and_bev(rows, columns), rows, columns))
+    same_kind = truth_kind[:, None] == track_kind
+    return Pairs(*_select(same_kind, *iou_3d_and_bev(rows, columns), rows, columns))
 
 
 # Everything that is handed over is fresh, so writeable and contiguous: one layout, compiled once.
 @njit(cache=True, nogil=True)
 def _select(
-    same_class: NDArray[np.bool_], in_space: Floats, from_above: Floats, truth: Floats, tracks: Floats
+    same_kind: NDArray[np.bool_], in_space: Floats, from_above: Floats, truth: Floats, tracks: Floats
 ) -> tuple[Ints, Ints, Floats, Floats, Floats]:
-    most = same_class.size
+    most = same_kind.size
     rows, columns = np.empty(most, np.int64), np.empty(most, np.int64)
     volume, area, distance = np.empty(most), np.empty(most), np.empty(most)
     found = 0
     for i in range(len(truth)):
         for j in range(len(tracks)):
-            if not same_class[i, j]:
+            if not same_kind[i, j]:
                 continue
             dx, dy = truth[i, 0] - tracks[j, 0], truth[i, 1] - tracks[j, 1]
             if from_above[i, j] <= 0 and dx * dx + dy * dy >= NEAR_M * NEAR_M:

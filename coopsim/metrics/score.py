@@ -14,7 +14,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
 from coopsim.metrics.log import FlatLog, TrackLog
 from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
-from coopsim.taxonomy import CLASS_NAMES
+from coopsim.taxonomy import CLASS_NAMES, Superclass
 
 FalsePositives = Literal["count", "ignore"]
 
@@ -42,6 +42,8 @@ class Score:
         bands: the same by distance from the reporting agent, as "0-30 m", where there was an object.
         agents: the same by agent, where this is a mean over agents.
         sweep: CLEAR at every level of recall; None for a mean over agents.
+        superclasses: the same by superclass ("Vehicle", "Pedestrian", "Truck"), where there was an object; in it, a
+            track may be on an object of another class.
     """
 
     values: Mapping[str, float]
@@ -51,6 +53,7 @@ class Score:
     bands: Mapping[str, Score] = field(default_factory=dict)
     agents: Mapping[str, Score] = field(default_factory=dict)
     sweep: RecallSweep | None = None
+    superclasses: Mapping[str, Score] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         if name not in self.values:
@@ -61,9 +64,11 @@ class Score:
     def mean(cls, agents: Mapping[str, Score]) -> Score:
         """The mean over agents of every value; of a class or band, over the agents that met it."""
         parts = list(agents.values())
-        classes, bands = (_means([getattr(part, each) for part in parts]) for each in ("classes", "bands"))
+        classes, superclasses, bands = (
+            _means([getattr(part, each) for part in parts]) for each in ("classes", "superclasses", "bands")
+        )
         mean = _mean_of(parts)
-        return cls(mean.values, mean.all_tracks, mean.false_positives, classes, bands, dict(agents))
+        return replace(mean, classes=classes, superclasses=superclasses, bands=bands, agents=dict(agents))
 
     def ignoring_false_positives(self) -> Score:
         """The same with false positives ignored, which needs no new matching; values that always count them stay.
@@ -83,11 +88,18 @@ class Score:
             {name: score.ignoring_false_positives() for name, score in self.classes.items()},
             {name: score.ignoring_false_positives() for name, score in self.bands.items()},
             sweep=sweep,
+            superclasses={name: score.ignoring_false_positives() for name, score in self.superclasses.items()},
         )
 
     def table(self) -> str:
-        """Aligned plain text: the whole, then each class, band and agent."""
-        parts = (self.classes, self.bands, self.agents)
+        """Aligned plain text: the whole, then each class, superclass of several classes, band and agent."""
+        # A superclass of which there was one class is that class again.
+        pooled = {
+            name: score
+            for name, score in self.superclasses.items()
+            if sum(cls.title in self.classes for cls in Superclass(name).classes) > 1
+        }
+        parts = (self.classes, pooled, self.bands, self.agents)
         lines: list[tuple[str, Score]] = [("all", self), *(line for part in parts for line in part.items())]
         rows = [[name, *(f"{score[metric]:.1f}" for metric in _TABLE)] for name, score in lines]
         text = tabulate(rows, headers=["", *_TABLE], disable_numparse=True, colalign=["left", *["right"] * len(_TABLE)])
@@ -95,9 +107,10 @@ class Score:
         return text + ignored
 
     def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON: the values, and below them `all_tracks`, `classes`, `bands` and `agents`."""
+        """Ready for JSON: the values, and below them `all_tracks`, `classes`, `superclasses`, `bands` and `agents`."""
         parts: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
-        for name, children in (("classes", self.classes), ("bands", self.bands), ("agents", self.agents)):
+        for name in ("classes", "superclasses", "bands", "agents"):
+            children: Mapping[str, Score] = getattr(self, name)
             if children:
                 parts[name] = {child: score.to_dict() for child, score in children.items()}
         return parts
@@ -121,18 +134,31 @@ def summarize(
         UnknownNameError: `false_positives` is neither.
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    flats = [log.flat() for log in logs]
+    pools = [log.flat() for log in logs]
+    flats = [pool.by_class() for pool in pools]
     labels = sorted({int(label) for flat in flats for label in flat.labels})
     classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats]) for label in labels}
-    # With a single class that nothing else was reported as, the whole is that class: no second sweep.
     reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
-    whole = classes[CLASS_NAMES[labels[0]]] if len(labels) == 1 and reported <= set(labels) else None
-    whole = whole or _score(flats)
+
+    def pooled(parts: Sequence[FlatLog], wanted: Sequence[int]) -> Score:
+        # With a single class that nothing else was reported as, the pool is that class: no second sweep.
+        present = set(labels).intersection(wanted)
+        if len(present) == 1 and reported.intersection(wanted) <= present:
+            return classes[CLASS_NAMES[present.pop()]]
+        return _score(parts)
+
+    whole = pooled(flats, range(len(CLASS_NAMES)))
+    superclasses = {
+        each.title: pooled([pool.only(*each.classes) for pool in pools], each.classes)
+        for each in Superclass
+        if set(labels).intersection(each.classes)
+    }
     bands = {name: _score([flat.within(*band) for flat in flats]) for name, band in BANDS_M.items()}
     score = replace(
         whole,
         values={**whole.values, **_mean_precisions(classes), **(extra or {})},
         classes=classes,
+        superclasses=superclasses,
         bands={name: band for name, band in bands.items() if band["GT"]},
     )
     return score if false_positives == "count" else score.ignoring_false_positives()

@@ -13,7 +13,6 @@ from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
 STATIC_ID = 0
-_GLASS_COLOR = np.array([24.0, 28.0, 34.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +47,7 @@ class SceneGeometry:
     """Makes each frame's triangles from the actors' models and the static parts.
 
     Which vertex belongs to which actor is worked out once and kept until other actors come; then a frame is one
-    rotation and one shift of all vertices together.
+    look-up (of who walks, the pose), one rotation and one shift of all vertices together.
 
     Args:
         models: that actors' `model` counts into.
@@ -58,17 +57,19 @@ class SceneGeometry:
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
         self._models = tuple(models)
         self._static = static_triangles(static)
-        self._key: tuple[bytes, bytes, bytes] | None = None
+        self._pose_counts = np.array([len(model.poses) for model in self._models], dtype=np.int64)
+        self._key: tuple[bytes, ...] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
         """The scene with these actors, scenery first."""
-        key = (actors.id.tobytes(), actors.model.tobytes(), actors.color.tobytes())
+        key = tuple(column.tobytes() for column in (actors.id, actors.model, actors.color, actors.accent))
         if key != self._key:
             self._arrange(actors)
             self._key = key
         boxes = actors.boxes
         cos, sin = np.cos(boxes.yaw)[self._owner], np.sin(boxes.yaw)[self._owner]
-        local = self._local
+        later = actors.pose(self._pose_counts) * self._counts  # rows from an actor's first pose to its present one
+        local = self._poses[self._first_pose + later[self._owner]]
         vertices = self._vertices
         moved = vertices[len(self._static.vertices) :]
         moved[:, 0] = local[:, 0] * cos - local[:, 1] * sin
@@ -83,17 +84,22 @@ class SceneGeometry:
         face_counts = [len(model.faces) for model in models]
         starts = len(self._static.vertices) + np.concatenate([[0], np.cumsum(counts)])
         none = np.zeros((0, 3))
-        self._owner = np.repeat(np.arange(len(actors)), counts)
-        self._local = np.concatenate([none, *(model.vertices for model in models)])
-        self._vertices = np.concatenate([self._static.vertices, self._local])
+        self._owner, self._counts = np.repeat(np.arange(len(actors)), counts), counts
+        self._poses = np.concatenate([none, *(model.poses.reshape(-1, 3) for model in models)])
+        rows = counts * self._pose_counts[actors.model]
+        before = np.cumsum(rows) - rows - (np.cumsum(counts) - counts)
+        self._first_pose = np.arange(counts.sum()) + before[self._owner]
+        self._vertices = np.concatenate([self._static.vertices, np.zeros((counts.sum(), 3))])
         own_faces = [model.faces + start for model, start in zip(models, starts, strict=False)]
         self._faces = np.concatenate([self._static.faces, *own_faces])
         static_count = len(self._static.faces)
         self._instance = np.concatenate([np.full(static_count, STATIC_ID), np.repeat(actors.id, face_counts)])
         self._reflectivity = np.concatenate([self._static.reflectivity, *(model.reflectivity for model in models)])
         tint = np.concatenate([np.zeros(0), *(model.tint for model in models)])[:, None]
-        paint = np.repeat(actors.color, face_counts, axis=0)
-        painted = (tint * paint + (1 - tint) * _GLASS_COLOR).astype(np.uint8)
+        accented = np.concatenate([np.zeros(0, dtype=np.bool_), *(model.accented for model in models)])[:, None]
+        own = np.concatenate([none, *(model.color for model in models)])
+        worn = np.where(accented, *(np.repeat(paint, face_counts, axis=0) for paint in (actors.accent, actors.color)))
+        painted = (tint * worn + (1 - tint) * own).astype(np.uint8)
         self._color = np.concatenate([self._static.color, painted])
 
 

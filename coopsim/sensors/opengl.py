@@ -30,6 +30,7 @@ class OpenGLRenderer(Renderer):
         import pyrender
 
         self._pyrender, self._models = pyrender, tuple(models)
+        self._pose_counts = np.array([len(model.poses) for model in self._models], dtype=np.int64)
         self._scene = pyrender.Scene(bg_color=[*(SKY / 255.0), 1.0], ambient_light=[AMBIENT] * 3)
         self._camera = self._scene.add(
             pyrender.IntrinsicsCamera(
@@ -47,24 +48,29 @@ class OpenGLRenderer(Renderer):
             scenery = static_triangles(static)
             self._scene.add(self._mesh(scenery.vertices, scenery.faces, scenery.color))
         self._nodes: dict[int, Any] = {}
-        self._looks: dict[int, tuple[int, ...]] = {}
+        self._looks: dict[int, list[int]] = {}
 
     def update(self, actors: Actors, triangles: Triangles) -> None:
-        # A new episode counts ids from the start again: what has another model or colour is another actor.
-        rows = zip(actors.model.tolist(), *actors.color.T.tolist(), strict=True)
-        looks: dict[int, tuple[int, ...]] = dict(zip(actors.id.tolist(), rows, strict=True))
+        # A new episode counts ids from the start again: what has another model or colour is another actor. Who walks
+        # is drawn anew in every pose.
+        pose = actors.pose(self._pose_counts)
+        rows = np.column_stack([actors.model, pose, actors.color, actors.accent]).tolist()
+        looks: dict[int, list[int]] = dict(zip(actors.id.tolist(), rows, strict=True))
         for gone in [actor for actor in self._nodes if looks.get(actor) != self._looks[actor]]:
             self._scene.remove_node(self._nodes.pop(gone))
         self._looks = looks
         boxes = actors.boxes
         for k, actor in enumerate(actors.id.tolist()):
-            pose = np.eye(4)
+            place = np.eye(4)
             placed = SE3.from_xyz_yaw(boxes.center[k], float(boxes.yaw[k]))
-            pose[:3, :3], pose[:3, 3] = placed.rotation, placed.translation
+            place[:3, :3], place[:3, 3] = placed.rotation, placed.translation
             if actor in self._nodes:
-                self._scene.set_pose(self._nodes[actor], pose)
+                self._scene.set_pose(self._nodes[actor], place)
             else:
-                self._nodes[actor] = self._scene.add(self._painted(actors, k, triangles), pose=pose)
+                model = self._models[actors.model[k]]
+                color = triangles.color[triangles.instance == actor]
+                # Each has its own mesh: hiding one must not hide its likes.
+                self._nodes[actor] = self._scene.add(self._mesh(model.poses[pose[k]], model.faces, color), pose=place)
 
     def render(self, world_SE3_camera: SE3, own_id: int | None) -> CameraImage:
         pose = np.eye(4)
@@ -90,11 +96,6 @@ class OpenGLRenderer(Renderer):
         if self._offscreen is not None:
             self._offscreen.delete()
             self._offscreen = None
-
-    def _painted(self, actors: Actors, k: int, triangles: Triangles) -> Any:
-        """The actor's mesh in its own colour. Each has its own: hiding one must not hide its likes."""
-        model = self._models[actors.model[k]]
-        return self._mesh(model.vertices, model.faces, triangles.color[triangles.instance == actors.id[k]])
 
     def _mesh(self, vertices: Floats, faces: Any, face_color: Any) -> Any:
         pyrender = self._pyrender

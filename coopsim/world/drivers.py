@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from highway_env.road.lane import AbstractLane
 from highway_env.road.road import Road
@@ -38,11 +36,10 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
     action: dict[str, float]
     actor_id: int
     model: int
-    paint: np.ndarray[Any, np.dtype[np.uint8]]
 
-    def fit(self, actor_id: int, index: int, model: Model, paint: np.ndarray[Any, np.dtype[np.uint8]]) -> None:
+    def fit(self, actor_id: int, index: int, model: Model) -> None:
         """Take on a model's size and an identity."""
-        self.actor_id, self.model, self.paint = actor_id, index, paint
+        self.actor_id, self.model = actor_id, index
         self.LENGTH, self.WIDTH = float(model.size_m[0]), float(model.size_m[1])
         self.diagonal = np.hypot(self.LENGTH, self.WIDTH)
 

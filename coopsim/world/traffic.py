@@ -15,19 +15,6 @@ from coopsim.world.layout import LaneIndex, Layout, Slot
 from coopsim.world.scenario import Population
 from coopsim.world.snapshot import Model
 
-_PAINTS = np.array(
-    [
-        [200, 200, 205],
-        [35, 37, 42],
-        [245, 245, 242],
-        [150, 24, 28],
-        [28, 60, 130],
-        [110, 115, 120],
-        [36, 92, 60],
-    ],
-    dtype=np.uint8,
-)
-
 _COMPANY = 6
 """Cars that keep together, unless more of them are connected."""
 
@@ -131,7 +118,7 @@ class Traffic:
         )
         fitting = [index for index, model in enumerate(self._models) if model.label == label]
         index = fitting[self._rng.integers(len(fitting))]
-        vehicle.fit(self._next_id, index, self._models[index], _PAINTS[self._rng.integers(len(_PAINTS))])
+        vehicle.fit(self._next_id, index, self._models[index])
         self._next_id += 1
         if isinstance(vehicle, TownDriver) and self._junction is not None:
             vehicle.junction = self._junction

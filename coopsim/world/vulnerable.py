@@ -63,7 +63,7 @@ class Pedestrians:
         self.velocity = np.zeros((count, 2))
         self.yaw = np.arctan2(*(b - a).T[::-1])
         self.model = np.asarray(models, dtype=np.int64)[rng.integers(max(len(models), 1), size=count)]
-        self.color = rng.integers(40, 220, (count, 3)).astype(np.uint8)
+        self.travelled_m = np.zeros(count)
         self._waited_s = np.zeros(count)
         self._road = road
         self._bodies = [_Body(road, position) for position in self.position]
@@ -84,6 +84,7 @@ class Pedestrians:
         stride = np.where(waits, 0.0, np.minimum(self.speed * dt_s, distance))
         self.velocity = heading * (stride / dt_s)[:, None]
         self.position = self.position + heading * stride[:, None]
+        self.travelled_m += stride
         turned = distance > 1e-6
         self.yaw = np.where(turned, np.arctan2(heading[:, 1], heading[:, 0]), self.yaw)
         self._turn_at_ends(np.linalg.norm(b - self.position, axis=1) < 1e-6)

@@ -8,8 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, wrap_angle
+from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.rng import chances
 from coopsim.taxonomy import ObjectClass
+from coopsim.types import Ints
+from coopsim.world.appearance import Colors, draw_colors
 from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
@@ -34,6 +37,8 @@ class World:
 
     def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False) -> None:
         layout, population = scenario.layout, scenario.population
+        self._seed, self._drawn_key = seed, b"none yet"
+        self._drawn: tuple[Colors, Colors, Floats]
         self.models: tuple[Model, ...] = make_models()
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
@@ -67,10 +72,20 @@ class World:
         yaw = np.array([*(vehicle.heading for vehicle in vehicles), *people.yaw])
         label = np.array([shape.label for shape in self.models])[model]
         velocity = np.array([*(vehicle.ground_velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
-        color = np.array([*(vehicle.paint for vehicle in vehicles), *people.color]).reshape(-1, 3)
-        identity = [*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))]
+        identity = np.array([*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))])
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
-        return Actors(np.array(identity, dtype=np.int64), boxes, velocity, label, model, color)
+        travelled_m = np.concatenate([np.zeros(len(vehicles)), people.travelled_m])
+        cycles = travelled_m / np.array([shape.cycle_m for shape in self.models])[model]
+        color, accent, start = self._drawn_for(identity, label)
+        return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
+
+    def _drawn_for(self, identity: Ints, label: Ints) -> tuple[Colors, Colors, Floats]:
+        """First and second colours, and where in their cycle actors start: nobody keeps step with anybody."""
+        key = identity.tobytes()
+        if key != self._drawn_key:  # mostly the same actors as in the last frame
+            start = chances(self._seed, "phase", identity, 1)[:, 0]
+            self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label), start)
+        return self._drawn
 
     def agents(self) -> dict[str, AgentBody]:
         """Connected cars, then roadside units."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -76,6 +77,22 @@ def test_a_used_rig_draws_as_a_fresh_one(renderer: str) -> None:
         fresh.close()  # which must leave the other one alone
     used.close()
     used.close()  # nothing more to release, and no error
+
+
+@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+def test_who_moves_is_drawn_in_the_pose_of_its_phase(renderer: str) -> None:
+    """As what stands in that pose for ever; its mesh is that of the last frame's pose no more."""
+    upright = MODELS[1]
+    bent = upright.vertices * [1.0, 1.0, 0.5]
+    poses = np.stack([upright.vertices, bent])
+    rig = make_rig(renderer, STATIC, [MODELS[0], replace(upright, poses=poses)], SMALL)
+    for phase, vertices in ((0.0, upright.vertices), (0.7, bent), (0.2, upright.vertices)):
+        frozen = make_rig(renderer, STATIC, [MODELS[0], replace(upright, poses=np.stack([vertices, poses[0]]))], SMALL)
+        who = actors(PLACES, model=[0, 0, 1])
+        moving = replace(who, phase=np.array([0.0, 0.9, phase]))
+        assert_same(rig.render(moving, BODIES), frozen.render(who, BODIES))
+        frozen.close()
+    rig.close()
 
 
 @pytest.mark.parametrize("renderer", ["opengl", "raycast"])

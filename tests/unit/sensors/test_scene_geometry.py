@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from sensor_scenes import MODELS, actors, box_model, box_part, ground, triangles
 
+from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import STATIC_ID, SceneGeometry
 
 PLACES = [[10.0, -3.0, 0.7], [-20.0, 8.0, -2.5], [3.0, 30.0, 3.1]]
@@ -37,6 +40,39 @@ def test_tint_decides_how_much_paint_a_face_takes() -> None:
     soup = SceneGeometry([painted, glass], []).triangles(actors(PLACES[:2], model=[0, 1], color=(10, 200, 90)))
     assert (soup.color[soup.instance == 1] == (10, 200, 90)).all()
     assert (soup.color[soup.instance == 2] < 40).all()
+
+
+def test_an_accented_face_takes_the_second_colour_and_what_is_not_paint_keeps_its_own() -> None:
+    plain = box_model((2.0, 1.0, 1.0), tint=0.5)
+    half = np.arange(12) < 6
+    model = replace(plain, accented=half, color=np.full((12, 3), 100, dtype=np.uint8))
+    who = replace(actors(PLACES[:1], color=(0, 200, 0)), accent=np.array([[200, 0, 0]], dtype=np.uint8))
+    color = SceneGeometry([model], []).triangles(who).color
+    assert (color[half] == (150, 50, 50)).all() and (color[~half] == (50, 150, 50)).all()
+
+
+def test_every_actor_is_in_the_pose_of_its_phase() -> None:
+    rigid = box_model((2.0, 1.0, 1.0))
+    size = np.array([1.0, 1.0, 2.0])
+    cube = box_model(size)
+    # Four poses, lower and lower.
+    poses = np.stack([cube.vertices * [1.0, 1.0, 1.0 - 0.2 * k] for k in range(4)])
+    walker = replace(cube, poses=poses)
+    who = replace(
+        actors([[0.0, 0.0, 0.3], [5.0, 1.0, 0.0], [9.0, 9.0, 2.0], [3.0, 3.0, 1.0]], model=[1, 0, 1, 1]),
+        phase=np.array([0.0, 0.9, 0.26, 0.999]),
+    )
+    geometry = SceneGeometry([rigid, walker], [ground()])
+    for turn, expected in ((0.0, (0, 1, 3)), (0.5, (2, 3, 1))):
+        now = replace(who, phase=(who.phase + turn) % 1.0)
+        soup = geometry.triangles(now)
+        for identity, pose in zip((1, 3, 4), expected, strict=True):
+            row = identity - 1
+            own = soup.vertices[np.unique(soup.faces[soup.instance == identity])]
+            local = SE3.from_xyz_yaw(now.boxes.center[row], float(now.boxes.yaw[row])).inverse().apply(own)
+            np.testing.assert_allclose(local, poses[pose], atol=1e-9)
+        rigid_one = soup.vertices[np.unique(soup.faces[soup.instance == 2])]
+        np.testing.assert_allclose(rigid_one, rigid.vertices + now.boxes.center[1], atol=1e-9)
 
 
 def test_normals_are_unit_and_point_outwards() -> None:

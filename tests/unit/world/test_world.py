@@ -71,8 +71,9 @@ def test_ids_are_unique_and_belong_to_one_body(name: str) -> None:
     bodies: dict[int, tuple[int, ...]] = {}
     for actors in frames(make_world(name, 0), 60):
         assert len(set(actors.id)) == len(actors) and actors.id.min() >= 1
-        for identity, model, color in zip(actors.id.tolist(), actors.model, actors.color, strict=True):
-            assert bodies.setdefault(identity, (model, *color)) == (model, *color)
+        looks = np.column_stack([actors.model, actors.color, actors.accent]).tolist()
+        for identity, look in zip(actors.id.tolist(), looks, strict=True):
+            assert bodies.setdefault(identity, tuple(look)) == tuple(look)
 
 
 def test_boxes_stand_on_the_ground_and_have_their_models_size() -> None:
@@ -81,6 +82,18 @@ def test_boxes_stand_on_the_ground_and_have_their_models_size() -> None:
     np.testing.assert_array_equal(actors.boxes.center[:, 2], actors.boxes.size[:, 2] / 2)
     np.testing.assert_array_equal(actors.boxes.size, [world.models[model].size_m for model in actors.model])
     np.testing.assert_array_equal(actors.label, [world.models[model].label for model in actors.model])
+
+
+def test_people_go_through_their_poses_as_far_as_they_walk() -> None:
+    world = make_world("crossing", 2, vehicles=3, connected_cars=1, pedestrians=30)
+    cycle_m = np.array([model.cycle_m for model in world.models])
+    seen = [people(actors) for actors in frames(world, 100)]
+    turned = np.sum([np.mod(after.phase - before.phase, 1.0) for before, after in pairwise(seen)], axis=0)
+    walked_m = np.sum([np.linalg.norm(actors.velocity, axis=1) * DT_S for actors in seen[1:]], axis=0)
+    np.testing.assert_allclose(turned * cycle_m[seen[0].model], walked_m, atol=1e-6)
+    assert walked_m.max() > 5.0
+    assert len(np.unique(seen[0].phase)) == 30  # nobody in step
+    assert (vehicles(world.actors()).phase >= 0).all()
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

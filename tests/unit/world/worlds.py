@@ -40,7 +40,16 @@ def people(actors: Actors) -> Actors:
 def table(actors: Actors) -> NDArray[np.float64]:
     """Everything about the actors, a row each."""
     return np.column_stack(
-        [actors.id, actors.boxes.array, actors.velocity, actors.label, actors.model, actors.color]
+        [
+            actors.id,
+            actors.boxes.array,
+            actors.velocity,
+            actors.label,
+            actors.model,
+            actors.color,
+            actors.accent,
+            actors.phase,
+        ]
     ).astype(np.float64)
 
 

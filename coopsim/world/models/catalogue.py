@@ -1,0 +1,47 @@
+"""Which models there are."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from coopsim.errors import DuplicateNameError
+from coopsim.registry import Registry
+from coopsim.world.models.cars import make_cars, make_vans
+from coopsim.world.models.heavy import make_buses, make_trucks
+from coopsim.world.models.people import make_adults, make_children
+from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
+from coopsim.world.snapshot import Model
+
+OWN_MODELS: Registry[Model] = Registry("model")
+"""What users have added."""
+
+
+def make_models() -> tuple[Model, ...]:
+    """All models: the built-in ones by class, then users' own by name."""
+    return (*_built_in(), *(OWN_MODELS.get(name) for name in OWN_MODELS))
+
+
+def register_model(model: Model) -> Model:
+    """Let worlds that are made from now on choose `model` for actors of its class, next to those that are built in.
+
+    Raises:
+        DuplicateNameError: there is a model of that name.
+    """
+    if any(model.name == other.name for other in _built_in()):
+        raise DuplicateNameError(f"model {model.name!r} is built in")
+    return OWN_MODELS.register(model.name)(model)
+
+
+@cache
+def _built_in() -> tuple[Model, ...]:
+    return (
+        *make_cars(),
+        *make_vans(),
+        *make_trucks(),
+        *make_buses(),
+        *make_motorcycles(),
+        *make_bicycles(),
+        *make_scooters(),
+        *make_adults(),
+        *make_children(),
+    )

@@ -1,0 +1,168 @@
+"""The human figure: where its joints are in a pose, and the parts that hang on them.
+
+Lengths of the limbs are shares of the body's height after Drillis and Contini (1966), as in Winter, "Biomechanics and
+Motor Control of Human Movement" (2009), figure 4.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopsim.geometry.se3 import Floats
+from coopsim.world.models.parts import RGB, Part, Surface, block, loft, tube
+
+THIGH, SHANK, ANKLE_HEIGHT = 0.245, 0.246, 0.039
+UPPER_ARM, FOREARM_AND_HALF_HAND = 0.186, 0.20
+HIP_HEIGHT, HALF_HIPS = 0.530, 0.065
+SHOULDER_HEIGHT, HALF_SHOULDERS = 0.818, 0.118
+TRUNK = SHOULDER_HEIGHT - HIP_HEIGHT
+
+TOP = Surface(1.0, 0.5)
+BOTTOM = Surface(1.0, 0.5, accented=True)
+JEANS = Surface(0.0, 0.4, (46, 56, 84))
+LEATHER = Surface(0.0, 0.25, (36, 34, 34))
+
+SIDES = np.array([1.0, -1.0])
+"""Left, right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Of a person.
+
+    Attributes:
+        skin: colour.
+        hair: colour, or that of a helmet.
+        top: what the trunk and the upper arms wear.
+        bottom: what the legs wear.
+        bare_forearms: short sleeves.
+        helmet: it covers the face, too.
+        coat: down to the knees, if it has one.
+        backpack: its surface, if it has one.
+        girth: of trunk and limbs, 1 is usual.
+        head: its size, 1 is an adult's.
+    """
+
+    skin: RGB = (196, 152, 124)
+    hair: RGB = (52, 40, 34)
+    top: Surface = TOP
+    bottom: Surface = BOTTOM
+    bare_forearms: bool = False
+    helmet: bool = False
+    coat: bool = False
+    backpack: Surface | None = None
+    girth: float = 1.0
+    head: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joints:
+    """A pose; the first axis of limbs is left, right.
+
+    Attributes:
+        trunk: (2, 3) m, between the hips, between the shoulders.
+        arms: (2, 3, 3) m, shoulder, elbow, hand.
+        legs: (2, 4, 3) m, hip, knee, ankle, ball of the foot.
+    """
+
+    trunk: Floats
+    arms: Floats
+    legs: Floats
+
+
+def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: ArrayLike) -> Floats:
+    """(2, 2, 3) the middle joint and the end of two limbs of two links each that reach from `start` to `end` (2, 3).
+
+    What is too far is reached for in vain: the limb is stretched out, and ends short of it.
+
+    Args:
+        start: (2, 3) m.
+        end: (2, 3) m.
+        lengths: of the links.
+        toward: (3,) direction to which the middle joint bends.
+    """
+    first, second = lengths
+    gap = end - start
+    distance = np.linalg.norm(gap, axis=1, keepdims=True)
+    along = gap / distance
+    span = np.minimum(distance, 0.999 * (first + second))
+    before = (first**2 - second**2 + span**2) / (2 * span)  # by the law of cosines
+    bend = np.asarray(toward, dtype=np.float64) - along * (along @ np.asarray(toward))[:, None]
+    bend /= np.linalg.norm(bend, axis=1, keepdims=True)
+    middle = start + along * before + bend * np.sqrt(np.maximum(first**2 - before**2, 0.0))
+    return np.stack([middle, start + along * span], axis=1)
+
+
+def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, feet: ArrayLike) -> Joints:
+    """A pose by where the hips (3,), the hands and the ankles (2, 3) are, and how far the trunk leans forward."""
+    middle = np.asarray(hips, dtype=np.float64)
+    up = np.array([np.sin(lean_rad), 0.0, np.cos(lean_rad)])
+    neck = middle + TRUNK * height * up
+    aside = np.array([0.0, 1.0, 0.0]) * SIDES[:, None]
+    shoulder, hip = neck + HALF_SHOULDERS * height * aside, middle + HALF_HIPS * height * aside
+    arms = reach(shoulder, np.asarray(hands), (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0))
+    legs = reach(hip, np.asarray(feet), (THIGH * height, SHANK * height), (1.0, 0.0, 0.3))
+    ball = legs[:, 1] + np.array([0.10, 0.0, -0.02]) * height
+    return Joints(
+        np.stack([middle, neck]),
+        np.concatenate([shoulder[:, None], arms], axis=1),
+        np.concatenate([hip[:, None], legs, ball[:, None]], axis=1),
+    )
+
+
+def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
+    """The parts of a person in a pose; how many, and of what faces, depends on the look alone."""
+    skin = Surface(0.0, 0.45, look.skin)
+    parts = [_trunk(joints.trunk, height, look), _head(joints.trunk, height, look, skin)]
+    for shoulder_to_hand in joints.arms:
+        forearm = {(1, side): skin for side in range(4)} if look.bare_forearms else None
+        girth = look.girth * height
+        parts.append(tube(shoulder_to_hand, [0.032 * girth, 0.026 * girth, 0.020 * girth], look.top, dress=forearm))
+    for hip, knee, ankle, ball in joints.legs:
+        parts.append(tube([hip, knee, ankle], [0.052 * girth, 0.036 * girth, 0.027 * girth], look.bottom))
+        heel = ankle - 0.35 * (ball - ankle) - np.array([0.0, 0.0, 0.012 * height])
+        parts.append(tube([heel, ball], [0.027 * height, 0.022 * height], LEATHER))
+    if look.backpack is not None:
+        neck = joints.trunk[1]
+        behind = (neck[0] - 0.15 * height, neck[0] - 0.04 * height)
+        parts.append(block(behind, 0.075 * height, (neck[2] - 0.23 * height, neck[2]), look.backpack))
+    return parts
+
+
+def _trunk(ends: Floats, height: float, look: Look) -> Part:
+    """Six-sided, from the hips, or from the knees under a coat, to the neck."""
+    hips, neck = ends
+    up = (neck - hips) / np.linalg.norm(neck - hips)
+    levels = [(-0.03, 0.062, 0.092), (0.22, 0.072, 0.120), (0.30, 0.055, 0.108), (0.335, 0.03, 0.035)]
+    if look.coat:
+        levels[0] = (-0.22, 0.095, 0.125)
+    turn = np.arange(6) * np.pi / 3
+    fore = np.array([up[2], 0.0, -up[0]])
+    rings = [
+        hips
+        + along * height * up
+        + look.girth * height * (deep * np.cos(turn)[:, None] * fore + wide * np.sin(turn)[:, None] * [0.0, 1.0, 0.0])
+        for along, deep, wide in levels
+    ]
+    return loft(rings, look.top)
+
+
+def _head(ends: Floats, height: float, look: Look, skin: Surface) -> Part:
+    """Five-sided, upright; the face looks forward."""
+    hips, neck = ends
+    middle = neck + np.array([0.02 * height + 0.06 * (neck[0] - hips[0]), 0.0, 0.0])
+    size = look.head * height
+    above = (1.0 - SHOULDER_HEIGHT) * height
+    cover = Surface(0.0, 0.3, look.hair)
+    rings = []
+    for down, radius in ((0.145, 0.032), (0.10, 0.050), (0.035, 0.052), (0.0, 0.028)):
+        turn = np.arange(5) * 2 * np.pi / 5
+        radius *= 1.18 if look.helmet else 1.0
+        round_it = np.stack([1.15 * np.cos(turn), np.sin(turn), np.zeros(5)], axis=1)
+        rings.append(middle + np.array([0.0, 0.0, above - down * size]) + radius * size * round_it)
+    behind = {(1, side): cover for side in (1, 2, 3)}  # the sides between points that look forward are 4 and 0
+    face = {(i, side): skin for i in (0, 1) for side in range(5)}
+    return loft(rings, cover, {} if look.helmet else {**face, **behind}, (cover if look.helmet else skin, cover))

@@ -1,0 +1,155 @@
+"""Trucks and buses: levels stacked from the floor to the roof, wheels below.
+
+Directive 96/53/EC allows a length of 12 m (a bus of two axles 13.5 m), a width of 2.55 m without mirrors and a height
+of 4 m. The city bus is as large as a Mercedes-Benz Citaro (11.95 x 2.55 x 3.08 m), the coach as a Setra S 515 HD; the
+others are usual sizes of their kind. nuScenes' anchors, means of labelled boxes, are 6.93 x 2.51 x 2.84 m for trucks
+and 11.19 x 2.94 x 3.47 m for buses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from coopsim.taxonomy import ObjectClass
+from coopsim.world.models.parts import (
+    ACCENT,
+    FRONT,
+    GLASS,
+    HEADLIGHT,
+    LEFT,
+    METAL,
+    PAINT,
+    PLASTIC,
+    REAR,
+    RIGHT,
+    TAILLIGHT,
+    Dress,
+    Part,
+    Window,
+    assemble,
+    block,
+    level,
+    loft,
+    wheel,
+)
+from coopsim.world.snapshot import Model
+
+_Size = tuple[float, float, float]
+
+
+def make_trucks() -> list[Model]:
+    """Three rigid trucks; the whole box turns with the cab."""
+    return [_box_truck("box_truck", (7.5, 2.4, 3.1), 2), _box_truck("heavy_truck", (9.6, 2.5, 3.6), 3), _tipper()]
+
+
+def make_buses() -> list[Model]:
+    """A small one, one for the city and one to travel in."""
+    return [
+        _bus("midibus", (8.9, 2.45, 2.95), (0.24, 0.76), belt=0.42),
+        _bus("city_bus", (11.95, 2.55, 3.08), (0.27, 0.77), belt=0.38),
+        _bus("coach", (12.30, 2.55, 3.77), (0.17, 0.27, 0.78), belt=0.52),
+    ]
+
+
+def _box_truck(name: str, size_m: _Size, axles: int) -> Model:
+    """Cab, and a box for goods, which is what may have another colour."""
+    length, width, height = size_m
+    cab_m, floor = 1.95, 1.05
+    cargo = block((0.0, length - cab_m - 0.25), width / 2, (floor, height), ACCENT)
+    places = [0.16 * length, length - 1.2, 0.31 * length][:axles]
+    return assemble(
+        name,
+        ObjectClass.TRUCK,
+        [
+            [
+                cargo,
+                *_cab(length, width, cab_m, min(2.75, 0.85 * height)),
+                *_chassis(length, floor),
+                *_wheels(places, width),
+            ]
+        ],
+        size_m,
+    )
+
+
+def _tipper() -> Model:
+    """Cab, and an open body with sloping walls, loaded."""
+    length, width, height = size_m = (8.3, 2.5, 3.2)
+    cab_m, floor = 2.0, 1.2
+    end = length - cab_m - 0.2
+    load = [
+        level(floor, (0.25, end), 0.42 * width),
+        level(0.80 * height, (0.0, end), width / 2),
+        level(0.92 * height, (0.6, end - 0.6), 0.2 * width),
+    ]
+    skip = loft(load, ACCENT, ends=(ACCENT, PLASTIC), dress={(1, side): PLASTIC for side in range(4)})
+    shield = block((end - 0.05, end + 0.05), 0.48 * width, (floor, height), ACCENT)
+    parts = [skip, shield, *_cab(length, width, cab_m, 2.95), *_chassis(length, floor)]
+    return assemble(
+        "tipper",
+        ObjectClass.TRUCK,
+        [[*parts, *_wheels([0.17 * length, 0.33 * length, length - 1.4], width)]],
+        size_m,
+    )
+
+
+def _cab(length: float, width: float, cab_m: float, height: float) -> list[Part]:
+    """A cab over the front axle: bumper, lights, grille, windows to three sides."""
+    half, rear = 0.48 * width, length - cab_m
+    levels = [
+        level(0.45, (rear, length), half),
+        level(0.80, (rear, length), half),
+        level(0.52 * height, (rear, length), half),
+        level(0.90 * height, (rear, length - 0.14), half, 0.95 * half),
+        level(height, (rear + 0.1, length - 0.35), 0.9 * half),
+    ]
+    door = Window(GLASS, 0.1, 0.2)
+    windows = {
+        (2, FRONT): Window(GLASS, 0.08, 0.05),
+        (2, LEFT): door,
+        (2, RIGHT): door,
+        (1, FRONT): Window(PLASTIC, 0.15, 0.18),
+    }
+    lamps = [
+        block((length - 0.1, length + 0.01), 0.16, (0.55, 0.72), HEADLIGHT, side * 0.72 * half) for side in (1, -1)
+    ]
+    return [loft(levels, PAINT, {**windows, (0, FRONT): PLASTIC}), *lamps]
+
+
+def _chassis(length: float, floor: float) -> list[Part]:
+    frame = block((0.05, length - 0.5), 0.45, (0.6, floor), METAL)
+    lights = block((0.0, 0.08), 1.0, (0.62, 0.78), TAILLIGHT)
+    return [frame, lights]
+
+
+def _bus(name: str, size_m: _Size, axles: Sequence[float], belt: float) -> Model:
+    """A bus: skirt in the second colour, a band of windows from `belt` up, a pane before the driver."""
+    length, width, height = size_m
+    half = width / 2
+    levels = [
+        level(0.30, (0.05, length - 0.05), 0.98 * half),
+        level(0.85, (0.0, length), half),
+        level(belt * height, (0.0, length), half),
+        level(0.86 * height, (0.02, length - 0.12), 0.985 * half, 0.95 * half),
+        level(height, (0.25, length - 0.45), 0.88 * half),
+    ]
+    side, back = Window(GLASS, 0.04, 0.03), Window(GLASS, 0.15, 0.15)
+    dress: Dress = {
+        **{(0, each): ACCENT for each in range(4)},
+        (2, LEFT): side,
+        (2, RIGHT): side,
+        (2, REAR): back,
+        (2, FRONT): Window(GLASS, 0.02, 0.04),
+        (1, FRONT): Window(PAINT, 0.3, 0.3),
+    }
+    lamps = [
+        block(x, 0.18, (0.62, 0.80), lamp, place * 0.78 * half)
+        for x, lamp in (((length - 0.06, length + 0.01), HEADLIGHT), ((-0.01, 0.06), TAILLIGHT))
+        for place in (1, -1)
+    ]
+    places = [share * length for share in axles]
+    return assemble(name, ObjectClass.BUS, [[loft(levels, PAINT, dress), *lamps, *_wheels(places, width)]], size_m)
+
+
+def _wheels(places_m: Sequence[float], width: float) -> list[Part]:
+    return [wheel(x, side * (width / 2 + 0.005), 0.5, 0.32) for x in places_m for side in (1, -1)]

@@ -1,0 +1,248 @@
+"""What models are put together from: closed solids, every one of them a loft through a few outlines.
+
+Frames: x forward, y left, z up, metres. A model is built anywhere along x and z, and put into its box last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopsim.geometry.se3 import Floats
+from coopsim.taxonomy import ObjectClass
+from coopsim.types import Ints
+from coopsim.world.snapshot import Model
+
+RGB = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """What a face is made of.
+
+    Attributes:
+        tint: share of the actor's paint in its colour.
+        reflectivity: at 905 nm.
+        color: its own.
+        accented: it takes the actor's second colour.
+    """
+
+    tint: float
+    reflectivity: float
+    color: RGB = (24, 28, 34)
+    accented: bool = False
+
+
+PAINT = Surface(1.0, 0.55)
+ACCENT = Surface(1.0, 0.55, accented=True)
+GLASS = Surface(0.0, 0.08)
+TYRE = Surface(0.0, 0.12, (28, 28, 30))
+RIM = Surface(0.0, 0.4, (74, 76, 80))
+PLASTIC = Surface(0.0, 0.15, (44, 46, 50))
+METAL = Surface(0.0, 0.45, (120, 123, 128))
+HEADLIGHT = Surface(0.0, 0.8, (236, 238, 232))
+TAILLIGHT = Surface(0.0, 0.9, (170, 22, 24))
+"""Reflectivities are round numbers: of the order of what is measured on cars, where glass and rubber return little, and
+rear lights, which have reflectors in them, much."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A pane in the middle of a face.
+
+    Attributes:
+        surface: of the pane.
+        along: margin at either end along the loft, as a share of the face, in (0, 0.5).
+        across: the same across it.
+    """
+
+    surface: Surface
+    along: float
+    across: float
+
+
+Dress = Mapping[tuple[int, int], Surface | Window]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A closed solid.
+
+    Attributes:
+        vertices: (V, 3) m.
+        faces: (F, 3) int, counter-clockwise from outside.
+        surfaces: of the F faces.
+    """
+
+    vertices: Floats
+    faces: Ints
+    surfaces: tuple[Surface, ...]
+
+
+@dataclass(slots=True)
+class _Faces:
+    """Quads and fans collected one by one."""
+
+    vertices: list[Floats]
+    faces: list[tuple[int, int, int]] = field(default_factory=list)
+    surfaces: list[Surface] = field(default_factory=list)
+
+    def fan(self, ring: Sequence[int], surface: Surface) -> None:
+        for k in range(1, len(ring) - 1):
+            self.faces.append((ring[0], ring[k], ring[k + 1]))
+            self.surfaces.append(surface)
+
+    def pane(self, ring: Sequence[int], frame: Surface, window: Window) -> None:
+        """The quad `ring`, whose first side runs along the loft, with a window in it."""
+        a, b, c, d = (self.vertices[k] for k in ring)
+        inner = []
+        for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
+            s, t = abs(u - window.along), abs(v - window.across)
+            inner.append(len(self.vertices))
+            self.vertices.append((1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * d + s * c))
+        for k in range(4):
+            after = (k + 1) % 4
+            self.fan([ring[k], ring[after], inner[after], inner[k]], frame)
+        self.fan(inner, window.surface)
+
+
+def loft(
+    outlines: ArrayLike,
+    surface: Surface,
+    dress: Dress | None = None,
+    ends: tuple[Surface, Surface] | None = None,
+    *,
+    ring: bool = False,
+) -> Part:
+    """A solid through S outlines of P points each.
+
+    Args:
+        outlines: (S, P, 3) m; each convex, all the same way round.
+        surface: of everything that has none of its own.
+        dress: surfaces by segment (from outline i to i + 1) and side (from point j to j + 1).
+        ends: surfaces of the first and last outline.
+        ring: the last outline leads back to the first.
+    """
+    points = np.asarray(outlines, dtype=np.float64)
+    count, sides = points.shape[:2]
+    number = np.arange(count * sides).reshape(count, sides).tolist()
+    built = _Faces(list(points.reshape(-1, 3)))
+    for i in range(count if ring else count - 1):
+        for j in range(sides):
+            after, beside = (i + 1) % count, (j + 1) % sides
+            corners = [number[i][j], number[after][j], number[after][beside], number[i][beside]]
+            dressed = (dress or {}).get((i, j), surface)
+            if isinstance(dressed, Window):
+                built.pane(corners, surface, dressed)
+            else:
+                built.fan(corners, dressed)
+    if not ring:
+        first, last = ends or (surface, surface)
+        built.fan(number[0], first)
+        built.fan(number[-1][::-1], last)
+    return _outwards(built)
+
+
+def _outwards(built: _Faces) -> Part:
+    """The solid, turned inside out if its faces look inwards."""
+    vertices, faces = np.array(built.vertices), np.array(built.faces, dtype=np.int64)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    if np.einsum("ij,ij->", a, np.cross(b, c)) < 0:
+        faces = faces[:, ::-1]
+    return Part(vertices, faces, tuple(built.surfaces))
+
+
+def across(x: float, levels: Sequence[tuple[float, float]]) -> Floats:
+    """(2 L, 3) outline across the car at `x`, from L (height, half width) from below; see `mirrored` for its sides."""
+    left = [(x, half, z) for z, half in levels]
+    return np.array([*left, *((x, -half, z) for z, half in reversed(levels))])
+
+
+def mirrored(levels: int, side: int) -> tuple[int, int]:
+    """Level `side` to the next on the left, and on the right; the top is side `levels` - 1, the floor the last."""
+    return side, 2 * levels - 2 - side
+
+
+def level(z: float, x: tuple[float, float], half_width: float, front_half_width: float | None = None) -> Floats:
+    """(4, 3) level outline at height `z`; its sides are left, rear, right, front."""
+    front = half_width if front_half_width is None else front_half_width
+    return np.array([(x[1], front, z), (x[0], half_width, z), (x[0], -half_width, z), (x[1], -front, z)])
+
+
+LEFT, REAR, RIGHT, FRONT = range(4)
+
+
+def block(x: tuple[float, float], half_width: float, z: tuple[float, float], surface: Surface, y: float = 0.0) -> Part:
+    """A box, `y` to the left."""
+    aside = np.array([0.0, y, 0.0])
+    return loft([level(z[0], x, half_width) + aside, level(z[1], x, half_width) + aside], surface)
+
+
+def wheel(x: float, y: float, radius: float, width: float, sides: int = 8) -> Part:
+    """A wheel on the ground at `x`; its outer face is at `y`, the inner one nearer to the middle or past it."""
+    turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides  # stands on a flat side
+    ring = np.stack([x + radius * np.cos(turn), np.zeros(sides), radius * np.sin(turn)], axis=1)
+    ring[:, 2] -= ring[:, 2].min()
+    inner = y - width * np.sign(y)
+    past = np.sign(inner) != np.sign(y)  # of a two-wheeler: both faces can be seen
+    return loft([ring + np.array([0.0, side, 0.0]) for side in (inner, y)], TYRE, ends=(RIM if past else TYRE, RIM))
+
+
+def tube(
+    path: ArrayLike, radius: Sequence[float], surface: Surface, sides: int = 4, dress: Dress | None = None
+) -> Part:
+    """A limb or bar through (S, 3) points with S radii; `dress` as for `loft`."""
+    points = np.asarray(path, dtype=np.float64)
+    along = np.gradient(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    # Limbs bend fore and aft, so their outlines are laid out from y; those of a bar that lies along y, from x.
+    start = np.array([0.0, 1.0, 0.0]) if np.abs(along[:, 1]).max() < 0.9 else np.array([1.0, 0.0, 0.0])
+    aside = start - along * (along @ start)[:, None]
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    fore = np.cross(along, aside)
+    turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
+    spokes = aside[:, None] * np.cos(turn)[:, None] + fore[:, None] * np.sin(turn)[:, None]
+    return loft(points[:, None] + np.asarray(radius)[:, None, None] * spokes, surface)
+
+
+def assemble(
+    name: str,
+    label: ObjectClass,
+    poses: Sequence[Sequence[Part]],
+    size_m: ArrayLike | None = None,
+    cycle_m: float = 1.0,
+) -> Model:
+    """Join parts into a model that stands on the ground in every pose and fills its box exactly.
+
+    Args:
+        name: of the model.
+        label: its class.
+        poses: the parts in each pose; the same faces in each.
+        size_m: (3,) of the box; None takes the parts' own size to the centimetre.
+        cycle_m: distance travelled in a cycle of poses.
+    """
+    parts = poses[0]
+    points = np.stack([np.concatenate([part.vertices for part in pose]) for pose in poses])
+    points[..., 2] -= points[..., 2].min(axis=1, keepdims=True)
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    size = np.round(high - low, 2) if size_m is None else np.asarray(size_m, dtype=np.float64)
+    fitted = (points - (low + high) / 2) * (size / (high - low))
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
+    surfaces = [surface for part in parts for surface in part.surfaces]
+    return Model(
+        name,
+        int(label),
+        size,
+        fitted[0],
+        faces,
+        np.array([surface.tint for surface in surfaces]),
+        np.array([surface.reflectivity for surface in surfaces]),
+        np.array([surface.color for surface in surfaces], dtype=np.uint8),
+        np.array([surface.accented for surface in surfaces]),
+        fitted,
+        cycle_m,
+    )
