@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -21,10 +21,15 @@ from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
-from coopsim.errors import UnknownNameError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
+from coopsim.sensors.air import Weather
+from coopsim.sensors.camera import as_daylight
+from coopsim.sensors.daylight import Daylight, Illumination
 from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.sensors.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
+from coopsim.sensors.rigs import RigOption, check_rig
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +83,13 @@ class SimulationOptions:
         lidar: name of a beam table (see `coopsim.sensors.patterns`), or a table of one's own.
         lidar_columns: firings per turn.
         lidar_range_m: farthest return; the nearest is at 1 m.
-        cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
-        renderer: "auto", "opengl" or "raycast".
+        cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
+            a list of `Camera` objects, or one of these by agent. A policy states what it needs.
+        camera_modes: what pictures consist of: "rgb", "depth", "instance", "semantic". The last two are truth, which
+            goes into `infos` and needs `expose_ground_truth`.
+        renderer: "auto" (OpenGL if it works), "opengl" or "raycast".
+        time_of_day: "day", "dusk" or "night", or a `Daylight` of one's own; cameras see by it.
+        weather: rain, fog and wet surfaces; None is dry and clear.
         position_noise_m: standard deviation of the global position, x and y.
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.
@@ -96,8 +106,11 @@ class SimulationOptions:
     lidar: str | BeamPattern = "HDL-32E"
     lidar_columns: int = 1024
     lidar_range_m: float = 120.0
-    cameras: bool = False
+    cameras: RigOption = False
+    camera_modes: Sequence[str] = OBSERVED_MODES
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
+    time_of_day: str | Daylight = "day"
+    weather: Weather | None = None
     position_noise_m: float = 0.0
     heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
@@ -115,9 +128,12 @@ class SimulationOptions:
         require_frame_time(self.dt_s)
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
         require_count(1, max_cycles=self.max_cycles)
-        require_flag(cameras=self.cameras)
+        check_rig(self.cameras)
+        require_modes(self.camera_modes)
         require_instance(Detector, detector=self.detector)
+        require_instance(Weather, weather=self.weather)
         self._check_lidar()
+        self.illumination  # noqa: B018  (its own checks run now)
         self.localization  # noqa: B018  (its own checks run now)
 
     def _check_lidar(self) -> None:
@@ -129,6 +145,11 @@ class SimulationOptions:
         require_number(
             f"a finite number > {nearest_m:g}", lambda far: nearest_m < far < math.inf, lidar_range_m=self.lidar_range_m
         )
+
+    @property
+    def illumination(self) -> Illumination:
+        """What cameras see by."""
+        return Illumination(as_daylight(self.time_of_day), self.weather)
 
     @property
     def localization(self) -> LocalizationConfig:
@@ -144,6 +165,20 @@ class SimulationOptions:
     def lidar_config(self) -> LidarConfig:
         """The LiDAR's part."""
         return LidarConfig(pattern=self.lidar, columns=self.lidar_columns, max_range_m=self.lidar_range_m)
+
+
+def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:
+    """Truth goes into `infos`, and only where it was asked for.
+
+    Raises:
+        InvalidValueError: a mode of `camera_modes` is truth, and truth is not exposed.
+    """
+    truth = [mode for mode in modes if mode in TRUTH_MODES]
+    if truth and not exposed:
+        raise InvalidValueError(
+            f"camera_modes {', '.join(map(repr, truth))} are ground truth, which no observation has: they stand in "
+            "infos[agent]['segmentation'] if the environment is made with expose_ground_truth=True"
+        )
 
 
 def require_frame_time(dt_s: object) -> None:

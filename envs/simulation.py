@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
 from coopsim.sensors.camera import CameraRig
-from coopsim.sensors.geometry import SceneGeometry
+from coopsim.sensors.geometry import SceneGeometry, Triangles
 from coopsim.sensors.lidar import Lidar
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.rigs import agent_rigs
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody
@@ -44,11 +46,17 @@ class Simulation(FrameSource):
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
+        self.camera_modes = tuple(options.camera_modes)
         self.region_m = (options.region_x_m, options.region_y_m)
         self._world = self._make_world(seed=0)
-        self.specs = {
+        bodies = self._world.agents()
+        kinds = {name: body.kind for name, body in bodies.items()}
+        self._cameras = agent_rigs(options.cameras, kinds)
+        # Who photographs where no cameras are on gets the pictures that `cameras=True` would make.
+        self._photographers = self._cameras if any(self._cameras.values()) else agent_rigs(True, kinds)
+        self._specs = {
             name: AgentSpec(name, body.kind, options.dt_s, uplink, self._drives(body), body.actor_id is not None)
-            for name, body in self._world.agents().items()
+            for name, body in bodies.items()
         }
         self.road_map = self._world.map
         self.capacity = len(self._world.actors())
@@ -57,8 +65,15 @@ class Simulation(FrameSource):
         return World(self._scenario, seed, policy_control=self._options.control == "policy")
 
     @property
-    def cameras(self) -> Mapping[str, tuple[int, int]]:  # type: ignore[override]
-        return CameraRig.sizes() if self._options.cameras else {}
+    def specs(self) -> Mapping[str, AgentSpec]:  # type: ignore[override]
+        bodies = self._world.agents()
+        return {
+            name: replace(
+                spec,
+                cameras={camera.name: camera.calibration(bodies[name].height_m) for camera in self._cameras[name]},
+            )
+            for name, spec in self._specs.items()
+        }
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
@@ -66,10 +81,10 @@ class Simulation(FrameSource):
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
         self._localizers = {
-            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
+            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self._specs.items()
         }
-        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self.specs}
-        self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
+        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self._specs}
+        self._detector_rngs = {name: stream(seed, "detector", name) for name in self._specs}
         return self._sense()
 
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:
@@ -81,9 +96,20 @@ class Simulation(FrameSource):
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """The current frame through every agent's cameras."""
+        actors = self._world.actors()
+        return self._photograph(self._geometry.triangles(actors), actors, self._world.agents())
+
+    def _photograph(
+        self, triangles: Triangles, actors: Actors, bodies: Mapping[str, AgentBody]
+    ) -> dict[str, dict[str, CameraImage]]:
         if self._rig is None:
-            self._rig = CameraRig(self._world.models, self._world.static, renderer=self._options.renderer)
-        return self._rig.render(self._world.actors(), self._world.agents())
+            self._rig = CameraRig(
+                self._photographers,
+                modes=self.camera_modes,
+                renderer=self._options.renderer,
+                illumination=self._options.illumination,
+            )
+        return self._rig.render(triangles, actors, bodies)
 
     def close(self) -> None:
         if self._rig is not None:
@@ -92,10 +118,11 @@ class Simulation(FrameSource):
 
     def _sense(self) -> Frame:
         actors, bodies = self._world.actors(), self._world.agents()
-        scene = RayScene(self._geometry.triangles(actors))
+        triangles = self._geometry.triangles(actors)
+        scene = RayScene(triangles)
         sweeps = {name: self._sweep(scene, body) for name, body in bodies.items()}
         seen = _hit_ids(sweeps.values()) if self._options.ground_truth == "visible" else actors.id
-        images = self.photograph() if self._options.cameras else {}
+        images = self._photograph(triangles, actors, bodies) if any(self._cameras.values()) else {}
         agents = {
             name: self._perceive(body, actors, seen, sweeps[name], images.get(name, {}))
             for name, body in bodies.items()
@@ -118,7 +145,8 @@ class Simulation(FrameSource):
         pose, odometry = self._localizers[body.name].localize(body.world_SE3_base)
         detections = self._detector.detect({LIDAR: sweep}, around, self._detector_rngs[body.name])
         blind = Sweep(sweep.points, sweep.intensity, sweep.beam)
-        observation = Observation(self._time_ns, pose, odometry, detections, {LIDAR: blind}, images)
+        seen_by = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
+        observation = Observation(self._time_ns, pose, odometry, detections, {LIDAR: blind}, seen_by)
         counts = np.isin(around.id, seen)
         counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
         truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts])
@@ -130,6 +158,7 @@ class Simulation(FrameSource):
             around.boxes[~counts],
             around.label[~counts],
             {LIDAR: sweep.instance},
+            images,
         )
 
     def _drives(self, body: AgentBody) -> bool:
