@@ -1,4 +1,4 @@
-"""How fast a LiDAR sweeps and a camera draws a busy crossing. Run by `make bench`.
+"""How fast a LiDAR sweeps a busy crossing. Run by `make bench`.
 
 Nothing here fails by time; the figures are printed.
 """
@@ -11,9 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from coopsim.errors import MissingDependencyError
 from coopsim.rng import stream
-from coopsim.sensors.camera import CAMERAS, CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.raycast import RayScene
@@ -61,18 +59,3 @@ def test_lidar_sweep(pattern: str) -> None:
     print(f"  scene update: {place_ms + build_ms:5.2f} ms (triangles {place_ms:.2f}, ray scene {build_ms:.2f})")
     print(f"  cast:         {cast_ms:5.2f} ms, {len(directions) / cast_ms / 1e3:.1f} Mrays/s")
     print(f"  whole sweep:  {sweep_ms:5.2f} ms (cast, noise, drop-out, intensity, points)")
-
-
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
-def test_camera_image(renderer: str) -> None:
-    """All four cameras of all agents, as a frame of the environment takes them; actors stand still."""
-    world = crossing()
-    try:
-        rig = CameraRig(world.models, world.static, renderer=renderer)
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
-    actors, bodies = world.actors(), world.agents()
-    frame_ms = median_ms(lambda: rig.render(actors, bodies), times=10)
-    rig.close()
-    config, images = rig.config, len(bodies) * len(CAMERAS)
-    print(f"\n{renderer}: {frame_ms / images:.2f} ms per image of {config.width} x {config.height} ({images} a frame)")
