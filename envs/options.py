@@ -89,7 +89,7 @@ class SimulationOptions:
             goes into `infos` and needs `expose_ground_truth`.
         renderer: "auto" (OpenGL if it works), "opengl" or "raycast".
         time_of_day: "day", "dusk" or "night", or a `Daylight` of one's own; cameras see by it.
-        weather: rain, fog and wet surfaces; None is dry and clear.
+        weather: rain, fog and wet surfaces, for the cameras; None is dry and clear.
         position_noise_m: standard deviation of the global position, x and y.
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.

@@ -54,37 +54,39 @@ class Simulation(FrameSource):
         self._cameras = agent_rigs(options.cameras, kinds)
         # Who photographs where no cameras are on gets the pictures that `cameras=True` would make.
         self._photographers = self._cameras if any(self._cameras.values()) else agent_rigs(True, kinds)
-        self._specs = {
-            name: AgentSpec(name, body.kind, options.dt_s, uplink, self._drives(body), body.actor_id is not None)
-            for name, body in bodies.items()
-        }
+        self._uplink = uplink
+        self.specs = self._specify(bodies)
         self.road_map = self._world.map
         self.capacity = len(self._world.actors())
 
     def _make_world(self, seed: int) -> World:
         return World(self._scenario, seed, policy_control=self._options.control == "policy")
 
-    @property
-    def specs(self) -> Mapping[str, AgentSpec]:  # type: ignore[override]
-        bodies = self._world.agents()
+    def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {
-            name: replace(
-                spec,
-                cameras={camera.name: camera.calibration(bodies[name].height_m) for camera in self._cameras[name]},
+            name: AgentSpec(
+                name,
+                body.kind,
+                self._options.dt_s,
+                self._uplink,
+                self._drives(body),
+                body.actor_id is not None,
+                cameras={camera.name: camera.calibration(body.height_m) for camera in self._cameras[name]},
             )
-            for name, spec in self._specs.items()
+            for name, body in bodies.items()
         }
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
         self._time_ns, self._cycle, self._world = 0, 0, world
+        self.specs = self._specify(world.agents())
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
         self._localizers = {
-            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self._specs.items()
+            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
         }
-        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self._specs}
-        self._detector_rngs = {name: stream(seed, "detector", name) for name in self._specs}
+        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self.specs}
+        self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:

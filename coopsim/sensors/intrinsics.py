@@ -53,7 +53,8 @@ class Intrinsics:
         coefficients = frozen(self.distortion, (5,), np.float64, "distortion (k1, k2, p1, p2, k3)")
         require_finite(coefficients, "distortion (k1, k2, p1, p2, k3)")
         object.__setattr__(self, "distortion", tuple(coefficients.tolist()))
-        self.rays  # noqa: B018  (a lens that folds the picture over is refused now)
+        if self.distorts:
+            self.rays  # noqa: B018  (a lens that folds the picture over is refused now)
 
     @classmethod
     def from_fov(
