@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from highway_env.road.road import Road
-from highway_env.vehicle.objects import RoadObject
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.rng import stream
 from coopsim.types import Ints
+from coopsim.world.engine.fleet import BODY, Fleet
 from coopsim.world.layout import Footways
 
 GAP_S = 4.0
@@ -24,17 +23,7 @@ HURRIED_GAP_S = 2.5
 
 _CAUTION_M = 5.0
 _OFFSET_M = 0.6
-
-
-class _Body(RoadObject):  # type: ignore[misc]
-    """A person as cars see one: an obstacle that moves. A car that touches it is crashed."""
-
-    LENGTH = 0.6
-    WIDTH = 0.6
-
-    def __init__(self, road: Road, position: Floats) -> None:
-        super().__init__(road, position)
-        self.solid = True
+_BODY_M = 0.6
 
 
 class Pedestrians:
@@ -44,11 +33,10 @@ class Pedestrians:
         footways: where they walk; None where nobody does.
         count: how many.
         models: indices of the models to choose from.
-        road: the road on which cars see them.
         seed: the episode's.
     """
 
-    def __init__(self, footways: Footways | None, count: int, models: Sequence[int], road: Road, seed: int) -> None:
+    def __init__(self, footways: Footways | None, count: int, models: Sequence[int], seed: int) -> None:
         self._rng = rng = stream(seed, "pedestrians")
         self._ways = footways or Footways(
             np.zeros((1, 2)), np.full((1, 1), -1, dtype=np.int64), np.zeros((1, 1), dtype=bool)
@@ -65,18 +53,24 @@ class Pedestrians:
         self.model = np.asarray(models, dtype=np.int64)[rng.integers(max(len(models), 1), size=count)]
         self.color = rng.integers(40, 220, (count, 3)).astype(np.uint8)
         self._waited_s = np.zeros(count)
-        self._road = road
-        self._bodies = [_Body(road, position) for position in self.position]
-        road.objects.extend(self._bodies)
 
     def __len__(self) -> int:
         return len(self.position)
 
-    def step(self, dt_s: float) -> None:
-        """Advance everyone by `dt_s`."""
+    @property
+    def bodies(self) -> NDArray[Any]:
+        """(N,) `BODY`: as cars see them."""
+        bodies = np.zeros(len(self), BODY)
+        bodies["x"], bodies["y"] = self.position.T
+        bodies["heading"], bodies["speed"] = np.arctan2(*self.velocity.T[::-1]), np.hypot(*self.velocity.T)
+        bodies["length"] = bodies["width"] = _BODY_M
+        return bodies
+
+    def step(self, dt_s: float, fleet: Fleet) -> None:
+        """Advance everyone by `dt_s`, among vehicles."""
         a, b = self._ends()
         at_start = np.linalg.norm(self.position - a, axis=1) < 0.05
-        waits = self._crossing() & at_start & ~self._safe((a + b) / 2)
+        waits = self._crossing() & at_start & ~self._safe((a + b) / 2, fleet)
         self._waited_s = np.where(waits, self._waited_s + dt_s, 0.0)
         way = b - self.position
         distance = np.linalg.norm(way, axis=1)
@@ -87,9 +81,6 @@ class Pedestrians:
         turned = distance > 1e-6
         self.yaw = np.where(turned, np.arctan2(heading[:, 1], heading[:, 0]), self.yaw)
         self._turn_at_ends(np.linalg.norm(b - self.position, axis=1) < 1e-6)
-        for body, position, velocity in zip(self._bodies, self.position, self.velocity, strict=True):
-            body.position, body.speed = position, float(np.hypot(*velocity))
-            body.heading = float(np.arctan2(velocity[1], velocity[0]))
 
     def _turn_at_ends(self, arrived: NDArray[np.bool_]) -> None:
         # Everyone draws in every frame, arrived or not: one person's way does not shift another's.
@@ -117,12 +108,13 @@ class Pedestrians:
         crossing: NDArray[np.bool_] = self._ways.crossing[self._from, self._to]
         return crossing
 
-    def _safe(self, middle: Floats) -> NDArray[np.bool_]:
+    def _safe(self, middle: Floats, fleet: Fleet) -> NDArray[np.bool_]:
         """Whether no car is about to be at `middle` (N, 2)."""
-        cars: list[Any] = self._road.vehicles
-        if not cars or not len(self):
+        rows = fleet.rows
+        if not len(rows):
             return np.ones(len(self), dtype=bool)
-        position, velocity = (np.array([getattr(car, name) for car in cars]) for name in ("position", "velocity"))
+        direction = np.column_stack([np.cos(rows["heading"]), np.sin(rows["heading"])])
+        position, velocity = fleet.position, direction * rows["speed"][:, None]
         offset = middle[:, None] - position
         distance = np.linalg.norm(offset, axis=2)
         closing = (offset * velocity).sum(axis=2) / np.maximum(distance, 1e-9)

@@ -30,17 +30,18 @@ class World:
         scenario: place and population.
         seed: decides everything that happens.
         policy_control: connected cars do as `step` tells them, instead of driving by themselves.
+        traffic: what steps the vehicles, one of `coopsim.world.traffic.ENGINES`.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False) -> None:
+    def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False, traffic: str = "arrays") -> None:
         layout, population = scenario.layout, scenario.population
         self.models: tuple[Model, ...] = make_models()
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
         self._policy_control = policy_control
-        self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control)
+        self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control, engine=traffic)
         people = [k for k, model in enumerate(self.models) if model.label == ObjectClass.PEDESTRIAN]
-        self._people = Pedestrians(layout.footways, population.pedestrians, people, self._traffic.road, seed)
+        self._people = Pedestrians(layout.footways, population.pedestrians, people, seed)
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
 
@@ -55,34 +56,35 @@ class World:
         numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
-            self._traffic.step(dt_s / parts, {} if part else numbered)
-            self._people.step(dt_s / parts)
+            self._traffic.step(dt_s / parts, {} if part else numbered, self._people.bodies)
+            self._people.step(dt_s / parts, self._traffic.fleet)
 
     def actors(self) -> Actors:
         """All vehicles, connected ones included, then all people; in the world frame."""
-        vehicles, people = self._traffic.vehicles, self._people
-        model = np.array([*(vehicle.model for vehicle in vehicles), *people.model], dtype=np.int64)
+        fleet, people = self._traffic.fleet, self._people
+        model = np.concatenate([fleet.rows["model"], people.model])
         size = np.array([shape.size_m for shape in self.models])[model]
-        ground = np.array([*(vehicle.position for vehicle in vehicles), *people.position]).reshape(-1, 2)
-        yaw = np.array([*(vehicle.heading for vehicle in vehicles), *people.yaw])
+        ground = np.concatenate([fleet.position, people.position])
+        yaw = np.concatenate([fleet.rows["heading"], people.yaw])
         label = np.array([shape.label for shape in self.models])[model]
-        velocity = np.array([*(vehicle.ground_velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
-        color = np.array([*(vehicle.paint for vehicle in vehicles), *people.color]).reshape(-1, 3)
-        identity = [*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))]
+        velocity = np.concatenate([fleet.velocity, people.velocity])
+        color = np.concatenate([self._traffic.paint, people.color])
+        identity = np.concatenate([fleet.rows["id"], PEDESTRIAN_ID + np.arange(len(people))])
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
-        return Actors(np.array(identity, dtype=np.int64), boxes, velocity, label, model, color)
+        return Actors(identity, boxes, velocity, label, model, color)
 
     def agents(self) -> dict[str, AgentBody]:
         """Connected cars, then roadside units."""
         bodies: dict[str, AgentBody] = {}
-        for k, car in enumerate(self._traffic.connected):
-            pose = SE3.from_xyz_yaw([*car.position, 0.0], car.heading)
-            height_m = float(self.models[car.model].size_m[2])
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", car.actor_id, pose, height_m)
+        for k, row in enumerate(self._traffic.fleet.rows[list(self._traffic.connected)]):
+            pose = SE3.from_xyz_yaw([row["x"], row["y"], 0.0], row["heading"])
+            height_m = float(self.models[row["model"]].size_m[2])
+            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", int(row["id"]), pose, height_m)
         for k, unit in enumerate(self._units):
             bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
         return bodies
 
     def crashed(self) -> tuple[int, ...]:
         """Ids of vehicles that have crashed; they stay where they are, as obstacles."""
-        return tuple(vehicle.actor_id for vehicle in self._traffic.vehicles if vehicle.crashed)
+        rows = self._traffic.fleet.rows
+        return tuple(rows["id"][rows["crashed"]].tolist())
