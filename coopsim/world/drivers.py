@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from highway_env.road.lane import AbstractLane
+from highway_env.road.lane import AbstractLane, CircularLane
 from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
@@ -186,6 +186,8 @@ class TownDriver(Driver):
                 across = np.abs(np.cos(heading)) * other.WIDTH + np.abs(np.sin(heading)) * other.LENGTH
                 return bool(abs(aside) < (self.WIDTH + across) / 2 + BESIDE_M)
             return bool(abs(aside) < reach and np.cos(heading) > 0.5)
+        if isinstance(lane, CircularLane):  # the rear of a long vehicle goes inside the bend
+            reach += self.LENGTH**2 / (8 * lane.radius)
         soon = aside + other.speed * np.sin(heading) * STEP_OUT_S
         return bool(min(aside, soon) < reach and max(aside, soon) > -reach)
 

@@ -17,6 +17,7 @@ from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
 from coopsim.world.engine.routes import ROUTE_AHEAD
 from coopsim.world.layout import LaneIndex, Layout, Slot
+from coopsim.world.models_by_class import models_of
 from coopsim.world.scenario import Population
 from coopsim.world.snapshot import Model
 
@@ -90,10 +91,9 @@ class Traffic:
         self._usual_driver = TOWN if layout.movements else HIGHWAY
         self._next_id = 1
         slots = self._choose_slots(population)
-        trucks = set(self._rng.permutation(len(slots))[: population.trucks].tolist())
-        labels = [ObjectClass.TRUCK if k in trucks else ObjectClass.CAR for k in range(len(slots))]
+        labels = self._rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
         cars = self._cars(slots, labels)
-        self.connected = tuple(cars[: population.connected_cars])
+        self.connected = tuple(cars[: population.connected])
         # Not the connected cars alone, unless a policy drives them: one more of them shall not change the traffic.
         company = list(self.connected) if policy_control else cars[: max(_COMPANY, len(self.connected))]
         if not self.connected or layout.cruise_m_s is None:
@@ -122,23 +122,24 @@ class Traffic:
 
     def _choose_slots(self, population: Population) -> list[int]:
         """Slots of the vehicles, in the layout's order; those that make good connected cars are always taken."""
-        first = list(self._layout.connected_first[: max(0, population.vehicles // 3)])
+        count = sum(population.on_roads.values())
+        first = list(self._layout.connected_first[: count // 3])
         rest = self._rng.permutation(np.setdiff1d(np.arange(len(self._layout.slots)), first))
-        return sorted([*first, *rest[: population.vehicles - len(first)].tolist()])
+        return sorted([*first, *rest[: count - len(first)].tolist()])
 
-    def _cars(self, slots: list[int], labels: list[ObjectClass]) -> list[int]:
+    def _cars(self, slots: list[int], labels: list[int]) -> list[int]:
         """Which vehicles are cars, in the order in which they become connected: one more changes no other."""
         place = {slot: k for k, slot in enumerate(slots)}
         order = [place[slot] for slot in self._layout.connected_first if slot in place]
-        return [k for k in order if labels[k] is ObjectClass.CAR]
+        return [k for k in order if labels[k] == ObjectClass.CAR]
 
-    def _spawn(self, k: int, driver: int, slot: Slot, label: ObjectClass, speed: float | None = None) -> None:
+    def _spawn(self, k: int, driver: int, slot: Slot, label: int, speed: float | None = None) -> None:
         """Put a new vehicle into row `k`."""
         lane = self._layout.network.get_lane(slot.lane)
         along = slot.along_m + self._rng.uniform(-1.0, 1.0)
         if speed is None:
             speed = self._rng.uniform(0.75, 1.0) * lane.speed_limit
-        fitting = [index for index, model in enumerate(self._models) if model.label == label]
+        fitting = models_of(self._models, ObjectClass(label))
         model = fitting[self._rng.integers(len(fitting))]
         self.paint[k] = _PAINTS[self._rng.integers(len(_PAINTS))]
         self.fleet.rows[k] = np.zeros((), VEHICLE)
@@ -194,7 +195,7 @@ class Traffic:
             lanes = np.sort(lanes)[:: -1 if ahead else 1]
             speed = self._cruise_m_s * self._rng.uniform(*(_SLOW if ahead else _FAST))
         x = high - 5.0 if ahead else low + 5.0
-        label = ObjectClass(self._models[self.fleet.rows["model"][k]].label)
+        label = self._models[self.fleet.rows["model"][k]].label
         for number in lanes.tolist():
             index = (start, end, number)
             lane = self._layout.network.get_lane(index)

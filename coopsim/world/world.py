@@ -14,13 +14,14 @@ from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
 from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import Pedestrians
+from coopsim.world.vulnerable import MANNERS, People
 
 LONGEST_STEP_S = 0.1
 """Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
 
-PEDESTRIAN_ID = 1_000_000_000
-"""Ids of people start here, vehicles' at 1: how many there are of one kind does not renumber the other."""
+PERSON_ID = 1_000_000_000
+"""Ids of pedestrians start here, children's at twice as much and so on, vehicles' at 1: how many there are of one kind
+does not renumber another."""
 
 
 class World:
@@ -40,8 +41,13 @@ class World:
         self.map: RoadMap = layout.road_map
         self._policy_control = policy_control
         self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control, engine=traffic)
-        people = [k for k, model in enumerate(self.models) if model.label == ObjectClass.PEDESTRIAN]
-        self._people = Pedestrians(layout.footways, population.pedestrians, people, seed)
+        ways = dict.fromkeys(MANNERS, layout.footways)
+        if layout.cycleways is not None:
+            ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
+        taken = self._traffic.fleet.position
+        self._people = [
+            People(ways[label], population.people[label], label, self.models, seed, taken) for label in MANNERS
+        ]
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
 
@@ -56,20 +62,24 @@ class World:
         numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
-            self._traffic.step(dt_s / parts, {} if part else numbered, self._people.bodies)
-            self._people.step(dt_s / parts, self._traffic.fleet)
+            everybody = np.concatenate([people.bodies for people in self._people])
+            self._traffic.step(dt_s / parts, {} if part else numbered, everybody)
+            for people in self._people:
+                people.step(dt_s / parts, self._traffic.fleet, everybody)
 
     def actors(self) -> Actors:
         """All vehicles, connected ones included, then all people; in the world frame."""
-        fleet, people = self._traffic.fleet, self._people
-        model = np.concatenate([fleet.rows["model"], people.model])
+        fleet, groups = self._traffic.fleet, self._people
+        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups)])
         size = np.array([shape.size_m for shape in self.models])[model]
-        ground = np.concatenate([fleet.position, people.position])
-        yaw = np.concatenate([fleet.rows["heading"], people.yaw])
+        ground = np.concatenate([fleet.position, *(people.position for people in groups)])
+        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups)])
         label = np.array([shape.label for shape in self.models])[model]
-        velocity = np.concatenate([fleet.velocity, people.velocity])
-        color = np.concatenate([self._traffic.paint, people.color])
-        identity = np.concatenate([fleet.rows["id"], PEDESTRIAN_ID + np.arange(len(people))])
+        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups)])
+        color = np.concatenate([self._traffic.paint, *(people.color for people in groups)])
+        identity = np.concatenate(
+            [fleet.rows["id"], *(PERSON_ID * (k + 1) + np.arange(len(people)) for k, people in enumerate(groups))]
+        )
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
         return Actors(identity, boxes, velocity, label, model, color)
 

@@ -10,12 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from coopsim.taxonomy import ObjectClass
 from coopsim.world.highway import make_highway
 from coopsim.world.layout import Layout, Slot
 from coopsim.world.models import make_models
 from coopsim.world.scenario import Population, make_scenario
 from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import Pedestrians
+from coopsim.world.vulnerable import People
 
 SPACING_M = 24.0
 
@@ -37,12 +38,12 @@ def step_ms(layout: Layout, vehicles: int, pedestrians: int, engine: str, steps:
     population = Population(vehicles=vehicles, pedestrians=pedestrians, connected_cars=0)
     models = make_models()
     traffic = Traffic(layout, population, models, 0, engine=engine)
-    people = Pedestrians(layout.footways, pedestrians, [len(models) - 1], 0)
+    people = People(layout.footways, pedestrians, ObjectClass.PEDESTRIAN, models, 0, traffic.fleet.position)
     for step in range(10 + steps):
         if step == 10:
             began = time.perf_counter()
         traffic.step(0.1, {}, people.bodies)
-        people.step(0.1, traffic.fleet)
+        people.step(0.1, traffic.fleet, people.bodies)
     assert np.isfinite(traffic.fleet.position).all()
     return 1e3 * (time.perf_counter() - began) / steps
 

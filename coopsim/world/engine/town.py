@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from coopsim.types import Ints
 from coopsim.world.engine.car_following import COMFORT_ACC_MAX, desired_gap, free_road, gap_at
 from coopsim.world.engine.fleet import Body, Vehicle
-from coopsim.world.engine.lanes import VEHICLE_LENGTH_M, Lane, LaneArrays, heading_at, local_coordinates
+from coopsim.world.engine.lanes import CIRCULAR, VEHICLE_LENGTH_M, Lane, LaneArrays, heading_at, local_coordinates
 from coopsim.world.engine.neighbours import LaneLists, first_from
 from coopsim.world.engine.routes import lane_of_route
 
@@ -100,6 +100,8 @@ def _in_my_way(vehicle: Vehicle, other: Body, drives: bool, lane: Lane, along: f
             across = abs(math.cos(heading)) * other.width + abs(math.sin(heading)) * other.length
             return abs(aside) < (vehicle.width + across) / 2 + BESIDE_M
         return abs(aside) < reach and math.cos(heading) > 0.5
+    if lane.kind == CIRCULAR:  # the rear of a long vehicle goes inside the bend
+        reach += vehicle.length**2 / (8 * lane.radius)
     soon = aside + other.speed * math.sin(heading) * STEP_OUT_S
     return min(aside, soon) < reach and max(aside, soon) > -reach
 
