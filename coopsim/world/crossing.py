@@ -193,8 +193,8 @@ def _footways() -> Footways:
 def _cycleways() -> Footways:
     """On the right edge of every arm's lanes; around corners and over the arms as people on foot.
 
-    Far out one turns round to the other side when there is a gap: five nodes and the corner's per arm, in the order of
-    `places`.
+    Far out one turns round to the other side when there is a gap. Every arm has three nodes on its way in, from far out
+    to the crosswalk, and after those of all arms three at the same places on its way out.
     """
     places = ((FAR_WALK_M, RIDE_M), (MERGE_M, RIDE_M), (CROSSWALK_M, WALK_M))
     nodes = [_turn(arm, place) for arm in range(4) for place in places]
