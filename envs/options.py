@@ -85,6 +85,7 @@ class SimulationOptions:
         odometry_noise_m: of the motion in a frame, x and y.
         odometry_heading_noise_rad: of the turn in a frame.
         detector: the detector; None is `SimulatedDetector()`.
+        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
         ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
@@ -103,12 +104,14 @@ class SimulationOptions:
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
     detector: Detector | None = None
+    traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
     ground_truth: Literal["visible", "all"] = "visible"
     region_x_m: float = 100.0
     region_y_m: float = 40.0
 
     def __post_init__(self) -> None:
+        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
         require_choice("control", self.control, ("traffic", "policy"))
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))
         require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))

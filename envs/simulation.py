@@ -54,7 +54,8 @@ class Simulation(FrameSource):
         self.capacity = len(self._world.actors())
 
     def _make_world(self, seed: int) -> World:
-        return World(self._scenario, seed, policy_control=self._options.control == "policy")
+        policy_control = self._options.control == "policy"
+        return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
     @property
     def cameras(self) -> Mapping[str, tuple[int, int]]:  # type: ignore[override]
