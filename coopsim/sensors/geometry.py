@@ -4,16 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
 STATIC_ID = 0
 _GLASS_COLOR = np.array([24.0, 28.0, 34.0])
+
+
+class Parts(NamedTuple):
+    """Which faces and vertices belong together: P runs of both, end to end.
+
+    Attributes:
+        face_start: (P + 1,) int, first face of each part and, last, the number of faces.
+        vertex_start: (P + 1,) int, the same of vertices.
+        closed: (P,) bool: the part's surface has an inside, which nobody outside sees.
+    """
+
+    face_start: Ints
+    vertex_start: Ints
+    closed: Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +41,7 @@ class Triangles:
         instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
         reflectivity: (F,) in [0, 1].
         color: (F, 3) uint8.
+        parts: runs of faces that belong together; None: unknown.
     """
 
     vertices: Floats
@@ -33,6 +49,7 @@ class Triangles:
     instance: Ints
     reflectivity: Floats
     color: NDArray[np.uint8]
+    parts: Parts | None = None
 
     @property
     def normals(self) -> Floats:
@@ -58,6 +75,7 @@ class SceneGeometry:
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
         self._models = tuple(models)
         self._static = static_triangles(static)
+        self._closed = np.array([is_closed(model.faces) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, bytes, bytes] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
@@ -75,7 +93,7 @@ class SceneGeometry:
         moved[:, 1] = local[:, 0] * sin + local[:, 1] * cos
         moved[:, 2] = local[:, 2]
         moved += boxes.center[self._owner]
-        return Triangles(vertices.copy(), self._faces, self._instance, self._reflectivity, self._color)
+        return Triangles(vertices.copy(), self._faces, self._instance, self._reflectivity, self._color, self._parts)
 
     def _arrange(self, actors: Actors) -> None:
         models = [self._models[k] for k in actors.model]
@@ -89,6 +107,12 @@ class SceneGeometry:
         own_faces = [model.faces + start for model, start in zip(models, starts, strict=False)]
         self._faces = np.concatenate([self._static.faces, *own_faces])
         static_count = len(self._static.faces)
+        assert self._static.parts is not None
+        self._parts = Parts(
+            np.append(self._static.parts.face_start, static_count + np.cumsum(face_counts, dtype=np.int64)),
+            np.append(self._static.parts.vertex_start, starts[1:]),
+            np.append(self._static.parts.closed, self._closed[actors.model]),
+        )
         self._instance = np.concatenate([np.full(static_count, STATIC_ID), np.repeat(actors.id, face_counts)])
         self._reflectivity = np.concatenate([self._static.reflectivity, *(model.reflectivity for model in models)])
         tint = np.concatenate([np.zeros(0), *(model.tint for model in models)])[:, None]
@@ -109,4 +133,12 @@ def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
         np.full(sum(counts), STATIC_ID),
         np.repeat([part.reflectivity for part in parts], counts),
         np.repeat(colors, counts, axis=0),
+        Parts(np.cumsum([0, *counts]), starts, np.array([is_closed(part.faces) for part in parts], dtype=np.bool_)),
     )
+
+
+def is_closed(faces: Ints) -> bool:
+    """Whether triangles (F, 3), counter-clockwise from outside, enclose something: each edge has one on either side."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there, back = (set(map(tuple, pairs.tolist())) for pairs in (edges, edges[:, ::-1]))
+    return len(there) == len(edges) > 0 and there == back

@@ -34,7 +34,9 @@ def test_directions_are_unit_beam_by_beam_and_counter_clockwise() -> None:
     np.testing.assert_allclose(azimuth[1], np.arange(4) * np.pi / 2, atol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "close"), [("HDL-32", "HDL-32E"), ("vlp-16", "Accepted: HDL-32E, HDL-64E, VLP-16")])
+@pytest.mark.parametrize(
+    ("name", "close"), [("HDL-32", "HDL-32E"), ("vlp-16", "Accepted: HDL-32E, HDL-64E, OS1-128, Pandar64, VLP-16")]
+)
 def test_unknown_names_list_the_known(name: str, close: str) -> None:
     with pytest.raises(UnknownNameError, match=close):
         PATTERNS.get(name)
