@@ -22,6 +22,7 @@ from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
+from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 
 
@@ -77,6 +78,7 @@ class SimulationOptions:
             by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
+        weather: rain, fog and wet surfaces, for the LiDARs.
         cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
         renderer: "auto", "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
@@ -95,6 +97,7 @@ class SimulationOptions:
     lidar: LidarOption = "HDL-32E"
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
+    weather: Weather | None = None
     cameras: bool = False
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
     position_noise_m: float = 0.0
@@ -116,6 +119,7 @@ class SimulationOptions:
         require_count(1, max_cycles=self.max_cycles)
         require_flag(cameras=self.cameras)
         require_instance(Detector, detector=self.detector)
+        require_instance(Weather, weather=self.weather)
         lidars = self.lidars
         self.localization  # noqa: B018  (its own checks run now)
         if not lidars and self.detector is not None and self.detector.needs_sweeps:

@@ -10,6 +10,7 @@ import numpy as np
 from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
+from coopsim.geometry.se3 import SE3
 from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
@@ -18,6 +19,7 @@ from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_free_mount
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.scenario import Scenario
@@ -38,7 +40,7 @@ class Simulation(FrameSource):
     def __init__(self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str) -> None:
         self.name = name
         self._scenario, self._options = scenario, options
-        self._lidars = {sensor: Lidar(config) for sensor, config in options.lidars.items()}
+        self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
         self._detector = options.detector or SimulatedDetector()
         self._rig: CameraRig | None = None
         self.region_m = (options.region_x_m, options.region_y_m)
@@ -62,6 +64,7 @@ class Simulation(FrameSource):
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
         self._time_ns, self._cycle, self._world = 0, 0, world
+        self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
         self._localizers = {
@@ -114,16 +117,27 @@ class Simulation(FrameSource):
         if not self._lidars:
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
         scene = RayScene(self._geometry.triangles(actors))
+        before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
         sweeps = {
-            name: {
-                sensor: lidar.sense(
-                    scene, body.world_SE3_base, body.height_m, body.actor_id, self._lidar_rngs[name, sensor]
-                )
-                for sensor, lidar in self._lidars.items()
-            }
+            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
             for name, body in bodies.items()
         }
+        self._before = {name: body.world_SE3_base for name, body in bodies.items()}
         return sweeps, {name: count_returns(own, actors.id) for name, own in sweeps.items()}
+
+    def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
+        """A sweep that ends now, of an agent that was at `before` a frame ago."""
+        lidar, now, rng = self._lidars[sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
+        start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
+        return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
+
+    def _back(self, actors: Actors, body: AgentBody) -> SE3:
+        """Where an agent was a frame before the first: straight behind, at its speed."""
+        if body.actor_id is None:
+            return body.world_SE3_base
+        (velocity,) = actors.velocity[actors.id == body.actor_id]
+        moved = np.append(velocity, 0.0) * self._options.dt_s
+        return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
 
     def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
         at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)

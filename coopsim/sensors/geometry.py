@@ -14,6 +14,7 @@ from coopsim.types import Ints, Mask
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
 STATIC_ID = 0
+_CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1
 _GLASS_COLOR = np.array([24.0, 28.0, 34.0])
 
 
@@ -42,6 +43,7 @@ class Triangles:
         reflectivity: (F,) in [0, 1].
         color: (F, 3) uint8.
         parts: runs of faces that belong together; None: unknown.
+        velocity: (P, 2) m/s of the parts over ground; None: unknown.
     """
 
     vertices: Floats
@@ -50,6 +52,7 @@ class Triangles:
     reflectivity: Floats
     color: NDArray[np.uint8]
     parts: Parts | None = None
+    velocity: Floats | None = None
 
     @property
     def normals(self) -> Floats:
@@ -93,7 +96,10 @@ class SceneGeometry:
         moved[:, 1] = local[:, 0] * sin + local[:, 1] * cos
         moved[:, 2] = local[:, 2]
         moved += boxes.center[self._owner]
-        return Triangles(vertices.copy(), self._faces, self._instance, self._reflectivity, self._color, self._parts)
+        velocity = np.concatenate([np.zeros((len(self._parts.closed) - len(actors), 2)), actors.velocity])
+        return Triangles(
+            vertices.copy(), self._faces, self._instance, self._reflectivity, self._color, self._parts, velocity
+        )
 
     def _arrange(self, actors: Actors) -> None:
         models = [self._models[k] for k in actors.model]
@@ -114,11 +120,25 @@ class SceneGeometry:
             np.append(self._static.parts.closed, self._closed[actors.model]),
         )
         self._instance = np.concatenate([np.full(static_count, STATIC_ID), np.repeat(actors.id, face_counts)])
-        self._reflectivity = np.concatenate([self._static.reflectivity, *(model.reflectivity for model in models)])
         tint = np.concatenate([np.zeros(0), *(model.tint for model in models)])[:, None]
         paint = np.repeat(actors.color, face_counts, axis=0)
+        dull = 1 - tint[:, 0] * (1 - paint_reflectivity(paint))
+        own_reflectivity = np.concatenate([np.zeros(0), *(model.reflectivity for model in models)]) * dull
+        self._reflectivity = np.concatenate([self._static.reflectivity, own_reflectivity])
         painted = (tint * paint + (1 - tint) * _GLASS_COLOR).astype(np.uint8)
         self._color = np.concatenate([self._static.color, painted])
+
+
+def paint_reflectivity(color: NDArray[np.uint8]) -> Floats:
+    """Share of a light paint's reflectivity at 905 nm that a paint of some color (F, 3) has, (F,).
+
+    Pigments of colors let infrared light through to the primer, which throws it back; what is dark in all channels is
+    so by carbon black, which takes in all of it. That begins at 40 % of full brightness, and ends at a tenth: both are
+    assumptions of ours.
+    """
+    brightness = color.max(axis=1, initial=0) / 255.0
+    share: Floats = np.clip(brightness / _CARBON_BLACK_BELOW, _BLACK_SHARE, 1.0)
+    return share
 
 
 def static_triangles(parts: Sequence[StaticPart]) -> Triangles:

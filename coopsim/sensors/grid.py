@@ -21,6 +21,8 @@ from coopsim.sensors.grid_kernel import LANES, Beams, Singles, draw, place, reso
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints
 
+_AZIMUTH_SLACK_RAD = 1e-3
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridHits:
@@ -60,7 +62,7 @@ class RayGrid:
         )
 
     def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
-        """Cast all rays.
+        """Cast all rays, at one time.
 
         Closed parts (see `Parts`) are seen from outside; where the sensor is in the box around one, and for open ones,
         both sides of a triangle are. Where two triangles are equally near, the first is hit.
@@ -70,28 +72,48 @@ class RayGrid:
             world_SE3_sensor: the sensor's pose, any roll and pitch.
             threads: that share the work; the result does not depend on it.
         """
-        rotation, origin = world_SE3_sensor.rotation, world_SE3_sensor.translation
-        corners = place(triangles.vertices, np.ascontiguousarray(rotation), origin)
-        shapes, count = set_up(corners, triangles.faces, triangles.parts or _one_part(triangles), self._beams.tangent)
-        shape = len(self._order), len(self._beams.cos)
-        nearness, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
-        table = shape[0], self._beams.columns
-        hits = GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
-        out = hits.range_m, hits.face, hits.cosine
+        hits = self.room()
+        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
+        return hits
 
-        def sector(first: int, last: int) -> None:
-            """Blocks of columns from `first` to before `last`."""
-            draw(shapes, count, self._beams, (first, last), nearness, owner)
+    def room(self) -> GridHits:
+        """Room for the hits of all rays."""
+        table = len(self._order), self._beams.columns
+        return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
+        return len(self._beams.cos) // LANES
+
+    def cast_sector(
+        self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
+    ) -> None:
+        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
+        corners = place(
+            triangles.vertices, np.ascontiguousarray(world_SE3_sensor.rotation), world_SE3_sensor.translation
+        )
+        parts, out = triangles.parts or _one_part(triangles), (hits.range_m, hits.face, hits.cosine)
+
+        def work(first: int, last: int) -> None:
+            sector = self._sector(first, last)
+            shapes, count = set_up(corners, triangles.faces, parts, self._beams.tangent, sector)
+            owner = draw(shapes, count, self._beams, (first, last))
             stretch = (first * LANES, min(last * LANES, self._beams.columns))
             resolve(shapes, self._beams, self._order, stretch, owner, out)
 
-        _share(sector, shape[1] // LANES, threads)
-        return hits
+        _share(work, blocks, threads)
+
+    def _sector(self, first: int, last: int) -> tuple[float, float]:
+        """Middle and half width (rad) of the azimuths of some blocks' rays, and a little more."""
+        step_rad, shift = 2 * np.pi / self._beams.columns, self._beams.shift_rad
+        start, end = first * LANES * step_rad + shift.min(), last * LANES * step_rad + shift.max()
+        return float(start + end) / 2, float(end - start) / 2 + _AZIMUTH_SLACK_RAD
 
 
-def _share(work: Callable[[int, int], None], blocks: int, threads: int) -> None:
+def _share(work: Callable[[int, int], None], blocks: tuple[int, int], threads: int) -> None:
     """Do `work(first, last)` for all of `blocks`, in as many parts as there are threads."""
-    ends = np.linspace(0, blocks, min(threads, blocks) + 1).astype(int).tolist()
+    ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
     rest = [_pool(threads).submit(work, *pair) for pair in pairwise(ends[1:])]
     work(ends[0], ends[1])
     for part in rest:

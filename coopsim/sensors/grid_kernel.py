@@ -121,15 +121,29 @@ def place(vertices: Floats, rotation: Floats, origin: Floats) -> Corners:
 
 
 @njit(cache=True, nogil=True)
-def _surrounds(local: Floats, first: int, last: int) -> bool:
-    """Whether the sensor is in the upright box around vertices `first` to `last`."""
-    for axis in range(3):
-        low, high = np.inf, -np.inf
-        for v in range(first, last):
-            low, high = min(low, local[v, axis]), max(high, local[v, axis])
-        if low > 0.0 or high < 0.0:
-            return False
-    return True
+def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
+    """Whether the sensor is in the upright box around vertices `first` to `last`; and which azimuths the box may cover.
+
+    The azimuths are those of the upright cylinder around the box: their middle, and how far they reach to either side.
+    """
+    low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+    for v in range(first, last):
+        low_x, high_x = min(low_x, local[v, 0]), max(high_x, local[v, 0])
+        low_y, high_y = min(low_y, local[v, 1]), max(high_y, local[v, 1])
+        low_z, high_z = min(low_z, local[v, 2]), max(high_z, local[v, 2])
+    surrounds = low_x <= 0.0 <= high_x and low_y <= 0.0 <= high_y and low_z <= 0.0 <= high_z
+    x, y = (low_x + high_x) / 2, (low_y + high_y) / 2
+    distance, radius = math.hypot(x, y), math.hypot(high_x - low_x, high_y - low_y) / 2
+    if not distance > radius:
+        return surrounds, 0.0, math.pi
+    return surrounds, math.atan2(y, x), math.asin(radius / distance)
+
+
+@njit(cache=True, nogil=True)
+def _reaches(middle: float, half: float, sector: tuple[float, float]) -> bool:
+    """Whether azimuths of a middle and half width meet a sector, given in the same way."""
+    apart = middle - sector[0]
+    return bool(abs(apart - 2 * math.pi * np.rint(apart / (2 * math.pi))) <= half + sector[1])
 
 
 @njit(cache=True, nogil=True)
@@ -197,10 +211,20 @@ def _span(
 
 
 @njit(cache=True, nogil=True)
-def set_up(corners: Corners, faces: Ints, parts: Parts, tangent: Singles) -> tuple[Shapes, int]:
-    """What `draw` needs of those triangles (F, 3) that may meet a beam, by the beams' falling `tangent` (B,).
+def set_up(
+    corners: Corners, faces: Ints, parts: Parts, tangent: Singles, sector: tuple[float, float]
+) -> tuple[Shapes, int]:
+    """What `draw` needs of the triangles that may meet a ray.
 
-    Returns the shapes and their number; rows beyond it mean nothing.
+    Args:
+        corners: all vertices.
+        faces: (F, 3).
+        parts: of the faces.
+        tangent: (B,) of the beams' elevation, falling.
+        sector: azimuths of the rays, rad: their middle, and how far they reach to either side.
+
+    Returns:
+        The shapes and their number; rows beyond it mean nothing.
     """
     local, azimuth, slope = corners.local, corners.azimuth, corners.slope
     edges, plane = np.empty((len(faces), 9), np.float32), np.empty((len(faces), 3))
@@ -208,9 +232,10 @@ def set_up(corners: Corners, faces: Ints, parts: Parts, tangent: Singles) -> tup
     rows, owner = np.empty((len(faces), 2), np.int32), np.empty(len(faces), np.int64)
     n = 0
     for part in range(len(parts.closed)):
-        outer_only = parts.closed[part] and not _surrounds(
-            local, parts.vertex_start[part], parts.vertex_start[part + 1]
-        )
+        surrounds, middle, half = _outline(local, parts.vertex_start[part], parts.vertex_start[part + 1])
+        if not _reaches(middle, half, sector):
+            continue
+        outer_only = parts.closed[part] and not surrounds
         for f in range(parts.face_start[part], parts.face_start[part + 1]):
             i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
             p0 = (local[i, 0], local[i, 1], local[i, 2])
@@ -227,6 +252,8 @@ def set_up(corners: Corners, faces: Ints, parts: Parts, tangent: Singles) -> tup
             first, last, low, high = _span(
                 (azimuth[i], azimuth[j], azimuth[k]), (slope[i], slope[j], slope[k]), on_axis
             )
+            if not _reaches(float(first + last) / 2, float(last - first) / 2, sector):
+                continue
             top = _first_not_above(tangent, high + _SLOPE_SLACK * (_ONE + abs(high)))
             bottom = _first_not_above(tangent, low - _SLOPE_SLACK * (_ONE + abs(low)))
             if top >= bottom:
@@ -247,22 +274,23 @@ def set_up(corners: Corners, faces: Ints, parts: Parts, tangent: Singles) -> tup
 
 # Contracted to fused multiply-adds, which are as exactly opposite for opposite edges as products are.
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def draw(
-    shapes: Shapes, count: int, beams: Beams, blocks: tuple[int, int], nearness: Singles, owner: NDArray[np.int32]
-) -> None:
-    """Draw `count` shapes into blocks of `LANES` columns, from the first to before the last of `blocks`.
+def draw(shapes: Shapes, count: int, beams: Beams, blocks: tuple[int, int]) -> NDArray[np.int32]:
+    """Draw shapes into blocks of `LANES` columns, from the first to before the last of `blocks`.
 
     Args:
         shapes: as `set_up` made them; of two that are equally near, the first stays.
         count: how many there are.
         beams: the rays.
-        blocks: which part of the grid to draw; calls for distinct parts may run at once.
-        nearness: (B, C') 1/m, in and out: inverse horizontal distance of what was drawn so far.
-        owner: (B, C') in and out: its row of `shapes`.
+        blocks: the part of the grid to draw, W blocks wide.
+
+    Returns:
+        For each ray (B, W * LANES), which of the shapes it meets, or -1.
     """
     # Names for the arrays: taking them out of a tuple in a loop counts references, in turn with all other threads.
     edges, plane, azimuth, rows = shapes.edges, shapes.plane, shapes.azimuth, shapes.rows
     tangents, shifts, cos, sin, columns = beams.tangent, beams.shift_rad, beams.cos, beams.sin, beams.columns
+    width = (blocks[1] - blocks[0]) * LANES
+    nearness, owner = np.zeros((len(tangents), width), np.float32), np.full((len(tangents), width), np.int32(-1))
     for n in range(count):
         shape = np.int32(n)
         for row in range(rows[n, 0], rows[n, 1]):
@@ -278,14 +306,19 @@ def draw(
             for start, end in runs:
                 for block in range(max(start, blocks[0]), min(end, blocks[1])):
                     # Unsigned, as an index that may be negative keeps this from being vectorized.
-                    base, line = np.uint64(block * LANES), np.uint64(row)
+                    table, place, line = (
+                        np.uint64(block * LANES),
+                        np.uint64((block - blocks[0]) * LANES),
+                        np.uint64(row),
+                    )
                     for lane in range(np.uint64(LANES)):
-                        x, y, old = cos[base + lane], sin[base + lane], nearness[line, base + lane]
+                        x, y, old = cos[table + lane], sin[table + lane], nearness[line, place + lane]
                         inside = (a0 * x + (b0 * y + c0) >= _ZERO) & (a1 * x + (b1 * y + c1) >= _ZERO)
                         near = p * x + (q * y + r)
                         taken = inside & (a2 * x + (b2 * y + c2) >= _ZERO) & (near > old)
-                        nearness[line, base + lane] = near if taken else old
-                        owner[line, base + lane] = shape if taken else owner[line, base + lane]
+                        nearness[line, place + lane] = near if taken else old
+                        owner[line, place + lane] = shape if taken else owner[line, place + lane]
+    return owner
 
 
 @njit(cache=True, nogil=True)
@@ -330,7 +363,7 @@ def resolve(
         beams: the rays.
         order: (B,) each row's place in the beam table.
         columns: the first and the one behind the last to do.
-        owner: (B, C') as `draw` left it.
+        owner: (B, W * LANES) as `draw` returned it, of which the first column is the first to do.
         hits: range (m, inf where nothing was hit), face (-1) and cosine (0), out.
     """
     range_m, face, cosine = hits
@@ -340,7 +373,7 @@ def resolve(
         beam, tangent, c, s = order[row], tangents[row], shift_cos[row], shift_sin[row]
         stretch = math.sqrt(1.0 + tangent * tangent)
         for column in range(columns[0], columns[1]):
-            n = owner[row, column]
+            n = owner[row, column - columns[0]]
             if n < 0:
                 range_m[beam, column], face[beam, column], cosine[beam, column] = np.inf, -1, 0.0
                 continue

@@ -16,6 +16,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.grid_kernel import Singles
 from coopsim.types import Ints
 
+WATER_INDEX = 1.33
+"""Refractive index of water."""
+
 CLUTTER_ID = -1
 """Instance of a return from rain or fog."""
 
@@ -51,22 +54,24 @@ class Echoes(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def reflect(face: Ints, cosine: Singles, reflectivity: Floats, refractive_index: float) -> Singles:
+def reflect(face: Ints, cosine: Singles, reflectivity: Floats, wetness: float) -> Singles:
     """Reflectivity times cosine of incidence, (R,), of rays on faces (R,), whose reflectivity is given (F,).
 
-    Under a film of water, of a refractive index above 1, light that the surface throws back is thrown down again by the
-    film's inside, so that a albedo of A becomes A / (n^2 (1 - A) + A) (Angstrom 1925); and what falls on the film
-    aslant is mirrored away, in both directions (Fresnel, by the approximation of Schlick 1994).
+    A film of water throws light that the surface threw back down again from its inside, so that an albedo A becomes
+    A / (n^2 (1 - A) + A) (Angstrom 1925), and mirrors away what falls on it aslant, in both directions (Fresnel, by the
+    approximation of Schlick 1994): wet is dark, and more so far away. `wetness` is the share of surfaces under water.
     """
     bounced = np.zeros(len(face), np.float32)
-    square, mirrored = refractive_index**2, ((refractive_index - 1.0) / (refractive_index + 1.0)) ** 2
+    square, mirrored = WATER_INDEX**2, ((WATER_INDEX - 1.0) / (WATER_INDEX + 1.0)) ** 2
     for ray in range(len(face)):
         if face[ray] < 0:
             continue
-        albedo, slant = reflectivity[face[ray]], 1.0 - cosine[ray]
-        if refractive_index > 1.0:
+        albedo = reflectivity[face[ray]]
+        if wetness > 0.0:
+            slant = 1.0 - cosine[ray]
             let_in = (1.0 - mirrored) * (1.0 - slant * slant * slant * slant * slant)
-            albedo = albedo / (square * (1.0 - albedo) + albedo) * let_in * let_in
+            wet = albedo / (square * (1.0 - albedo) + albedo) * let_in * let_in
+            albedo += wetness * (wet - albedo)
         bounced[ray] = albedo * cosine[ray]
     return bounced
 
@@ -79,7 +84,7 @@ def receive(
     own_id: int,
     draws: tuple[Singles, Singles],
     directions: Singles,
-    poses: tuple[Floats, Floats],
+    poses: tuple[Floats, Floats, Ints],
 ) -> tuple[Singles, Singles, Ints, Ints]:
     """The points that return, with intensity, number of the ray, and instance.
 
@@ -90,10 +95,11 @@ def receive(
         own_id: rays on this instance give no return.
         draws: standard normal (R,) and standard exponential (R,) numbers.
         directions: (B, C, 3) unit vectors, sensor frame, R = B * C.
-        poses: base_SE3_sensor of S equal sectors of the turn: rotations (S, 3, 3), translations (S, 3) m.
+        poses: base_SE3_sensor of S sectors of the turn: rotations (S, 3, 3), translations (S, 3) m; and the sector of
+            each column (C,).
     """
-    (normal, exponential), (rotations, translations) = draws, poses
-    beams, columns, sectors = directions.shape[0], directions.shape[1], len(rotations)
+    (normal, exponential), (rotations, translations, sectors) = draws, poses
+    beams, columns = directions.shape[0], directions.shape[1]
     points, intensity = np.empty((beams * columns, 3), np.float32), np.empty(beams * columns, np.float32)
     number, source = np.empty(beams * columns, np.int64), np.empty(beams * columns, np.int64)
     count = 0
@@ -110,7 +116,7 @@ def receive(
                 continue
             spread = math.sqrt(optics.range_noise_m**2 + (optics.range_noise_per_m * distance) ** 2)
             reading = min(max(distance + spread * normal[ray], optics.min_range_m), optics.max_range_m)
-            pose = column * sectors // columns
+            pose = sectors[column]
             for axis in range(3):
                 along = 0.0
                 for k in range(3):

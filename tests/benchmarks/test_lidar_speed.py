@@ -15,12 +15,14 @@ import pytest
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
+from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import CAMERAS, CameraRig
 from coopsim.sensors.geometry import SceneGeometry, Triangles
 from coopsim.sensors.grid import RayGrid
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.sight import LineOfSight
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 
@@ -111,6 +113,47 @@ def test_lidar_sweep(pattern: str) -> None:
 
     place_ms, sweep_ms = least_ms(lambda: geometry.triangles(actors), sweep)
     print(f"\n{pattern} x 1024: scene update {place_ms:.2f} ms; sweep {sweep_ms:.2f} ms (rays, returns, points)")
+
+
+def test_cost_of_physics() -> None:
+    """What each option adds to a whole sweep of 64 x 1024."""
+    world = crossing()
+    geometry, body = SceneGeometry(world.models, world.static), world.agents()["cav_0"]
+    scene, rng = RayScene(geometry.triangles(world.actors())), stream(0, "lidar", "cav_0")
+    lidars = {
+        "as it is": Lidar(LidarConfig("HDL-64E")),
+        "no noise, no drop-out": Lidar(LidarConfig("HDL-64E", range_noise_m=0.0, dropout_energy=0.0)),
+        "wet surfaces": Lidar(LidarConfig("HDL-64E"), Weather(wetness=1.0)),
+        "rain": Lidar(LidarConfig("HDL-64E"), Weather(rain_mm_h=10.0)),
+        "fog": Lidar(LidarConfig("HDL-64E"), Weather(fog_visibility_m=80.0)),
+        "diverging beams": Lidar(LidarConfig("HDL-64E", divergence_rad=0.003)),
+        "turn takes time": Lidar(LidarConfig("HDL-64E", turn_s=0.1)),
+        "by embree": Lidar(LidarConfig("HDL-64E", backend="embree")),
+    }
+    acts = [
+        lambda lidar=lidar: lidar.sense(scene, body.world_SE3_base, body.height_m, body.actor_id, rng)
+        for lidar in lidars.values()
+    ]
+    print("\nHDL-64E x 1024, whole sweeps")
+    for name, spent_ms in zip(lidars, least_ms(*acts), strict=True):
+        print(f"  {name:22s} {spent_ms:6.2f} ms")
+
+
+def test_without_a_lidar() -> None:
+    """Lines of sight to all actors from all agents, instead of sweeps."""
+    world = crossing()
+    beams, actors, bodies = PATTERNS.get("HDL-32E"), world.actors(), world.agents()
+    sight = LineOfSight(world.static, beams, 1024, 120.0)
+    above = np.array([0.0, 0.0, 2.0])
+
+    def look() -> object:
+        return [
+            sight.expected_returns(body.world_SE3_base.apply(above), actors, body.actor_id) for body in bodies.values()
+        ]
+
+    print(
+        f"\nno LiDAR: {least_ms(look)[0]:.2f} ms for the lines of sight of {len(bodies)} agents to {len(actors)} actors"
+    )
 
 
 @pytest.mark.parametrize("renderer", ["opengl", "raycast"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 import coopsim
 from coopsim.detection.simulated import Detector, SimulatedDetector
 from coopsim.errors import InvalidValueError
+from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.patterns import PATTERNS
 from coopsim.types import Detections
@@ -85,6 +87,31 @@ def test_without_a_lidar_the_same_seed_gives_the_same_bits(run: Make) -> None:
         np.testing.assert_array_equal(first[0][agent]["detections"]["box"], again[0][agent]["detections"]["box"])
 
 
+def test_weather_is_everybodys() -> None:
+    clear, rainy = (make(lidar={"roof": ROOF}, weather=weather).reset(seed=5)[0] for weather in (None, Weather(40.0)))
+    for agent in clear:
+        assert len(rainy[agent]["sweeps"]["roof"]) < len(clear[agent]["sweeps"]["roof"])
+
+
+@pytest.mark.parametrize("name", ["crossing", "highway"])
+def test_a_turn_takes_time_for_agents_that_drive(name: str) -> None:
+    """Points of what stands still are where they are without the turn's time; of the others' sides, some are not."""
+    sweeps = []
+    for turn_s in (0.0, 0.1):
+        lidar = replace(ROOF, turn_s=turn_s, range_noise_m=0.0, dropout_energy=0.0)
+        env = coopsim.parallel_env(name, lidar=lidar, vehicles=10, expose_ground_truth=True, rsus=0)
+        policy = coopsim.make_policy("no_fusion")
+        observations, infos = env.reset(seed=5)
+        policy.reset(env.agent_specs)
+        for _ in range(3):
+            observations, _, _, _, infos = env.step(policy.act(observations))
+        points, instance = observations["cav_0"]["sweeps"]["lidar"], infos["cav_0"]["instances"]["lidar"]
+        sweeps.append(points[instance == 0, :3])
+    flat = [points[np.abs(points[:, 2]) < 0.05] for points in sweeps]
+    assert len(flat[0]) > 500 and len(flat[1]) == pytest.approx(len(flat[0]), rel=0.05)
+    assert not np.array_equal(flat[0][:100], flat[1][:100])
+
+
 class NeedsPoints(Detector):
     def detect(self, sweeps, truth, rng):  # type: ignore[no-untyped-def]
         return Detections.empty()
@@ -108,6 +135,7 @@ def test_a_detector_that_needs_sweeps_needs_a_lidar() -> None:
         ({"lidar": {3: ROOF}}, "lidar must have a name"),
         ({"lidar": ROOF, "lidar_columns": 64}, "lidar_columns must be left out where lidar is a LidarConfig"),
         ({"lidar": {"a": ROOF}, "lidar_range_m": 50.0}, "lidar_range_m must be left out"),
+        ({"weather": "rain"}, "weather must be a coopsim Weather or None, got 'rain'"),
         ({"lidar": "nowhere.csv"}, "cannot read the beam table nowhere.csv"),
         ({"lidar": LidarConfig(above_m=-0.5)}, "lidar 'lidar' at x, y, z = .* is inside the body of"),
         ({"lidar": {"a": LidarConfig(above_m=-3.0)}}, "lidar 'a' is .* m under the ground"),
