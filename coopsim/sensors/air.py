@@ -18,7 +18,7 @@ import numpy as np
 
 from coopsim.checks import require_between, require_non_negative, require_number
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.grid_kernel import Singles
+from coopsim.sensors.grid_shapes import Singles
 
 _LIGHT_M_S = 299_792_458.0
 _PULSE_S = 20e-9  # half-power width, Hahner et al.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from coopsim.sensors.grid_kernel import Singles
+from coopsim.sensors.grid_shapes import Singles
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints
 

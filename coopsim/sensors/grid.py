@@ -17,7 +17,8 @@ import numpy as np
 
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Parts, Triangles
-from coopsim.sensors.grid_kernel import LANES, Beams, Singles, draw, place, resolve, set_up
+from coopsim.sensors.grid_kernel import LANES, Beams, draw, resolve
+from coopsim.sensors.grid_shapes import Singles, place, set_up
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints
 

@@ -20,7 +20,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.air import Clutter, Weather
 from coopsim.sensors.footprint import merge, rays_of
 from coopsim.sensors.grid import GridHits, RayGrid
-from coopsim.sensors.grid_kernel import Singles
+from coopsim.sensors.grid_shapes import Singles
 from coopsim.sensors.pattern_files import find_pattern
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.grid_kernel import Singles
+from coopsim.sensors.grid_shapes import Singles
 from coopsim.types import Ints
 
 WATER_INDEX = 1.33
