@@ -78,7 +78,7 @@ class SceneGeometry:
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
         self._models = tuple(models)
         self._static = static_triangles(static)
-        self._closed = np.array([is_closed(model.faces) for model in models], dtype=np.bool_)
+        self._closed = np.array([is_closed(model.vertices, model.faces) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, bytes, bytes] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
@@ -153,12 +153,23 @@ def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
         np.full(sum(counts), STATIC_ID),
         np.repeat([part.reflectivity for part in parts], counts),
         np.repeat(colors, counts, axis=0),
-        Parts(np.cumsum([0, *counts]), starts, np.array([is_closed(part.faces) for part in parts], dtype=np.bool_)),
+        Parts(
+            np.cumsum([0, *counts]),
+            starts,
+            np.array([is_closed(part.vertices, part.faces) for part in parts], dtype=np.bool_),
+        ),
     )
 
 
-def is_closed(faces: Ints) -> bool:
-    """Whether triangles (F, 3), counter-clockwise from outside, enclose something: each edge has one on either side."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    there, back = (set(map(tuple, pairs.tolist())) for pairs in (edges, edges[:, ::-1]))
-    return len(there) == len(edges) > 0 and there == back
+def is_closed(vertices: Floats, faces: Ints) -> bool:
+    """Whether triangles (F, 3) enclose something, with their outer sides outside: who is outside sees no inner side.
+
+    Each edge has one triangle on either side, both counter-clockwise, and the volume within is positive.
+    """
+    start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    most = faces.max(initial=0) + 1
+    there, back = np.sort(start * most + end), np.sort(end * most + start)
+    if not len(faces) or not (np.diff(there) > 0).all() or not np.array_equal(there, back):
+        return False
+    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
+    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0)

@@ -59,7 +59,7 @@ class Turn:
 
     def world_SE3_sensor(self, sector: int) -> SE3:
         """The sensor's pose in a sector; in an only one, that at the end."""
-        if self.sectors == 1 and self.seconds == 0:
+        if self.seconds == 0:
             return self.end.compose(self.base_SE3_sensor)
         return between(self.start, self.end, self._share(sector)).compose(self.base_SE3_sensor)
 

@@ -38,7 +38,7 @@ class LineOfSight:
     """
 
     def __init__(self, static: Sequence[StaticPart], pattern: BeamPattern, columns: int, range_m: float) -> None:
-        solid = [piece for part in static if is_closed(part.faces) for piece in _pieces(part)]
+        solid = [piece for part in static if is_closed(part.vertices, part.faces) for piece in _pieces(part)]
         self._scenery = np.array(solid).reshape(-1, 7)
         self._elevation = np.sort(pattern.elevation_rad)
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m

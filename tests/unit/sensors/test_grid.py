@@ -132,10 +132,12 @@ def test_open_surfaces_are_seen_from_both_sides() -> None:
 
 
 def test_which_surfaces_are_closed() -> None:
-    box = np.array(trimesh.creation.box().faces)
-    assert is_closed(box) and not is_closed(box[1:]) and not is_closed(box[:0])
-    assert not is_closed(np.vstack([box, box[:1]]))  # a face twice
-    assert all(is_closed(model.faces) for model in make_models())
+    box = trimesh.creation.box()
+    corners, faces = np.array(box.vertices), np.array(box.faces)
+    assert is_closed(corners, faces) and not is_closed(corners, faces[1:]) and not is_closed(corners, faces[:0])
+    assert not is_closed(corners, np.vstack([faces, faces[:1]]))  # a face twice
+    assert not is_closed(corners, faces[:, ::-1])  # inside out
+    assert all(is_closed(model.vertices, model.faces) for model in make_models())
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 11.0])
