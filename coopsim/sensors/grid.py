@@ -17,12 +17,10 @@ import numpy as np
 
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Parts, Triangles
-from coopsim.sensors.grid_kernel import LANES, Beams, draw, resolve
-from coopsim.sensors.grid_shapes import Singles, place, set_up
+from coopsim.sensors.grid_kernel import LANES, Beams, sweep_sector
+from coopsim.sensors.grid_shapes import Singles, place
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints
-
-_AZIMUTH_SLACK_RAD = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,22 +92,13 @@ class RayGrid:
         corners = place(
             triangles.vertices, np.ascontiguousarray(world_SE3_sensor.rotation), world_SE3_sensor.translation
         )
-        parts, out = triangles.parts or _one_part(triangles), (hits.range_m, hits.face, hits.cosine)
+        scene = corners, triangles.faces, triangles.parts or _one_part(triangles)
+        out = hits.range_m, hits.face, hits.cosine
 
         def work(first: int, last: int) -> None:
-            sector = self._sector(first, last)
-            shapes, count = set_up(corners, triangles.faces, parts, self._beams.tangent, sector)
-            owner = draw(shapes, count, self._beams, (first, last))
-            stretch = (first * LANES, min(last * LANES, self._beams.columns))
-            resolve(shapes, self._beams, self._order, stretch, owner, out)
+            sweep_sector(scene, self._beams, self._order, (first, last), out)
 
         _share(work, blocks, threads)
-
-    def _sector(self, first: int, last: int) -> tuple[float, float]:
-        """Middle and half width (rad) of the azimuths of some blocks' rays, and a little more."""
-        step_rad, shift = 2 * np.pi / self._beams.columns, self._beams.shift_rad
-        start, end = first * LANES * step_rad + shift.min(), last * LANES * step_rad + shift.max()
-        return float(start + end) / 2, float(end - start) / 2 + _AZIMUTH_SLACK_RAD
 
 
 def _share(work: Callable[[int, int], None], blocks: tuple[int, int], threads: int) -> None:

@@ -18,13 +18,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.grid_shapes import Shapes, Singles
+from coopsim.sensors.geometry import Parts
+from coopsim.sensors.grid_shapes import Corners, Shapes, Singles, set_up
 from coopsim.types import Ints
 
 LANES = 16
 """Columns that are tested together: the grid's width in memory is a multiple of it."""
 
 _AZIMUTH_SLACK_RAD = 2e-5  # twice the error of the shapes' azimuths
+_SECTOR_SLACK_RAD = 1e-3
 _NEVER = 1e-12  # 1/m: what is drawn is nearer than that
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
@@ -47,6 +49,34 @@ class Beams(NamedTuple):
     sin: Singles
     columns: int
     exact: tuple[Floats, Floats, Floats, Floats, Floats]
+
+
+@njit(cache=True, nogil=True)
+def sweep_sector(
+    scene: tuple[Corners, Ints, Parts],
+    beams: Beams,
+    order: Ints,
+    blocks: tuple[int, int],
+    hits: tuple[Singles, Ints, Singles],
+) -> None:
+    """Set up, draw and resolve one sector; calls for distinct ones may run at once.
+
+    Args:
+        scene: vertices, faces (F, 3) and parts.
+        beams: the rays.
+        order: (B,) each row's place in the beam table.
+        blocks: of `LANES` columns, from the first to before the last.
+        hits: range (m, inf where nothing was hit), face (-1) and cosine of incidence (0), each (B, C) in the order of
+            the beam table, out.
+    """
+    corners, faces, parts = scene
+    step_rad = 2 * math.pi / beams.columns
+    start = blocks[0] * LANES * step_rad + float(beams.shift_rad.min())
+    end = blocks[1] * LANES * step_rad + float(beams.shift_rad.max())
+    sector = ((start + end) / 2, (end - start) / 2 + _SECTOR_SLACK_RAD)
+    shapes, count = set_up(corners, faces, parts, beams.tangent, sector)
+    owner = draw(shapes, count, beams, blocks)
+    resolve(shapes, beams, order, (blocks[0] * LANES, min(blocks[1] * LANES, beams.columns)), owner, hits)
 
 
 # Contracted to fused multiply-adds, which are as exactly opposite for opposite edges as products are.
@@ -130,7 +160,7 @@ def resolve(
     owner: NDArray[np.int32],
     hits: tuple[Singles, Ints, Singles],
 ) -> None:
-    """From what was drawn to range, face and cosine of incidence, each (B, C) out, in the order of the beam table.
+    """From what was drawn to `hits`, as `sweep_sector` says.
 
     Who is nearest was found in float32; how near is computed once more, as far away and at grazing incidence that would
     be some millimetres off.
@@ -141,7 +171,7 @@ def resolve(
         order: (B,) each row's place in the beam table.
         columns: the first and the one behind the last to do.
         owner: (B, W * LANES) as `draw` returned it, of which the first column is the first to do.
-        hits: range (m, inf where nothing was hit), face (-1) and cosine (0), out.
+        hits: out.
     """
     range_m, face, cosine = hits
     plane, offset_m, faces = shapes.plane, shapes.offset_m, shapes.face
