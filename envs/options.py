@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -13,7 +12,6 @@ from coopsim.checks import (
     require_count,
     require_flag,
     require_instance,
-    require_number,
     require_positive,
     require_threshold,
 )
@@ -21,10 +19,11 @@ from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
-from coopsim.errors import UnknownNameError
+from coopsim.envs.lidar_options import LidarOption, lidar_configs
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
-from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
-from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.sensors.air import Weather
+from coopsim.sensors.lidar import LidarConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +74,11 @@ class SimulationOptions:
     Attributes:
         max_cycles: steps until the episode is truncated.
         dt_s: time between two frames, in [1e-06, 3600].
-        lidar: name of a beam table (see `coopsim.sensors.patterns`), or a table of one's own.
-        lidar_columns: firings per turn.
-        lidar_range_m: farthest return; the nearest is at 1 m.
+        lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig`; several
+            by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
+        lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
+        lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
+        weather: rain, fog and wet surfaces, for the LiDARs.
         cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
         renderer: "auto", "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
@@ -94,9 +95,10 @@ class SimulationOptions:
 
     max_cycles: int = 200
     dt_s: float = 0.1
-    lidar: str | BeamPattern = "HDL-32E"
-    lidar_columns: int = 1024
-    lidar_range_m: float = 120.0
+    lidar: LidarOption = "HDL-32E"
+    lidar_columns: int = LidarConfig().columns
+    lidar_range_m: float = LidarConfig().max_range_m
+    weather: Weather | None = None
     cameras: bool = False
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
     position_noise_m: float = 0.0
@@ -120,18 +122,16 @@ class SimulationOptions:
         require_count(1, max_cycles=self.max_cycles)
         require_flag(cameras=self.cameras)
         require_instance(Detector, detector=self.detector)
-        self._check_lidar()
+        require_instance(Weather, weather=self.weather)
+        lidars = self.lidars
         self.localization  # noqa: B018  (its own checks run now)
+        if not lidars and self.detector is not None and self.detector.needs_sweeps:
+            raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
 
-    def _check_lidar(self) -> None:
-        """What `LidarConfig` asks for, by the names that it has here."""
-        if not isinstance(self.lidar, BeamPattern):
-            require_choice("lidar", self.lidar, PATTERNS)
-        require_count(1, MOST_COLUMNS, lidar_columns=self.lidar_columns)
-        nearest_m = LidarConfig().min_range_m
-        require_number(
-            f"a finite number > {nearest_m:g}", lambda far: nearest_m < far < math.inf, lidar_range_m=self.lidar_range_m
-        )
+    @property
+    def lidars(self) -> dict[str, LidarConfig]:
+        """The LiDARs' part, by name."""
+        return lidar_configs(self.lidar, self.lidar_columns, self.lidar_range_m)
 
     @property
     def localization(self) -> LocalizationConfig:
@@ -142,11 +142,6 @@ class SimulationOptions:
             self.odometry_noise_m,
             self.odometry_heading_noise_rad,
         )
-
-    @property
-    def lidar_config(self) -> LidarConfig:
-        """The LiDAR's part."""
-        return LidarConfig(pattern=self.lidar, columns=self.lidar_columns, max_range_m=self.lidar_range_m)
 
 
 def require_frame_time(dt_s: object) -> None:
