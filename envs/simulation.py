@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from coopsim.detection.simulated import SimulatedDetector
+from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
+from coopsim.geometry.se3 import SE3
 from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
 from coopsim.sensors.camera import CameraRig
-from coopsim.sensors.geometry import SceneGeometry, Triangles
-from coopsim.sensors.lidar import Lidar
+from coopsim.sensors.geometry import SceneGeometry
+from coopsim.sensors.lidar import Lidar, LidarConfig
+from coopsim.sensors.mounting import require_free_mount
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
+from coopsim.sensors.shutter import between
+from coopsim.sensors.sight import LineOfSight
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.scenario import Scenario
-from coopsim.world.snapshot import Actors, AgentBody
+from coopsim.world.snapshot import Actors, AgentBody, Model
 from coopsim.world.world import World
-
-LIDAR = "lidar"
 
 
 class Simulation(FrameSource):
@@ -37,12 +39,10 @@ class Simulation(FrameSource):
         uplink: what the agents' specs say they broadcast.
     """
 
-    lidars = (LIDAR,)
-
     def __init__(self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str) -> None:
         self.name = name
         self._scenario, self._options = scenario, options
-        self._lidar = Lidar(options.lidar_config)
+        self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -58,9 +58,12 @@ class Simulation(FrameSource):
         self.specs = self._specify(bodies)
         self.road_map = self._world.map
         self.capacity = len(self._world.actors())
+        self.lidars = tuple(self._lidars)
+        self._require_free_mounts()
 
     def _make_world(self, seed: int) -> World:
-        return World(self._scenario, seed, policy_control=self._options.control == "policy")
+        policy_control = self._options.control == "policy"
+        return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
     def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {
@@ -80,12 +83,18 @@ class Simulation(FrameSource):
         world = self._make_world(seed)
         self._time_ns, self._cycle, self._world = 0, 0, world
         self.specs = self._specify(world.agents())
+        self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
         self._localizers = {
             name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
         }
-        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self.specs}
+        self._lidar_rngs = {
+            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
+        }
+        if not self._lidars:
+            imagined = LidarConfig(columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m)
+            self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
@@ -98,12 +107,6 @@ class Simulation(FrameSource):
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """The current frame through every agent's cameras."""
-        actors = self._world.actors()
-        return self._photograph(self._geometry.triangles(actors), actors, self._world.agents())
-
-    def _photograph(
-        self, triangles: Triangles, actors: Actors, bodies: Mapping[str, AgentBody]
-    ) -> dict[str, dict[str, CameraImage]]:
         if self._rig is None:
             self._rig = CameraRig(
                 self._photographers,
@@ -111,7 +114,8 @@ class Simulation(FrameSource):
                 renderer=self._options.renderer,
                 illumination=self._options.illumination,
             )
-        return self._rig.render(triangles, actors, bodies)
+        actors = self._world.actors()
+        return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
     def close(self) -> None:
         if self._rig is not None:
@@ -120,54 +124,86 @@ class Simulation(FrameSource):
 
     def _sense(self) -> Frame:
         actors, bodies = self._world.actors(), self._world.agents()
-        triangles = self._geometry.triangles(actors)
-        scene = RayScene(triangles)
-        sweeps = {name: self._sweep(scene, body) for name, body in bodies.items()}
-        seen = _hit_ids(sweeps.values()) if self._options.ground_truth == "visible" else actors.id
-        images = self._photograph(triangles, actors, bodies) if any(self._cameras.values()) else {}
+        sweeps, returns = self._sweep_all(actors, bodies)
+        seen = actors.id
+        if self._options.ground_truth == "visible":
+            seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
+        images = self.photograph() if any(self._cameras.values()) else {}
         agents = {
-            name: self._perceive(body, actors, seen, sweeps[name], images.get(name, {}))
+            name: self._perceive(body, actors, seen, (sweeps[name], returns[name]), images.get(name, {}))
             for name, body in bodies.items()
         }
         return Frame(self._time_ns, agents, actors, last=self._cycle >= self._options.max_cycles)
 
-    def _sweep(self, scene: RayScene, body: AgentBody) -> Sweep:
-        return self._lidar.sense(scene, body.world_SE3_base, body.height_m, body.actor_id, self._lidar_rngs[body.name])
+    def _sweep_all(
+        self, actors: Actors, bodies: Mapping[str, AgentBody]
+    ) -> tuple[dict[str, dict[str, Sweep]], dict[str, Ints]]:
+        """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
+        if not self._lidars:
+            return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
+        scene = RayScene(self._geometry.triangles(actors))
+        before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
+        sweeps = {
+            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
+            for name, body in bodies.items()
+        }
+        self._before = {name: body.world_SE3_base for name, body in bodies.items()}
+        return sweeps, {name: count_returns(own, actors.id) for name, own in sweeps.items()}
+
+    def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
+        """A sweep that ends now, of an agent that was at `before` a frame ago."""
+        lidar, now, rng = self._lidars[sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
+        start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
+        return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
+
+    def _back(self, actors: Actors, body: AgentBody) -> SE3:
+        """Where an agent was a frame before the first: straight behind, at its speed."""
+        if body.actor_id is None:
+            return body.world_SE3_base
+        (velocity,) = actors.velocity[actors.id == body.actor_id]
+        moved = np.append(velocity, 0.0) * self._options.dt_s
+        return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
+
+    def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
+        at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)
+        return self._sight.expected_returns(at, actors, body.actor_id)
 
     def _perceive(
         self,
         body: AgentBody,
         actors: Actors,
         seen: Ints,
-        sweep: Sweep,
+        sensed: tuple[Mapping[str, Sweep], Ints],
         images: Mapping[str, CameraImage],
     ) -> AgentFrame:
-        others = actors if body.actor_id is None else actors[actors.id != body.actor_id]
-        around = others.transform(body.world_SE3_base.inverse())
+        sweeps, returns = sensed
+        other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
+        around = actors[other].transform(body.world_SE3_base.inverse())
         pose, odometry = self._localizers[body.name].localize(body.world_SE3_base)
-        detections = self._detector.detect({LIDAR: sweep}, around, self._detector_rngs[body.name])
-        blind = Sweep(sweep.points, sweep.intensity, sweep.beam)
-        seen_by = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
-        observation = Observation(self._time_ns, pose, odometry, detections, {LIDAR: blind}, seen_by)
+        rng = self._detector_rngs[body.name]
+        if sweeps:
+            detections = self._detector.detect(sweeps, around, rng)
+        else:
+            detections = self._detector.detect_from_returns(returns[other], around, rng)
+        blind = {sensor: Sweep(sweep.points, sweep.intensity, sweep.beam) for sensor, sweep in sweeps.items()}
+        observed = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
+        observation = Observation(self._time_ns, pose, odometry, detections, blind, observed)
         counts = np.isin(around.id, seen)
         counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
         truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts])
-        assert sweep.instance is not None
-        return AgentFrame(
-            observation,
-            body,
-            truth,
-            around.boxes[~counts],
-            around.label[~counts],
-            {LIDAR: sweep.instance},
-            images,
-        )
+        instances = {sensor: sweep.instance for sensor, sweep in sweeps.items() if sweep.instance is not None}
+        return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances, images)
+
+    def _require_free_mounts(self) -> None:
+        """On every body that may come to carry a LiDAR: which car is connected is another in every episode."""
+        models, actors = self._world.models, self._world.actors()
+        for body in self._world.agents().values():
+            label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
+            shapes: list[tuple[float, Model | None]]
+            shapes = [(float(model.size_m[2]), model) for model in models if model.label in label]
+            for height_m, shape in shapes or [(body.height_m, None)]:
+                for sensor, lidar in self._lidars.items():
+                    require_free_mount(sensor, lidar.config, height_m, shape)
 
     def _drives(self, body: AgentBody) -> bool:
         return self._options.control == "policy" and body.kind == "cav"
-
-
-def _hit_ids(sweeps: Iterable[Sweep]) -> Ints:
-    """Ids of everything that at least one return came from."""
-    hits = [sweep.instance for sweep in sweeps if sweep.instance is not None]
-    return np.unique(np.concatenate(hits)) if hits else np.zeros(0, dtype=np.int64)
