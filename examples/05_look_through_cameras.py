@@ -35,21 +35,19 @@ def colored(values: Any, background: int) -> Any:
     return np.array(colors, dtype=np.uint8)[row]
 
 
-def mounted(distortion: tuple[float, ...] = (0.0,) * 5) -> Camera:
-    """A camera that looks ahead and a little down."""
-    lens = Intrinsics.from_fov(320, 180, np.radians(80.0), distortion)
-    return Camera("front", lens, pitch_rad=0.16)
+TELE = Camera("tele", Intrinsics.from_fov(320, 180, np.radians(45.0)), yaw_rad=-0.5, pitch_rad=0.1)
+BARREL = (-0.25, 0.08, 0.0, 0.0, 0.0)
+WIDE = Camera("wide", Intrinsics.from_fov(320, 180, np.radians(100.0), BARREL), pitch_rad=0.2)
 
-
-day = look(mounted())
+day = look(TELE)
 near = np.where(day.depth > 0, 1 - np.minimum(day.depth / 60.0, 1.0), 0.0)
 pictures = [
     ("day", day.rgb),
-    ("dusk", look(mounted(), time_of_day="dusk").rgb),
-    ("night", look(mounted(), time_of_day="night").rgb),
-    ("fog, visibility 60 m", look(mounted(), weather=Weather(fog_visibility_m=60.0)).rgb),
-    ("rain, 20 mm/h", look(mounted(), weather=Weather(rain_mm_h=20.0)).rgb),
-    ("barrel distortion, k1 = -0.25", look(mounted((-0.25, 0.08, 0.0, 0.0, 0.0))).rgb),
+    ("dusk", look(TELE, time_of_day="dusk").rgb),
+    ("night", look(TELE, time_of_day="night").rgb),
+    ("fog, visibility 60 m", look(TELE, weather=Weather(fog_visibility_m=60.0)).rgb),
+    ("rain, 20 mm/h", look(TELE, weather=Weather(rain_mm_h=20.0)).rgb),
+    ("wide lens, k1 = -0.25", look(WIDE).rgb),
     ("depth, to 60 m", np.repeat((255 * near).astype(np.uint8)[..., None], 3, axis=-1)),
     ("instance", colored(day.instance, 0)),
     ("semantic", colored(day.semantic, NO_CLASS)),
