@@ -1,4 +1,4 @@
-"""Draw a roadside camera by day, dusk and night, in fog and rain, through lenses and labelled, to cameras.png."""
+"""Draw what roadside cameras see by day, dusk and night, in fog and rain, wide and labelled, to cameras.png."""
 
 import sys
 from typing import Any
