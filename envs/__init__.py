@@ -10,8 +10,10 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.data.episode import Episode
 from coopsim.envs.options import CommonOptions, SimulationOptions, require_frame_time, sort_options
 from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.playback import as_recorded
 from coopsim.envs.replay import Replay
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
@@ -32,9 +34,16 @@ def simulation_env(scenario: str, name: str, /, *, reward: Reward | None = None,
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
     groups = (CommonOptions, SimulationOptions, Population)
+    sort_options(options, *groups, beside=["reward"])  # a slip is told before a recording is read
+    playback = options.get("playback")
+    episode = None if playback is None else Episode(playback)
+    if episode is not None:
+        options = as_recorded(episode, scenario, options)
     common, simulation, numbers = sort_options(options, *groups, beside=["reward"])
     shared = CommonOptions(**common)
-    source = Simulation(name, make_scenario(scenario, **numbers), SimulationOptions(**simulation), shared.uplink)
+    source = Simulation(
+        name, make_scenario(scenario, **numbers), SimulationOptions(**simulation), shared.uplink, episode
+    )
     return CooperativeEnv(source, shared, reward)
 
 

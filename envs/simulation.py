@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.data.episode import Episode
 from coopsim.detection.simulated import SimulatedDetector
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
@@ -18,8 +19,10 @@ from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar
 from coopsim.sensors.raycast import RayScene
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
+from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody
+from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 
 LIDAR = "lidar"
@@ -33,13 +36,16 @@ class Simulation(FrameSource):
         scenario: what is there.
         options: how it is sensed and scored.
         uplink: what the agents' specs say they broadcast.
+        episode: a recorded world, to be sensed in place of one that happens now.
     """
 
     lidars = (LIDAR,)
 
-    def __init__(self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str) -> None:
+    def __init__(
+        self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str, episode: Episode | None = None
+    ) -> None:
         self.name = name
-        self._scenario, self._options = scenario, options
+        self._scenario, self._options, self._episode = scenario, options, episode
         self._lidar = Lidar(options.lidar_config)
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
@@ -51,9 +57,11 @@ class Simulation(FrameSource):
             for name, body in self._world.agents().items()
         }
         self.road_map = self._world.map
-        self.capacity = len(self._world.actors())
+        self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
 
-    def _make_world(self, seed: int) -> World:
+    def _make_world(self, seed: int) -> WorldSource:
+        if self._episode is not None:
+            return PlayedWorld(self._episode, self._scenario)
         return World(self._scenario, seed, policy_control=self._options.control == "policy")
 
     @property
@@ -62,6 +70,8 @@ class Simulation(FrameSource):
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
+        if self._options.record is not None:
+            world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self._time_ns, self._cycle, self._world = 0, 0, world
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
