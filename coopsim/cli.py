@@ -137,7 +137,7 @@ def _demo(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.demo import Demo, DemoConfig
-    from coopsim.bench.table import evaluation_row, format_table
+    from coopsim.bench.table import evaluation_row, format_table, format_visibility
     from coopsim.data.episode import Episode
     from coopsim.world.scenario import Population
 
@@ -168,6 +168,8 @@ def _demo(options: argparse.Namespace) -> int:
     if demo.runs:  # an interrupt before the first is finished leaves older files as they are
         rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
         print(format_table(rows))
+        print("\nWho got returns from an object, recall there, and what the second adds to all recall, in per cent:")
+        print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
             write_whole(options.json, _json([{**about, **values} for about, values in rows]))
         print(f"report: {demo.write_report(options.report)}")

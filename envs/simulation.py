@@ -18,6 +18,7 @@ from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.visibility import Visibility, VisibilityProbe
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
@@ -47,6 +48,7 @@ class Simulation(FrameSource):
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
         self._lidar = Lidar(options.lidar_config)
+        self._probe = VisibilityProbe(options.lidar_config)
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -95,6 +97,10 @@ class Simulation(FrameSource):
             self._rig = CameraRig(self._world.models, self._world.static, renderer=self._options.renderer)
         return self._rig.render(self._world.actors(), self._world.agents())
 
+    def visibility(self) -> Mapping[str, Visibility]:
+        scene, actors, bodies, sweeps = self._sensed
+        return {name: self._probe.measure(scene, body, sweeps[name], actors) for name, body in bodies.items()}
+
     def close(self) -> None:
         if self._rig is not None:
             self._rig.close()
@@ -104,7 +110,8 @@ class Simulation(FrameSource):
         actors, bodies = self._world.actors(), self._world.agents()
         scene = RayScene(self._geometry.triangles(actors))
         sweeps = {name: self._sweep(scene, body) for name, body in bodies.items()}
-        seen = _hit_ids(sweeps.values()) if self._options.ground_truth == "visible" else actors.id
+        self._sensed = (scene, actors, bodies, sweeps)
+        seen = _hit_ids(sweeps.values())
         images = self.photograph() if self._options.cameras else {}
         agents = {
             name: self._perceive(body, actors, seen, sweeps[name], images.get(name, {}))
@@ -129,10 +136,12 @@ class Simulation(FrameSource):
         detections = self._detector.detect({LIDAR: sweep}, around, self._detector_rngs[body.name])
         blind = Sweep(sweep.points, sweep.intensity, sweep.beam)
         observation = Observation(self._time_ns, pose, odometry, detections, {LIDAR: blind}, images)
-        counts = np.isin(around.id, seen)
-        counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
-        truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts])
         assert sweep.instance is not None
+        mine = np.isin(around.id, sweep.instance)
+        seen_by = np.where(mine, 0, np.where(np.isin(around.id, seen), 1, 2))
+        counts = (seen_by < 2) | (self._options.ground_truth == "all")
+        counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
+        truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts], seen_by[counts])
         return AgentFrame(
             observation,
             body,

@@ -26,6 +26,7 @@ def test_demo_prints_one_table_and_writes_report_and_numbers(
     table = capsys.readouterr().out
     for column in ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]:
         assert column in table
+    assert "seen by others only" in table and "cooperative gain" in table
     rows = json.loads(numbers.read_text())
     assert [(row["policy"], row["latency"]) for row in rows] == [
         (policy, latency) for policy in ("no_fusion", "late_fusion") for latency in ("0 ms", "300 ms")
