@@ -56,3 +56,7 @@ class RecordingError(CoopsimError, ValueError):
 
 class MissingDependencyError(CoopsimError, ImportError):
     """An optional package is needed for this call; the message names what to install."""
+
+
+class CrowdedWarning(UserWarning):
+    """There is not room for all actors that were asked for; the message says how many there are instead."""

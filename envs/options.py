@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,7 +13,6 @@ from coopsim.checks import (
     require_count,
     require_flag,
     require_instance,
-    require_number,
     require_positive,
     require_threshold,
 )
@@ -22,11 +20,12 @@ from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
+from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
-from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
-from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.sensors.air import Weather
+from coopsim.sensors.lidar import LidarConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +76,11 @@ class SimulationOptions:
     Attributes:
         max_cycles: steps until the episode is truncated.
         dt_s: time between two frames, in [1e-06, 3600].
-        lidar: name of a beam table (see `coopsim.sensors.patterns`), or a table of one's own.
-        lidar_columns: firings per turn.
-        lidar_range_m: farthest return; the nearest is at 1 m.
+        lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig`; several
+            by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
+        lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
+        lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
+        weather: rain, fog and wet surfaces, for the LiDARs.
         cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
         renderer: "auto", "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
@@ -87,6 +88,7 @@ class SimulationOptions:
         odometry_noise_m: of the motion in a frame, x and y.
         odometry_heading_noise_rad: of the turn in a frame.
         detector: the detector; None is `SimulatedDetector()`.
+        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
         ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
@@ -98,9 +100,10 @@ class SimulationOptions:
 
     max_cycles: int = 200
     dt_s: float = 0.1
-    lidar: str | BeamPattern = "HDL-32E"
-    lidar_columns: int = 1024
-    lidar_range_m: float = 120.0
+    lidar: LidarOption = "HDL-32E"
+    lidar_columns: int = LidarConfig().columns
+    lidar_range_m: float = LidarConfig().max_range_m
+    weather: Weather | None = None
     cameras: bool = False
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
     position_noise_m: float = 0.0
@@ -108,6 +111,7 @@ class SimulationOptions:
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
     detector: Detector | None = None
+    traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
     ground_truth: Literal["visible", "all"] = "visible"
     region_x_m: float = 100.0
@@ -116,6 +120,7 @@ class SimulationOptions:
     playback: str | Path | None = None
 
     def __post_init__(self) -> None:
+        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
         require_choice("control", self.control, ("traffic", "policy"))
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))
         require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
@@ -124,9 +129,12 @@ class SimulationOptions:
         require_count(1, max_cycles=self.max_cycles)
         require_flag(cameras=self.cameras)
         require_instance(Detector, detector=self.detector)
+        require_instance(Weather, weather=self.weather)
         self._check_files()
-        self._check_lidar()
+        lidars = self.lidars
         self.localization  # noqa: B018  (its own checks run now)
+        if not lidars and self.detector is not None and self.detector.needs_sweeps:
+            raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
 
     def _check_files(self) -> None:
         for name in ("record", "playback"):
@@ -143,15 +151,10 @@ class SimulationOptions:
                 'accepted: control="traffic"'
             )
 
-    def _check_lidar(self) -> None:
-        """What `LidarConfig` asks for, by the names that it has here."""
-        if not isinstance(self.lidar, BeamPattern):
-            require_choice("lidar", self.lidar, PATTERNS)
-        require_count(1, MOST_COLUMNS, lidar_columns=self.lidar_columns)
-        nearest_m = LidarConfig().min_range_m
-        require_number(
-            f"a finite number > {nearest_m:g}", lambda far: nearest_m < far < math.inf, lidar_range_m=self.lidar_range_m
-        )
+    @property
+    def lidars(self) -> dict[str, LidarConfig]:
+        """The LiDARs' part, by name."""
+        return lidar_configs(self.lidar, self.lidar_columns, self.lidar_range_m)
 
     @property
     def localization(self) -> LocalizationConfig:
@@ -162,11 +165,6 @@ class SimulationOptions:
             self.odometry_noise_m,
             self.odometry_heading_noise_rad,
         )
-
-    @property
-    def lidar_config(self) -> LidarConfig:
-        """The LiDAR's part."""
-        return LidarConfig(pattern=self.lidar, columns=self.lidar_columns, max_range_m=self.lidar_range_m)
 
 
 def require_frame_time(dt_s: object) -> None:

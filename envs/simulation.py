@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from coopsim.data.episode import Episode
-from coopsim.detection.simulated import SimulatedDetector
+from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
+from coopsim.geometry.se3 import SE3
 from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
 from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.lidar import Lidar
+from coopsim.sensors.lidar import Lidar, LidarConfig
+from coopsim.sensors.mounting import require_free_mount
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.shutter import between
+from coopsim.sensors.sight import LineOfSight
 from coopsim.sensors.visibility import Visibility, VisibilityProbe
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
-from coopsim.world.snapshot import Actors, AgentBody
+from coopsim.world.snapshot import Actors, AgentBody, Model
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
-
-LIDAR = "lidar"
 
 
 class Simulation(FrameSource):
@@ -40,15 +42,13 @@ class Simulation(FrameSource):
         episode: a recorded world, to be sensed in place of one that happens now.
     """
 
-    lidars = (LIDAR,)
-
     def __init__(
         self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str, episode: Episode | None = None
     ) -> None:
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
-        self._lidar = Lidar(options.lidar_config)
-        self._probe = VisibilityProbe(options.lidar_config)
+        self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
+        self._probe = VisibilityProbe(tuple(options.lidars.values()))
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -60,11 +60,14 @@ class Simulation(FrameSource):
         }
         self.road_map = self._world.map
         self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
+        self.lidars = tuple(self._lidars)
+        self._require_free_mounts()
 
     def _make_world(self, seed: int) -> WorldSource:
         if self._episode is not None:
             return PlayedWorld(self._episode, self._scenario)
-        return World(self._scenario, seed, policy_control=self._options.control == "policy")
+        policy_control = self._options.control == "policy"
+        return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
     @property
     def cameras(self) -> Mapping[str, tuple[int, int]]:  # type: ignore[override]
@@ -75,12 +78,18 @@ class Simulation(FrameSource):
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self._time_ns, self._cycle, self._world = 0, 0, world
+        self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
         self._localizers = {
             name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
         }
-        self._lidar_rngs = {name: stream(seed, "lidar", name) for name in self.specs}
+        self._lidar_rngs = {
+            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
+        }
+        if not self._lidars:
+            imagined = LidarConfig(columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m)
+            self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
@@ -98,8 +107,11 @@ class Simulation(FrameSource):
         return self._rig.render(self._world.actors(), self._world.agents())
 
     def visibility(self) -> Mapping[str, Visibility]:
-        scene, actors, bodies, sweeps = self._sensed
-        return {name: self._probe.measure(scene, body, sweeps[name], actors) for name, body in bodies.items()}
+        if not self._lidars:
+            return {}
+        actors, bodies, returns = self._sensed
+        scene = RayScene(self._geometry.triangles(actors))
+        return {name: self._probe.measure(scene, body, actors, returns[name]) for name, body in bodies.items()}
 
     def close(self) -> None:
         if self._rig is not None:
@@ -108,54 +120,85 @@ class Simulation(FrameSource):
 
     def _sense(self) -> Frame:
         actors, bodies = self._world.actors(), self._world.agents()
-        scene = RayScene(self._geometry.triangles(actors))
-        sweeps = {name: self._sweep(scene, body) for name, body in bodies.items()}
-        self._sensed = (scene, actors, bodies, sweeps)
-        seen = _hit_ids(sweeps.values())
+        sweeps, returns = self._sweep_all(actors, bodies)
+        self._sensed = (actors, bodies, returns)
+        seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
         images = self.photograph() if self._options.cameras else {}
         agents = {
-            name: self._perceive(body, actors, seen, sweeps[name], images.get(name, {}))
+            name: self._perceive(body, actors, seen, (sweeps[name], returns[name]), images.get(name, {}))
             for name, body in bodies.items()
         }
         return Frame(self._time_ns, agents, actors, last=self._cycle >= self._options.max_cycles)
 
-    def _sweep(self, scene: RayScene, body: AgentBody) -> Sweep:
-        return self._lidar.sense(scene, body.world_SE3_base, body.height_m, body.actor_id, self._lidar_rngs[body.name])
+    def _sweep_all(
+        self, actors: Actors, bodies: Mapping[str, AgentBody]
+    ) -> tuple[dict[str, dict[str, Sweep]], dict[str, Ints]]:
+        """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
+        if not self._lidars:
+            return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
+        scene = RayScene(self._geometry.triangles(actors))
+        before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
+        sweeps = {
+            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
+            for name, body in bodies.items()
+        }
+        self._before = {name: body.world_SE3_base for name, body in bodies.items()}
+        return sweeps, {name: count_returns(own, actors.id) for name, own in sweeps.items()}
+
+    def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
+        """A sweep that ends now, of an agent that was at `before` a frame ago."""
+        lidar, now, rng = self._lidars[sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
+        start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
+        return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
+
+    def _back(self, actors: Actors, body: AgentBody) -> SE3:
+        """Where an agent was a frame before the first: straight behind, at its speed."""
+        if body.actor_id is None:
+            return body.world_SE3_base
+        (velocity,) = actors.velocity[actors.id == body.actor_id]
+        moved = np.append(velocity, 0.0) * self._options.dt_s
+        return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
+
+    def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
+        at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)
+        return self._sight.expected_returns(at, actors, body.actor_id)
 
     def _perceive(
         self,
         body: AgentBody,
         actors: Actors,
         seen: Ints,
-        sweep: Sweep,
+        sensed: tuple[Mapping[str, Sweep], Ints],
         images: Mapping[str, CameraImage],
     ) -> AgentFrame:
-        others = actors if body.actor_id is None else actors[actors.id != body.actor_id]
-        around = others.transform(body.world_SE3_base.inverse())
+        sweeps, returns = sensed
+        other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
+        around = actors[other].transform(body.world_SE3_base.inverse())
         pose, odometry = self._localizers[body.name].localize(body.world_SE3_base)
-        detections = self._detector.detect({LIDAR: sweep}, around, self._detector_rngs[body.name])
-        blind = Sweep(sweep.points, sweep.intensity, sweep.beam)
-        observation = Observation(self._time_ns, pose, odometry, detections, {LIDAR: blind}, images)
-        assert sweep.instance is not None
-        mine = np.isin(around.id, sweep.instance)
-        seen_by = np.where(mine, 0, np.where(np.isin(around.id, seen), 1, 2))
+        rng = self._detector_rngs[body.name]
+        if sweeps:
+            detections = self._detector.detect(sweeps, around, rng)
+        else:
+            detections = self._detector.detect_from_returns(returns[other], around, rng)
+        blind = {sensor: Sweep(sweep.points, sweep.intensity, sweep.beam) for sensor, sweep in sweeps.items()}
+        observation = Observation(self._time_ns, pose, odometry, detections, blind, images)
+        seen_by = np.where(returns[other] > 0, 0, np.where(np.isin(around.id, seen), 1, 2))
         counts = (seen_by < 2) | (self._options.ground_truth == "all")
         counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
         truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts], seen_by[counts])
-        return AgentFrame(
-            observation,
-            body,
-            truth,
-            around.boxes[~counts],
-            around.label[~counts],
-            {LIDAR: sweep.instance},
-        )
+        instances = {sensor: sweep.instance for sensor, sweep in sweeps.items() if sweep.instance is not None}
+        return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances)
+
+    def _require_free_mounts(self) -> None:
+        """On every body that may come to carry a LiDAR: which car is connected is another in every episode."""
+        models, actors = self._world.models, self._world.actors()
+        for body in self._world.agents().values():
+            label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
+            shapes: list[tuple[float, Model | None]]
+            shapes = [(float(model.size_m[2]), model) for model in models if model.label in label]
+            for height_m, shape in shapes or [(body.height_m, None)]:
+                for sensor, lidar in self._lidars.items():
+                    require_free_mount(sensor, lidar.config, height_m, shape)
 
     def _drives(self, body: AgentBody) -> bool:
         return self._options.control == "policy" and body.kind == "cav"
-
-
-def _hit_ids(sweeps: Iterable[Sweep]) -> Ints:
-    """Ids of everything that at least one return came from."""
-    hits = [sweep.instance for sweep in sweeps if sweep.instance is not None]
-    return np.unique(np.concatenate(hits)) if hits else np.zeros(0, dtype=np.int64)

@@ -138,9 +138,9 @@ class _SceneRecorder:
 
     def add(self, env: CooperativeEnv, shown: BevFrame) -> None:
         # The report shows thousands of points, not a hundred thousand: every n-th of the sweeps' order, which
-        # runs around the sensor, thins them evenly.
+        # runs around the sensor, thins them evenly. A copy, or each frame would keep all of its points.
         stride = max(1, -(-len(shown.points) // _POINTS_SHOWN))
-        self._frames.append(replace(shown, points=shown.points[::stride], tracks={}))
+        self._frames.append(replace(shown, points=shown.points[::stride].copy(), tracks={}))
         if len(self._frames) == self._config.frames // 2 + 1:
             self._images, self._images_ns = env.photograph(), env.time_ns
         self._dt_s = next(iter(env.agent_specs.values())).dt_s

@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,9 +36,11 @@ class Detector(ABC):
 
     Attributes:
         embedding_dim: length of the embeddings that its detections have; 0: none.
+        needs_sweeps: False for a detector that has `detect_from_returns`, too, and so works where there is no LiDAR.
     """
 
     embedding_dim: int = 0
+    needs_sweeps: ClassVar[bool] = True
 
     @abstractmethod
     def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:
@@ -48,6 +51,19 @@ class Detector(ABC):
             truth: all actors but the agent itself, in its base frame. Only a simulated detector looks at it.
             rng: the agent's stream for this purpose.
         """
+
+    def detect_from_returns(self, returns: Ints, truth: Actors, rng: np.random.Generator) -> Detections:
+        """Detect the objects of one frame by how many returns a LiDAR would have of each.
+
+        Args:
+            returns: (N,) by actor.
+            truth: the N actors, as in `detect`.
+            rng: as in `detect`.
+
+        Raises:
+            InvalidValueError: the detector needs sweeps.
+        """
+        raise InvalidValueError(f"{type(self).__name__} needs sweeps, which there are none of")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +124,7 @@ class SimulatedDetectorConfig:
 class SimulatedDetector(Detector):
     """Truth, thinned and disturbed as the returns allow; see `SimulatedDetectorConfig` for the model."""
 
+    needs_sweeps = False
     _FALSE_SIZE_M = np.array([4.3, 1.9, 1.6])
 
     def __init__(self, config: SimulatedDetectorConfig | None = None) -> None:
@@ -115,7 +132,9 @@ class SimulatedDetector(Detector):
         self.config = config or SimulatedDetectorConfig()
 
     def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:
-        returns = count_returns(sweeps, truth.id)
+        return self.detect_from_returns(count_returns(sweeps, truth.id), truth, rng)
+
+    def detect_from_returns(self, returns: Ints, truth: Actors, rng: np.random.Generator) -> Detections:
         probability = self.recall(returns)
         # Draws are made for every actor, seen or not, so that which one is hidden does not shift the others'.
         found = rng.random(len(truth)) < probability

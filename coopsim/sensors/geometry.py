@@ -4,15 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
 STATIC_ID = 0
+_CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1
+
+
+class Parts(NamedTuple):
+    """Which faces and vertices belong together: P runs of both, end to end.
+
+    Attributes:
+        face_start: (P + 1,) int, first face of each part and, last, the number of faces.
+        vertex_start: (P + 1,) int, the same of vertices.
+        closed: (P,) bool: the part's surface has an inside, which nobody outside sees.
+    """
+
+    face_start: Ints
+    vertex_start: Ints
+    closed: Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +41,8 @@ class Triangles:
         instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
         reflectivity: (F,) in [0, 1].
         color: (F, 3) uint8.
+        parts: runs of faces that belong together; None: unknown.
+        velocity: (P, 2) m/s of the parts over ground; None: unknown.
     """
 
     vertices: Floats
@@ -32,6 +50,8 @@ class Triangles:
     instance: Ints
     reflectivity: Floats
     color: NDArray[np.uint8]
+    parts: Parts | None = None
+    velocity: Floats | None = None
 
     @property
     def normals(self) -> Floats:
@@ -58,6 +78,7 @@ class SceneGeometry:
         self._models = tuple(models)
         self._static = static_triangles(static)
         self._pose_counts = np.array([len(model.poses) for model in self._models], dtype=np.int64)
+        self._closed = np.array([is_closed(model.vertices, model.faces) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, ...] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
@@ -76,7 +97,10 @@ class SceneGeometry:
         moved[:, 1] = local[:, 0] * sin + local[:, 1] * cos
         moved[:, 2] = local[:, 2]
         moved += boxes.center[self._owner]
-        return Triangles(vertices.copy(), self._faces, self._instance, self._reflectivity, self._color)
+        velocity = np.concatenate([np.zeros((len(self._parts.closed) - len(actors), 2)), actors.velocity])
+        return Triangles(
+            vertices.copy(), self._faces, self._instance, self._reflectivity, self._color, self._parts, velocity
+        )
 
     def _arrange(self, actors: Actors) -> None:
         models = [self._models[k] for k in actors.model]
@@ -93,14 +117,34 @@ class SceneGeometry:
         own_faces = [model.faces + start for model, start in zip(models, starts, strict=False)]
         self._faces = np.concatenate([self._static.faces, *own_faces])
         static_count = len(self._static.faces)
+        assert self._static.parts is not None
+        self._parts = Parts(
+            np.append(self._static.parts.face_start, static_count + np.cumsum(face_counts, dtype=np.int64)),
+            np.append(self._static.parts.vertex_start, starts[1:]),
+            np.append(self._static.parts.closed, self._closed[actors.model]),
+        )
         self._instance = np.concatenate([np.full(static_count, STATIC_ID), np.repeat(actors.id, face_counts)])
-        self._reflectivity = np.concatenate([self._static.reflectivity, *(model.reflectivity for model in models)])
         tint = np.concatenate([np.zeros(0), *(model.tint for model in models)])[:, None]
         accented = np.concatenate([np.zeros(0, dtype=np.bool_), *(model.accented for model in models)])[:, None]
         own = np.concatenate([none, *(model.color for model in models)])
         worn = np.where(accented, *(np.repeat(paint, face_counts, axis=0) for paint in (actors.accent, actors.color)))
         painted = (tint * worn + (1 - tint) * own).astype(np.uint8)
+        dull = 1 - tint[:, 0] * (1 - paint_reflectivity(worn))
+        own_reflectivity = np.concatenate([np.zeros(0), *(model.reflectivity for model in models)]) * dull
+        self._reflectivity = np.concatenate([self._static.reflectivity, own_reflectivity])
         self._color = np.concatenate([self._static.color, painted])
+
+
+def paint_reflectivity(color: NDArray[np.uint8]) -> Floats:
+    """Share of a light paint's reflectivity at 905 nm that a paint of some color (F, 3) has, (F,).
+
+    Pigments of colors let infrared light through to the primer, which throws it back; what is dark in all channels is
+    so by carbon black, which takes in all of it. That begins at 40 % of full brightness, and ends at a tenth: both are
+    assumptions of ours.
+    """
+    brightness = color.max(axis=1, initial=0) / 255.0
+    share: Floats = np.clip(brightness / _CARBON_BLACK_BELOW, _BLACK_SHARE, 1.0)
+    return share
 
 
 def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
@@ -115,4 +159,23 @@ def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
         np.full(sum(counts), STATIC_ID),
         np.repeat([part.reflectivity for part in parts], counts),
         np.repeat(colors, counts, axis=0),
+        Parts(
+            np.cumsum([0, *counts]),
+            starts,
+            np.array([is_closed(part.vertices, part.faces) for part in parts], dtype=np.bool_),
+        ),
     )
+
+
+def is_closed(vertices: Floats, faces: Ints) -> bool:
+    """Whether triangles (F, 3) enclose something, with their outer sides outside: who is outside sees no inner side.
+
+    Each edge has one triangle on either side, both counter-clockwise, and the volume within is positive.
+    """
+    start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    most = faces.max(initial=0) + 1
+    there, back = np.sort(start * most + end), np.sort(end * most + start)
+    if not len(faces) or not (np.diff(there) > 0).all() or not np.array_equal(there, back):
+        return False
+    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
+    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0)

@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from coopsim.checks import require_count, require_non_negative, require_positive
+from coopsim.checks import (
+    require_between,
+    require_choice,
+    require_count,
+    require_finite_number,
+    require_non_negative,
+    require_positive,
+)
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3
-from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.air import Clutter, Weather
+from coopsim.sensors.footprint import merge, rays_of
+from coopsim.sensors.grid import GridHits, RayGrid
+from coopsim.sensors.grid_shapes import Singles
+from coopsim.sensors.pattern_files import find_pattern
+from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
-from coopsim.types import Sweep
+from coopsim.sensors.returns import Echoes, Optics, receive, reflect
+from coopsim.sensors.shutter import SECTORS, Turn
+from coopsim.types import Ints, Sweep
 
 MOST_COLUMNS = 16384
 """No sensor fires more often per turn; what is more than this is a slip that would fill the memory."""
+
+BACKENDS = ("grid", "embree")
+_NOBODY = -2  # an instance that no face has
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +41,29 @@ class LidarConfig:
 
     The energy of a return follows the LiDAR equation for a surface larger than the beam: proportional to
     reflectivity * cos(incidence) / range^2. A return is lost with probability exp(-energy / `dropout_energy`), where
-    energy is 1 for a white surface met head-on at `reference_range_m`.
+    energy is 1 for a white surface met head-on at `reference_range_m`. So what is dark or met aslant is seen less far.
 
     Attributes:
-        pattern: name of a beam table, or a table of one's own.
+        pattern: name of a beam table, path of one (see `load_pattern`), or a table of one's own.
         columns: firings per turn.
         min_range_m: nearest return.
         max_range_m: farthest return.
         range_noise_m: standard deviation along the ray.
         reference_range_m: where the energy of a white surface is 1.
         dropout_energy: energy at which 37 % of the returns are lost; 0 loses none.
-        above_m: height of the sensor over the agent's body.
+        above_m: height of the sensor over the agent's body; negative below its top.
+        x_m: how far ahead of the middle of the agent.
+        y_m: how far to its left.
+        roll_rad: turn about the agent's x axis, first.
+        pitch_rad: turn about its y axis, second: looking down is positive.
+        yaw_rad: turn about its z axis, last: looking to the left is positive.
+        divergence_rad: full angle of the beams' cones, 0 for none: mixed pixels at edges, at five times the rays (a
+            Velodyne's is 0.003).
+        pulse_m: echoes within one beam that are closer together than this merge.
+        turn_s: time of a turn, over which the agent and all others move; 0: all rays at one time. Points are where the
+            moving agent would have them at the end of the turn.
+        backend: "grid" draws all rays at once (see `coopsim.sensors.grid`); "embree" casts each, as a reference.
+        threads: that share a sweep, with "grid"; they change nothing but the time.
     """
 
     pattern: str | BeamPattern = "HDL-32E"
@@ -44,16 +74,34 @@ class LidarConfig:
     reference_range_m: float = 50.0
     dropout_energy: float = 0.02
     above_m: float = 0.35
+    x_m: float = 0.0
+    y_m: float = 0.0
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    divergence_rad: float = 0.0
+    pulse_m: float = 0.75
+    turn_s: float = 0.0
+    backend: Literal["grid", "embree"] = "grid"
+    threads: int = 1
 
     def __post_init__(self) -> None:
         require_count(1, MOST_COLUMNS, columns=self.columns)
+        require_count(1, threads=self.threads)
         require_non_negative(
             min_range_m=self.min_range_m,
             range_noise_m=self.range_noise_m,
             dropout_energy=self.dropout_energy,
-            above_m=self.above_m,
+            pulse_m=self.pulse_m,
         )
+        require_between(0, 0.1, divergence_rad=self.divergence_rad)
+        require_between(0, 1, turn_s=self.turn_s)
+        require_finite_number(above_m=self.above_m, x_m=self.x_m, y_m=self.y_m)
+        require_finite_number(roll_rad=self.roll_rad, pitch_rad=self.pitch_rad, yaw_rad=self.yaw_rad)
         require_positive(max_range_m=self.max_range_m, reference_range_m=self.reference_range_m)
+        require_choice("backend", self.backend, BACKENDS)
+        if self.turn_s > 0 and self.backend == "embree":
+            raise InvalidValueError("turn_s must be 0 with the backend embree, which casts all rays at one time")
         if self.max_range_m <= self.min_range_m:
             raise InvalidValueError(f"max_range_m must be > min_range_m = {self.min_range_m}, got {self.max_range_m!r}")
         if not isinstance(self.pattern, (str, BeamPattern)):
@@ -63,7 +111,12 @@ class LidarConfig:
     @property
     def beams(self) -> BeamPattern:
         """The beam table."""
-        return self.pattern if isinstance(self.pattern, BeamPattern) else PATTERNS.get(self.pattern)
+        return self.pattern if isinstance(self.pattern, BeamPattern) else find_pattern(self.pattern)
+
+    def base_SE3_sensor(self, mount_height_m: float) -> SE3:
+        """Where the sensor is on an agent whose body is that high."""
+        at = np.array([self.x_m, self.y_m, mount_height_m + self.above_m])
+        return SE3(_turn(2, self.yaw_rad) @ _turn(1, self.pitch_rad) @ _turn(0, self.roll_rad), at)
 
 
 class Lidar:
@@ -71,13 +124,20 @@ class Lidar:
 
     Args:
         config: the sensor.
+        weather: around it.
     """
 
-    def __init__(self, config: LidarConfig) -> None:
-        self.config = config
+    def __init__(self, config: LidarConfig, weather: Weather | None = None) -> None:
+        self.config, self._weather = config, weather or Weather()
         beams = config.beams
-        self._directions = beams.directions(config.columns)
-        self._beam = np.repeat(np.arange(len(beams.elevation_rad)), config.columns)
+        self._shape = len(beams.elevation_rad), config.columns
+        self._tables = rays_of(beams, config.divergence_rad)
+        self._grids = [RayGrid(table, config.columns) for table in self._tables]
+        self._directions = beams.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
+        self._clutter: Clutter | None = None
+        if self._weather.has_clutter:
+            clutter = self._weather, config.reference_range_m, config.dropout_energy, config.max_range_m
+            self._clutter = Clutter(*clutter)
 
     def sense(
         self,
@@ -86,36 +146,92 @@ class Lidar:
         mount_height_m: float,
         own_id: int | None,
         rng: np.random.Generator,
+        start: SE3 | None = None,
     ) -> Sweep:
         """One sweep, in the agent's base frame, with instance ids.
 
         Args:
             scene: what there is.
-            world_SE3_base: the agent's true pose.
+            world_SE3_base: the agent's true pose, at the end of the turn.
             mount_height_m: height of the agent's body, on which the sensor stands.
             own_id: the actor that carries the sensor: rays that end on it give no return.
             rng: the agent's stream. Takes the same number of draws for every sweep.
+            start: the agent's true pose at the start of the turn, which took `turn_s`; None: it stood still.
         """
-        config = self.config
-        base_m = np.array([0.0, 0.0, mount_height_m + config.above_m])
-        toward = world_SE3_base.rotate(self._directions)
-        hits = scene.cast(world_SE3_base.apply(base_m), toward)
+        base_SE3_sensor = self.config.base_SE3_sensor(mount_height_m)
+        turn = self._turn(world_SE3_base, start, base_SE3_sensor)
+        range_m, bounced, face = self._echoes(scene, turn)
         # For all rays, hit or not: what one ray meets must not shift the noise of the next.
-        noise, chance = rng.standard_normal(len(hits.face), np.float32), rng.random(len(hits.face), np.float32)
-        kept = np.flatnonzero((hits.range_m >= config.min_range_m) & (hits.range_m <= config.max_range_m))
-        face, distance = hits.face[kept], hits.range_m[kept]
-        directions = self._directions[kept]
-        incidence = np.abs(np.einsum("ij,ij->i", scene.normals[face], toward[kept]))
-        bounced = scene.triangles.reflectivity[face] * incidence
-        energy = bounced * (config.reference_range_m / distance) ** 2
-        instance = scene.triangles.instance[face]
-        returned = np.ones(len(kept), dtype=np.bool_)
-        if config.dropout_energy > 0:
-            returned = chance[kept] >= np.exp(-energy / config.dropout_energy)
-        if own_id is not None:
-            returned &= instance != own_id
-        measured = distance[returned] + config.range_noise_m * noise[kept][returned]
-        measured = np.clip(measured, config.min_range_m, config.max_range_m)
-        points = base_m + directions[returned] * measured[:, None]
-        # What sensors report is calibrated for range: what is left is the surface.
-        return Sweep(points, bounced[returned], self._beam[kept][returned], instance[returned])
+        draws = rng.standard_normal(face.size, np.float32), rng.standard_exponential(face.size, np.float32)
+        none = np.zeros(0, np.float32)
+        clutter = (none, none) if self._clutter is None else self._clutter.draw(face.size, rng)
+        points, intensity, ray, instance = receive(
+            self._optics,
+            Echoes(range_m, bounced, face, *clutter),
+            scene.triangles.instance,
+            _NOBODY if own_id is None else own_id,
+            draws,
+            self._directions,
+            turn.poses(world_SE3_base),
+        )
+        return Sweep(points, intensity, ray // self.config.columns, instance)
+
+    @property
+    def _optics(self) -> Optics:
+        config, weather = self.config, self._weather
+        return Optics(
+            config.min_range_m,
+            config.max_range_m,
+            config.range_noise_m,
+            config.reference_range_m,
+            config.dropout_energy,
+            weather.extinction_per_m,
+            weather.range_noise_per_m,
+        )
+
+    def _turn(self, world_SE3_base: SE3, start: SE3 | None, base_SE3_sensor: SE3) -> Turn:
+        blocks = self._grids[0].blocks
+        sectors = min(SECTORS, blocks) if self.config.turn_s > 0 else 1
+        return Turn(
+            start or world_SE3_base,
+            world_SE3_base,
+            base_SE3_sensor,
+            self.config.turn_s,
+            sectors,
+            self._shape[1],
+            blocks,
+        )
+
+    def _echoes(self, scene: RayScene, turn: Turn) -> tuple[Singles, Singles, Ints]:
+        """What each beam meets: range (m), share of its light that is thrown back, and face; (R,) each."""
+        echoes = []
+        for k in range(len(self._grids)):
+            hits = self._cast(scene, turn, k)
+            face, cosine = hits.face.reshape(-1), hits.cosine.reshape(-1)
+            bounced = reflect(face, cosine, scene.triangles.reflectivity, self._weather.wetness)
+            echoes.append((hits.range_m.reshape(-1), bounced, face))
+        if len(echoes) == 1:
+            return echoes[0]
+        range_m, bounced, face = (np.stack(parts) for parts in zip(*echoes, strict=True))
+        return merge(range_m, bounced, face, self.config.pulse_m)
+
+    def _cast(self, scene: RayScene, turn: Turn, k: int) -> GridHits:
+        """The hits of the `k`-th ray of every beam."""
+        if self.config.backend == "grid":
+            return turn.cast(self._grids[k], scene.triangles, self.config.threads)
+        pose = turn.world_SE3_sensor(0)
+        toward = pose.rotate(self._tables[k].directions(self.config.columns))
+        hits = scene.cast(pose.translation, toward)
+        cosine = np.abs(np.einsum("ij,ij->i", scene.normals[hits.face], toward)).astype(np.float32)
+        shape = self._shape
+        return GridHits(hits.range_m.reshape(shape), hits.face.reshape(shape), cosine.reshape(shape))
+
+
+def _turn(axis: int, angle_rad: float) -> Floats:
+    """(3, 3) rotation about x (0), y (1) or z (2)."""
+    turn = np.eye(3)
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    turn[a, a] = turn[b, b] = np.cos(angle_rad)
+    turn[b, a] = np.sin(angle_rad)
+    turn[a, b] = -turn[b, a]
+    return turn

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from coopsim.arrays import frozen, require_finite
 from coopsim.errors import InvalidValueError
@@ -14,15 +15,18 @@ from coopsim.registry import Registry
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamPattern:
-    """The elevations of a LiDAR's beams, all fired once per column.
+    """The beams of a LiDAR, all fired once per column.
 
     Attributes:
         name: the sensor's.
-        elevation_rad: (B,), positive upwards.
+        elevation_rad: (B,), positive upwards, in any order, any distance apart.
+        azimuth_rad: (B,) how far each beam points to the left of its column (counter-clockwise, seen from above); None:
+            all straight ahead.
     """
 
     name: str
     elevation_rad: Floats
+    azimuth_rad: Floats | None = None
 
     def __post_init__(self) -> None:
         elevation = frozen(self.elevation_rad, (None,), np.float64, "elevation_rad")
@@ -30,32 +34,60 @@ class BeamPattern:
         if not len(elevation) or np.abs(elevation).max() >= np.pi / 2:
             raise InvalidValueError("elevation_rad must have at least one beam, all within (-pi/2, pi/2)")
         object.__setattr__(self, "elevation_rad", elevation)
+        if self.azimuth_rad is not None:
+            azimuth = frozen(self.azimuth_rad, (len(elevation),), np.float64, "azimuth_rad")
+            require_finite(azimuth, "azimuth_rad")
+            if np.abs(azimuth).max() > np.pi:
+                raise InvalidValueError("azimuth_rad must be within [-pi, pi]")
+            object.__setattr__(self, "azimuth_rad", azimuth)
+
+    @property
+    def offset_rad(self) -> Floats:
+        """(B,) `azimuth_rad`, zeros where there is none."""
+        return np.zeros(len(self.elevation_rad)) if self.azimuth_rad is None else self.azimuth_rad
 
     def directions(self, columns: int) -> Floats:
         """(B * columns, 3) unit vectors in the sensor's frame, beam by beam, counter-clockwise from x."""
-        azimuth = np.arange(columns) * (2 * np.pi / columns)
+        azimuth = np.arange(columns) * (2 * np.pi / columns) + self.offset_rad[:, None]
         elevation = self.elevation_rad[:, None]
         x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
         z = np.broadcast_to(np.sin(elevation), x.shape)
         return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-def _evenly(name: str, top_deg: float, bottom_deg: float, beams: int) -> BeamPattern:
-    return BeamPattern(name, np.radians(np.linspace(top_deg, bottom_deg, beams)))
-
-
-def _hdl_64e() -> BeamPattern:
-    """Velodyne's manual: an upper block of 32 beams a third of a degree apart, a lower one half a degree apart."""
-    upper, lower = np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)
-    return BeamPattern("HDL-64E", np.radians(np.concatenate([upper, lower])))
-
-
 PATTERNS: Registry[BeamPattern] = Registry("LiDAR")
-"""Beam tables from the makers' data sheets: Velodyne VLP-16, HDL-32E, HDL-64E."""
+"""Beam tables of real sensors, by name; angles are nominal, and each unit made differs from them by its calibration."""
 
-for _pattern in (
-    _evenly("VLP-16", 15.0, -15.0, 16),
-    _evenly("HDL-32E", 10.67, -30.67, 32),
-    _hdl_64e(),
-):
-    PATTERNS.register(_pattern.name)(_pattern)
+
+def _register(name: str, elevation_deg: ArrayLike, clockwise_deg: ArrayLike | None = None) -> None:
+    azimuth = None if clockwise_deg is None else -np.radians(clockwise_deg)
+    PATTERNS.register(name)(BeamPattern(name, np.radians(elevation_deg), azimuth))
+
+
+# Velodyne VLP-16 user manual (63-9243), table 9-1: 16 beams 2 degrees apart.
+_register("VLP-16", np.linspace(15.0, -15.0, 16))
+
+# Velodyne HDL-32E user manual (63-9113), appendix: 32 beams 4/3 degrees apart.
+_register("HDL-32E", np.linspace(10.67, -30.67, 32))
+
+# Velodyne HDL-64E S2 manual (63-HDL64ES2): an upper block of 32 beams 1/3 degree apart, a lower one of 1/2 degree. The
+# azimuths of its beams differ by some degrees, in every unit by others, which only its calibration file tells: 0 here.
+_register("HDL-64E", np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)]))
+
+# Hesai Pandar64 user manual, appendix I (channel distribution), as in Hesai's open driver, pandarGeneral_internal.cc:
+# a sixth of a degree apart around the horizon, up to 6 degrees at the ends; fired in groups that point aside.
+_PANDAR64 = """
+    14.882 11.032 8.059 5.057 3.04 2.028 1.86 1.688 1.522 1.351 1.184 1.013 0.846 0.675 0.508 0.337 0.169 0 -0.169
+    -0.337 -0.508 -0.675 -0.845 -1.013 -1.184 -1.351 -1.522 -1.688 -1.86 -2.028 -2.198 -2.365 -2.536 -2.7 -2.873 -3.04
+    -3.21 -3.375 -3.548 -3.712 -3.884 -4.05 -4.221 -4.385 -4.558 -4.72 -4.892 -5.057 -5.229 -5.391 -5.565 -5.726 -5.898
+    -6.061 -7.063 -8.059 -9.06 -9.885 -11.032 -12.006 -12.974 -13.93 -18.889 -24.897"""
+_register(
+    "Pandar64",
+    np.array(_PANDAR64.split(), dtype=np.float64),
+    [*[-1.042] * 6, *[1.042, 3.125, 5.208, -5.208, -3.125, -1.042] * 8, *[-1.042] * 10],
+)
+
+# Ouster OS1 data sheet, rev. 7: 128 beams over 42.4 degrees, here evenly. Measured tables of units (the metadata that
+# come with Ouster's SDK) are a few tenths of a degree off that, and have the beams in four columns that are 8 firings
+# of 1024 apart.
+_register("OS1-128", np.linspace(21.2, -21.2, 128), np.tile([4.22, 1.41, -1.41, -4.22], 32))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,25 +28,40 @@ class RayHits:
 
 
 class RayScene:
-    """A frame's triangles, ready for rays; built once and shared by all sensors.
+    """A frame's triangles, ready for rays; shared by all sensors.
+
+    What rays need beyond the triangles is made when first asked for: the grid's sweeps (`coopsim.sensors.grid`) do
+    without.
 
     Args:
         triangles: the scene in the world frame.
     """
 
     def __init__(self, triangles: Triangles) -> None:
+        self.triangles = triangles
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(F, 3) outward unit normals."""
+        return self.triangles.normals
+
+    @cached_property
+    def _origin(self) -> Floats:
+        """Where to measure from: embree computes in float32, which kilometres from here is centimetres."""
+        triangles = self.triangles
+        moving = triangles.vertices[triangles.faces[triangles.instance > 0].ravel()]
+        around = moving if len(moving) else triangles.vertices
+        return np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
+
+    @cached_property
+    def _embree(self) -> tuple[Any, Any]:
+        """The scene, and the mesh that it needs to be kept."""
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        self.triangles = triangles
-        self.normals = triangles.normals
-        moving = triangles.vertices[triangles.faces[triangles.instance > 0].ravel()]
-        # Embree computes in float32: kilometres from the origin that is centimetres. Measure from the actors' middle.
-        around = moving if len(moving) else triangles.vertices
-        self._origin = np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
-        self._scene = EmbreeScene(robust=True)  # else rays slip through between faces that share an edge
-        local = np.ascontiguousarray(triangles.vertices - self._origin, dtype=np.float32)
-        self._mesh = TriangleMesh(self._scene, local, np.ascontiguousarray(triangles.faces, dtype=np.int32))
+        scene = EmbreeScene(robust=True)  # else rays slip through between faces that share an edge
+        local = np.ascontiguousarray(self.triangles.vertices - self._origin, dtype=np.float32)
+        return scene, TriangleMesh(scene, local, np.ascontiguousarray(self.triangles.faces, dtype=np.int32))
 
     def cast(self, origin_m: Floats, directions: NDArray[np.floating]) -> RayHits:
         """Cast rays from one point, or each from its own.
@@ -55,7 +72,8 @@ class RayScene:
         """
         rays = np.ascontiguousarray(directions, dtype=np.float32)
         start = np.asarray(origin_m - self._origin, dtype=np.float32)
-        found = self._scene.run(np.ascontiguousarray(np.broadcast_to(start, rays.shape)), rays, output=True)
+        scene, _ = self._embree
+        found = scene.run(np.ascontiguousarray(np.broadcast_to(start, rays.shape)), rays, output=True)
         face = np.asarray(found["primID"], dtype=np.int64)
         range_m = np.where(face >= 0, found["tfar"], np.inf).astype(np.float32)
         return RayHits(range_m, face)

@@ -7,17 +7,17 @@ as visibility, there by camera pixels, here by the sensor's own rays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from coopsim.arrays import frozen
-from coopsim.detection.simulated import count_returns
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.geometry import STATIC_ID
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.raycast import RayScene
-from coopsim.types import Ints, Sweep
+from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody
 
 NOTHING = -1
@@ -69,42 +69,42 @@ class Crossings:
 
 
 class VisibilityProbe:
-    """Measures visibility for agents that have the same LiDAR.
+    """Measures visibility for agents that carry the same LiDARs; the rays of all of them count.
 
     Args:
-        config: the sensor.
+        configs: the sensors. A turn that takes time is measured at its end.
     """
 
-    def __init__(self, config: LidarConfig) -> None:
-        self._config = config
-        self._directions = config.beams.directions(config.columns)
+    def __init__(self, configs: Sequence[LidarConfig]) -> None:
+        self._sensors = [(config, config.beams.directions(config.columns)) for config in configs]
 
-    def measure(self, scene: RayScene, body: AgentBody, sweep: Sweep, actors: Actors) -> Visibility:
+    def measure(self, scene: RayScene, body: AgentBody, actors: Actors, returns: Ints) -> Visibility:
         """The visibility of all actors but the agent itself.
 
         Args:
             scene: what there is.
             body: the agent.
-            sweep: what its LiDAR received, with instance ids.
-            actors: those in the scene, in the world frame.
+            actors: those in the scene, N of them, in the world frame.
+            returns: (N,) from each that the agent's LiDARs received.
         """
-        base_m = np.array([0.0, 0.0, body.height_m + self._config.above_m])
-        others = actors if body.actor_id is None else actors[actors.id != body.actor_id]
-        half_m = others.boxes.size[:, 2] / 2
-        middle_m = others.boxes.center[:, 2]
-        heights_m = (
-            float(np.min(middle_m - half_m, initial=np.inf)),
-            float(np.max(middle_m + half_m, initial=-np.inf)),
-        )
-        crossings = follow(
-            scene,
-            body.world_SE3_base.apply(base_m),
-            body.world_SE3_base.rotate(self._directions),
-            (self._config.min_range_m, self._config.max_range_m),
-            heights_m,
-        )
-        rays, visible, occluder = count_crossings(crossings, others.id)
-        return Visibility(others.id, count_returns({"lidar": sweep}, others.id), rays, visible, occluder)
+        other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
+        others = actors[other]
+        half_m, middle_m = others.boxes.size[:, 2] / 2, others.boxes.center[:, 2]
+        low_m, high_m = np.min(middle_m - half_m, initial=np.inf), np.max(middle_m + half_m, initial=-np.inf)
+        parts, rays_before = [], 0
+        for config, directions in self._sensors:
+            world_SE3_sensor = body.world_SE3_base.compose(config.base_SE3_sensor(body.height_m))
+            part = follow(
+                scene,
+                world_SE3_sensor.translation,
+                world_SE3_sensor.rotate(directions),
+                (config.min_range_m, config.max_range_m),
+                (float(low_m), float(high_m)),
+            )
+            parts.append(Crossings(part.ray + rays_before, part.actor, part.first))
+            rays_before += len(directions)
+        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in ("ray", "actor", "first"))
+        return Visibility(others.id, returns[other], *count_crossings(Crossings(*columns), others.id))
 
 
 def follow(

@@ -27,10 +27,13 @@ ARM_M = 115.0  # from the middle to the turning loop
 STOP_M = 14.0  # from the middle to where an inbound lane ends
 LANE_M = 4.0
 LOOP_RADIUS_M = 10.0
+NECK_RADIUS_M = 20.0  # of the bends between an arm and its loop: two trucks pass each other in them
 APPROACH_M = 24.0  # of an arm's lanes, where a lower speed holds
 CROSSWALK_M = 11.0  # from the middle
-WALK_M = 5.5  # from an arm's middle line to where people walk
+WALK_M = 6.5  # from an arm's middle line to where people walk: long vehicles sweep over the inside of a bend
 FAR_WALK_M = 75.0
+RIDE_M = 3.75  # from an arm's middle line to where people ride
+MERGE_M = 19.0  # from the middle to where they leave and join the lanes
 SLOT_SPACING_M = 15.0
 BUILDING_CORNER_M = 10.0
 RSU_OFFSET_M = 9.0
@@ -66,6 +69,7 @@ def make_crossing() -> Layout:
             tuple(_pavements()),
             tuple(rectangle(x, y) for x, y, _ in buildings),
         ),
+        cycleways=_cycleways(),
         movements=tuple((f"stop{arm}", f"exit{other}") for arm in range(4) for other in range(4) if other != arm),
     )
 
@@ -90,15 +94,15 @@ def _add_arm(network: RoadNetwork, arm: int) -> None:
     straight("exit", "bend", (STOP_M, bend), -half, _SPEED)
     straight("bend", "end", (bend, ARM_M), -half, _LOOP_SPEED)
 
-    radius = LOOP_RADIUS_M
-    reach = np.sqrt((2 * radius) ** 2 - (radius + half) ** 2)  # from the lanes' end to the loop's middle
-    tilt = np.arctan2(radius + half, reach)
+    neck = NECK_RADIUS_M
+    reach = np.sqrt((LOOP_RADIUS_M + neck) ** 2 - (neck + half) ** 2)  # from the lanes' end to the loop's middle
+    tilt = np.arctan2(neck + half, reach)
     quarter = arm * np.pi / 2
 
     def arc(start: str, end: str, centre: tuple[float, float], phases: tuple[float, float], left: bool) -> None:
         lane = CircularLane(
             _turn(arm, centre),
-            radius,
+            LOOP_RADIUS_M if left else neck,
             phases[0] + quarter,
             phases[1] + quarter,
             clockwise=left,  # highway-env looks at y from above: its clockwise is our left turn
@@ -107,11 +111,11 @@ def _add_arm(network: RoadNetwork, arm: int) -> None:
         )
         network.add_lane(f"{start}{arm}", f"{end}{arm}", lane)
 
-    arc("end", "loop", (ARM_M, -half - radius), (np.pi / 2, tilt), left=False)
+    arc("end", "loop", (ARM_M, -half - neck), (np.pi / 2, tilt), left=False)
     # In two halves: highway-env measures along an arc of at most half a turn.
     arc("loop", "apex", (ARM_M + reach, 0.0), (tilt - np.pi, 0.0), left=True)
     arc("apex", "back", (ARM_M + reach, 0.0), (0.0, np.pi - tilt), left=True)
-    arc("back", "far", (ARM_M, half + radius), (-tilt, -np.pi / 2), left=False)
+    arc("back", "far", (ARM_M, half + neck), (-tilt, -np.pi / 2), left=False)
 
 
 def _add_turns(network: RoadNetwork, arm: int) -> None:
@@ -183,6 +187,28 @@ def _footways() -> Footways:
     for node in range(16):
         to = np.flatnonzero(linked[node])
         neighbours[node, : len(to)] = to
+    return Footways(np.array(nodes), neighbours, crossing)
+
+
+def _cycleways() -> Footways:
+    """On the right edge of every arm's lanes; around corners and over the arms as people on foot.
+
+    Far out one turns round to the other side when there is a gap. Every arm has three nodes on its way in, from far out
+    to the crosswalk, and after those of all arms three at the same places on its way out.
+    """
+    places = ((FAR_WALK_M, RIDE_M), (MERGE_M, RIDE_M), (CROSSWALK_M, WALK_M))
+    nodes = [_turn(arm, place) for arm in range(4) for place in places]
+    nodes += [_turn(arm, (x, -y)) for arm in range(4) for x, y in places]
+    neighbours = np.full((24, 2), -1, dtype=np.int64)
+    crossing = np.zeros((24, 24), dtype=bool)
+    for arm in range(4):
+        inwards, outwards = 3 * arm, 12 + 3 * arm
+        corner = 12 + 3 * ((arm + 1) % 4)  # the next arm's right side shares the corner of our left side
+        neighbours[inwards, 0], neighbours[inwards + 1, 0] = inwards + 1, inwards + 2
+        neighbours[inwards + 2] = outwards + 2, corner + 2
+        neighbours[outwards + 2] = outwards + 1, 3 * ((arm + 3) % 4) + 2
+        neighbours[outwards + 1, 0], neighbours[outwards, 0] = outwards, inwards
+        crossing[inwards + 2, outwards + 2] = crossing[outwards, inwards] = True
     return Footways(np.array(nodes), neighbours, crossing)
 
 

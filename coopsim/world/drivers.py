@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from highway_env.road.lane import AbstractLane
+from highway_env.road.lane import AbstractLane, CircularLane
 from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
@@ -11,18 +11,21 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import RoadObject
 
 from coopsim.geometry.se3 import Floats
+from coopsim.world.engine.car_following import MERGE_M
+from coopsim.world.engine.neighbours import NEAR_M
+from coopsim.world.engine.routes import ROUTE_AHEAD, draw_turn
+from coopsim.world.engine.town import (
+    BESIDE_M,
+    EASY_BRAKING_M_S2,
+    LOOK_AHEAD_M,
+    STANDING_M_S,
+    STEP_OUT_S,
+    STOP_MARGIN_M,
+)
 from coopsim.world.junction import Junction
-from coopsim.world.snapshot import Model
 
 MANEUVERS = ("lane_left", "idle", "lane_right", "faster", "slower")
 """The discrete meta-actions, numbered as highway-env numbers them."""
-
-_ROUTE_AHEAD = 5
-_LOOK_AHEAD_M = 60.0
-_EASY_BRAKING_M_S2 = 2.0
-_MERGE_M = 30.0
-_STEP_OUT_S = 2.0  # people who will be in the lane by then are as good as in it
-_STOP_MARGIN_M = 5.0  # IDM keeps five metres between bumpers; half of that is enough at a line
 
 
 class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
@@ -34,21 +37,13 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
 
     route: list[tuple[str, str, int | None]] | None
     action: dict[str, float]
-    actor_id: int
-    model: int
+    turn_key: int
+    turns = 0
 
-    def fit(self, actor_id: int, index: int, model: Model) -> None:
-        """Take on a model's size and an identity."""
-        self.actor_id, self.model = actor_id, index
-        self.LENGTH, self.WIDTH = float(model.size_m[0]), float(model.size_m[1])
-        self.diagonal = np.hypot(self.LENGTH, self.WIDTH)
-
-    @property
-    def ground_velocity(self) -> Floats:
-        """Of the body's middle, (2,) m/s: who steers also slips aside, which `velocity` leaves out."""
-        course = self.heading + np.arctan(np.tan(self.action["steering"]) / 2)
-        velocity: Floats = np.array([np.cos(course), np.sin(course)]) * self.speed
-        return velocity
+    def fit(self, length_m: float, width_m: float, turn_key: int) -> None:
+        """Take on a size, and what decides the turns."""
+        self.LENGTH, self.WIDTH, self.turn_key = length_m, width_m, turn_key
+        self.diagonal = np.hypot(length_m, width_m)
 
     def follow_road(self) -> None:
         self.plan_ahead()
@@ -60,12 +55,13 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         if not self.route or self.route[0][:2] != self.target_lane_index[:2]:
             # Without the lane's number: MOBIL changes no lane where a route names one.
             self.route = [(*self.target_lane_index[:2], None)]
-        while len(self.route) < _ROUTE_AHEAD:
+        while len(self.route) < ROUTE_AHEAD:
             here = self.route[-1][1]
             ways = list(graph.get(here, {}))
             if not ways:
                 return
-            self.route.append((here, ways[self.road.np_random.integers(len(ways))], None))
+            self.route.append((here, ways[draw_turn(self.turn_key, self.turns, len(ways))], None))
+            self.turns += 1
 
     def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
         """Roads of the route: index, lane, and distance (m) to its start, <= 0 for the one it is on."""
@@ -73,7 +69,9 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         roads: list[tuple[tuple[str, str], AbstractLane, float]] = []
         distance_m = 0.0
         for start, end, number in self.route or ():
-            lane = self.road.network.get_lane((start, end, number or 0))
+            if number is None:
+                number = min(self.target_lane_index[2], len(self.road.network.graph[start][end]) - 1)
+            lane = self.road.network.get_lane((start, end, number))
             if not roads:
                 distance_m = -lane.local_coordinates(self.position)[0]
             roads.append(((start, end), lane, distance_m))
@@ -108,7 +106,7 @@ class HighwayDriver(Driver):
             for other in self.road.vehicles
             if other is not self and other.target_lane_index == lane_index != other.lane_index
         )
-        taken = any(abs(self.lane_distance_to(other)) < _MERGE_M for other in moving_in)
+        taken = any(abs(self.lane_distance_to(other)) < MERGE_M for other in moving_in)
         return not taken and bool(super().mobil(lane_index))
 
 
@@ -131,7 +129,7 @@ class TownDriver(Driver):
     def acceleration(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, rear_vehicle: Vehicle = None) -> float:
         """IDM on a free road, towards the speed that the bends ahead allow."""
         allowed = [
-            np.sqrt(lane.speed_limit**2 + 2 * _EASY_BRAKING_M_S2 * max(distance_m, 0.0))
+            np.sqrt(lane.speed_limit**2 + 2 * EASY_BRAKING_M_S2 * max(distance_m, 0.0))
             for _, lane, distance_m in self.upcoming()
         ]
         speed = min(self.target_speed, *allowed)
@@ -142,10 +140,9 @@ class TownDriver(Driver):
         accelerations = [np.inf]
         if self.leader is not None:
             accelerations.append(self._behind(self.leader, self.leader_m))
-        if self.junction.must_stop(self):
-            line = next((m for road, _, m in self.upcoming() if road[0].startswith("stop")), None)
-            if line is not None and line > 0:
-                accelerations.append(self._behind(_Line(self.road, self.position), line + _STOP_MARGIN_M))
+        line_m = self.junction.line_m(self)
+        if line_m is not None:
+            accelerations.append(self._behind(_Line(self.road, self.position), line_m + STOP_MARGIN_M))
         return min(accelerations)
 
     def _behind(self, front: RoadObject, distance_m: float) -> float:
@@ -156,11 +153,11 @@ class TownDriver(Driver):
 
     def _look_ahead(self) -> tuple[RoadObject | None, float]:
         """The nearest vehicle or person on the planned route, and the distance (m) between middles along it."""
-        nearest: tuple[RoadObject | None, float] = (None, _LOOK_AHEAD_M)
+        nearest: tuple[RoadObject | None, float] = (None, LOOK_AHEAD_M)
         near = [
             other
             for other in (*self.road.vehicles, *self.road.objects)
-            if other is not self and np.abs(other.position - self.position).max() < _LOOK_AHEAD_M
+            if other is not self and np.abs(other.position - self.position).max() < LOOK_AHEAD_M
         ]
         for _, lane, start_m in self.upcoming():
             if start_m > nearest[1]:
@@ -170,6 +167,8 @@ class TownDriver(Driver):
                 distance_m = start_m + along
                 if not (0 <= along <= lane.length and 0 < distance_m < nearest[1]):
                     continue
+                if abs(aside) > lane.width_at(along) / 2 + NEAR_M:
+                    continue
                 if self._in_my_way(other, lane, along, aside):
                     nearest = (other, distance_m)
         return nearest
@@ -177,14 +176,19 @@ class TownDriver(Driver):
     def _in_my_way(self, other: RoadObject, lane: AbstractLane, along: float, aside: float) -> bool:
         """Whether to stay behind `other`, which is `along` and `aside` on `lane`.
 
-        Vehicles if they go the same way (who crosses is the junction's business) or are wrecks; people if they are
-        in the lane or about to step into it.
+        Vehicles if they go the same way (who crosses is the junction's business), are wrecks, or stand across with
+        their ends in the lane; people if they are in the lane or about to step into it.
         """
-        reach = (self.WIDTH + other.WIDTH) / 2 + 0.4
+        reach = (self.WIDTH + other.WIDTH) / 2 + BESIDE_M
         heading = other.heading - lane.heading_at(along)
         if isinstance(other, Vehicle):
-            return bool(abs(aside) < reach and (other.crashed or np.cos(heading) > 0.5))
-        soon = aside + other.speed * np.sin(heading) * _STEP_OUT_S
+            if other.crashed or other.speed < STANDING_M_S:
+                across = np.abs(np.cos(heading)) * other.WIDTH + np.abs(np.sin(heading)) * other.LENGTH
+                return bool(abs(aside) < (self.WIDTH + across) / 2 + BESIDE_M)
+            return bool(abs(aside) < reach and np.cos(heading) > 0.5)
+        if isinstance(lane, CircularLane):  # the rear of a long vehicle goes inside the bend
+            reach += self.LENGTH**2 / (8 * lane.radius)
+        soon = aside + other.speed * np.sin(heading) * STEP_OUT_S
         return bool(min(aside, soon) < reach and max(aside, soon) > -reach)
 
 

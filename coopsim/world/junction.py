@@ -17,8 +17,15 @@ Road = tuple[str, str]
 REQUEST_M = 32.0
 """From this distance to the stop line on, a vehicle asks."""
 
+ROOM_M = 9.0
+"""Free length needed behind the last vehicle on the exit: nobody waits on the crossing."""
+
+SLOW_M_S = 3.0
+"""Who leaves the exit faster than this makes room in time."""
+
+EXIT_HALF_WIDTH_M = 2.5
+
 _CLEARANCE_M = 4.2  # middle lines of two movements closer than this: vehicles on both would touch
-_ROOM_M = 9.0  # free length needed behind the last vehicle on the exit: nobody waits on the crossing
 
 
 class Traveller(Protocol):
@@ -46,16 +53,7 @@ class Junction:
 
     def __init__(self, network: RoadNetwork, roads: Sequence[Road]) -> None:
         self._roads = {road: k for k, road in enumerate(roads)}
-        lines = [_middle_line(network.get_lane((*road, 0))) for road in roads]
-        count = len(roads)
-        # [a, b]: how far along b its last place near a is; -inf: there is none, or both start at one stop line.
-        self._clear_m = np.full((count, count), -np.inf)
-        for a in range(count):
-            for b in range(count):
-                gap_m = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min(axis=0)
-                near = np.flatnonzero(gap_m < _CLEARANCE_M)
-                if len(near) and roads[a][0] != roads[b][0]:
-                    self._clear_m[a, b] = near[-1] / (len(lines[b]) - 1) * network.get_lane((*roads[b], 0)).length
+        self._clear_m = clearances(network, roads)
         self._queue: dict[Traveller, int] = {}  # in the order of asking
         self._granted: dict[Traveller, int] = {}
 
@@ -73,7 +71,9 @@ class Junction:
             if distance_m < REQUEST_M:
                 asking[vehicle] = movement
                 tail_m[vehicle] = -distance_m - vehicle.LENGTH / 2
-        self._granted = {vehicle: asking[vehicle] for vehicle in self._granted if vehicle in asking}
+        self._granted = {
+            vehicle: movement for vehicle, movement in self._granted.items() if asking.get(vehicle) == movement
+        }
         # Whoever is on the junction already is a fact, however it got there.
         self._granted |= {vehicle: asking[vehicle] for vehicle in leaving}
         self._granted |= {vehicle: asking[vehicle] for vehicle in commanded if vehicle in asking}
@@ -87,9 +87,10 @@ class Junction:
                 self._granted[vehicle] = movement
                 del self._queue[vehicle]
 
-    def must_stop(self, vehicle: Traveller) -> bool:
-        """Whether a vehicle has to stop at its stop line."""
-        return vehicle in self._queue
+    def line_m(self, vehicle: Traveller) -> float | None:
+        """Distance to the stop line at which a vehicle has to stop; None: it may go on."""
+        movement, distance_m = self._movement(vehicle)
+        return distance_m if vehicle in self._queue and movement is not None and distance_m > 0 else None
 
     def _movement(self, vehicle: Traveller) -> tuple[int | None, float]:
         for road, _, distance_m in vehicle.upcoming():
@@ -105,12 +106,25 @@ class Junction:
             return True
         lane = ahead[k + 1][1]
         for other in vehicles:
-            if other is vehicle or other.speed > 3.0:
+            if other is vehicle or other.speed > SLOW_M_S:
                 continue
             along, aside = lane.local_coordinates(other.position)
-            if -2.0 < along < _ROOM_M + (vehicle.LENGTH + other.LENGTH) / 2 and abs(aside) < 2.5:
+            if -2.0 < along < ROOM_M + (vehicle.LENGTH + other.LENGTH) / 2 and abs(aside) < EXIT_HALF_WIDTH_M:
                 return False
         return True
+
+
+def clearances(network: RoadNetwork, roads: Sequence[Road]) -> Floats:
+    """(K, K) m: how far along movement b its last place near movement a is; -inf: none, or both start at one line."""
+    lines = [_middle_line(network.get_lane((*road, 0))) for road in roads]
+    clear_m = np.full((len(roads), len(roads)), -np.inf)
+    for a in range(len(roads)):
+        for b in range(len(roads)):
+            gap_m = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min(axis=0)
+            near = np.flatnonzero(gap_m < _CLEARANCE_M)
+            if len(near) and roads[a][0] != roads[b][0]:
+                clear_m[a, b] = near[-1] / (len(lines[b]) - 1) * network.get_lane((*roads[b], 0)).length
+    return clear_m
 
 
 def _middle_line(lane: AbstractLane) -> Floats:

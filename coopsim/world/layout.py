@@ -36,7 +36,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footways:
-    """Where people walk: a graph of straight ways.
+    """Where people walk or ride: a graph of straight ways, each from a node to its neighbour.
 
     Attributes:
         nodes: (K, 2) m.
@@ -54,7 +54,8 @@ class Footways:
         start, place = np.nonzero(self.neighbours >= 0)
         end = self.neighbours[start, place]
         length_m = np.linalg.norm(self.nodes[end] - self.nodes[start], axis=1)
-        once = (start < end) & ~self.crossing[start, end]
+        back = (self.neighbours[end] == start[:, None]).any(axis=1)
+        once = ((start < end) | ~back) & ~self.crossing[start, end]
         return int(length_m[once].sum() / 2.0)
 
 
@@ -74,6 +75,7 @@ class Layout:
         road_map: outlines.
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
         window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
+        cycleways: where people ride, as along the right edge of lanes; None: on the footways.
         cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
     """
 
@@ -89,6 +91,7 @@ class Layout:
     movements: tuple[tuple[str, str], ...] = ()
     window_m: float | None = None
     cruise_m_s: float | None = None
+    cycleways: Footways | None = None
 
 
 def box_part(

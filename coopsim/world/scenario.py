@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from coopsim.checks import require_count, require_probability
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
+from coopsim.taxonomy import ObjectClass
 from coopsim.world.crossing import make_crossing
 from coopsim.world.highway import make_highway
 from coopsim.world.layout import Layout
@@ -20,10 +22,17 @@ class Population:
 
     Attributes:
         vehicles: cars and trucks together, connected ones included.
-        truck_share: of the vehicles, in [0, 1].
+        truck_share: of these, in [0, 1].
         pedestrians: people on foot.
         connected_cars: how many of the cars are connected agents.
         rsus: roadside units.
+        vans: next to `vehicles`, as all that follow.
+        buses: on the roads.
+        motorcycles: on the roads.
+        bicycles: where the place has room for them: on the edge of lanes, or with pedestrians.
+        scooters: as bicycles.
+        children: on foot.
+        penetration: share of the cars that are connected, in [0, 1], in the place of `connected_cars`.
     """
 
     vehicles: int = 30
@@ -31,28 +40,84 @@ class Population:
     pedestrians: int = 8
     connected_cars: int = 3
     rsus: int = 1
+    vans: int = 0
+    buses: int = 0
+    motorcycles: int = 0
+    bicycles: int = 0
+    scooters: int = 0
+    children: int = 0
+    penetration: float | None = None
 
     def __post_init__(self) -> None:
-        require_count(
-            0,
-            vehicles=self.vehicles,
-            pedestrians=self.pedestrians,
-            connected_cars=self.connected_cars,
-            rsus=self.rsus,
-        )
+        counts = [field.name for field in fields(self) if field.name not in ("truck_share", "penetration")]
+        require_count(0, **{name: getattr(self, name) for name in counts})
         require_probability(truck_share=self.truck_share)
-        if self.connected_cars > self.vehicles - self.trucks:
+        if self.penetration is not None:
+            require_probability(penetration=self.penetration)
+        elif self.connected_cars > self.cars:
             raise InvalidValueError(
-                f"connected_cars must be at most the number of cars, which is {self.vehicles - self.trucks} "
+                f"connected_cars must be at most the number of cars, which is {self.cars} "
                 f"({self.vehicles} vehicles less {self.trucks} trucks), got {self.connected_cars}"
             )
-        if self.connected_cars + self.rsus == 0:
+        if self.connected + self.rsus == 0:
             raise InvalidValueError("there must be at least one agent: connected_cars + rsus >= 1, got 0")
 
     @property
     def trucks(self) -> int:
         """How many of the vehicles are trucks."""
         return round(self.truck_share * self.vehicles)
+
+    @property
+    def cars(self) -> int:
+        """How many of the vehicles are cars."""
+        return self.vehicles - self.trucks
+
+    @property
+    def connected(self) -> int:
+        """How many of the cars are connected agents."""
+        return self.connected_cars if self.penetration is None else round(self.penetration * self.cars)
+
+    @property
+    def on_roads(self) -> Mapping[ObjectClass, int]:
+        """Vehicles by class."""
+        return {
+            ObjectClass.CAR: self.cars,
+            ObjectClass.TRUCK: self.trucks,
+            ObjectClass.VAN: self.vans,
+            ObjectClass.BUS: self.buses,
+            ObjectClass.MOTORCYCLE: self.motorcycles,
+        }
+
+    @property
+    def people(self) -> Mapping[ObjectClass, int]:
+        """People on foot and on two wheels by class."""
+        return {
+            ObjectClass.PEDESTRIAN: self.pedestrians,
+            ObjectClass.CHILD: self.children,
+            ObjectClass.BICYCLE: self.bicycles,
+            ObjectClass.SCOOTER: self.scooters,
+        }
+
+    def within(self, room: int, *names: str) -> Population:
+        """As many of the numbers called `names` as there is room for, together; the first give way first.
+
+        Warns:
+            CrowdedWarning: that they do not all fit.
+        """
+        numbers = {name: getattr(self, name) for name in names}
+        excess = asked = sum(numbers.values())
+        excess -= room
+        if excess <= 0:
+            return self
+        for name, number in numbers.items():
+            numbers[name] = number - min(number, excess)
+            excess -= number - numbers[name]
+        fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
+        message = f"there is room for {room} of {asked} ({' + '.join(names)}), so there are {fitting}"
+        warnings.warn(message, CrowdedWarning, stacklevel=5)  # the caller of `make_scenario`
+        cars = numbers.get("vehicles", self.vehicles)
+        cars -= round(self.truck_share * cars)
+        return replace(self, **numbers, connected_cars=min(self.connected_cars, cars))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +127,10 @@ class Scenario:
     Attributes:
         name: as it is registered.
         layout: the place.
-        population: who is there.
+        population: who is there: as asked for, as far as there is room.
+
+    Warns:
+        CrowdedWarning: there is not room for all.
     """
 
     name: str
@@ -70,12 +138,22 @@ class Scenario:
     population: Population
 
     def __post_init__(self) -> None:
-        room = {
-            "vehicles": len(self.layout.slots),
-            "rsus": len(self.layout.rsus),
-            "pedestrians": self.layout.footways.room if self.layout.footways is not None else 0,
-        }
-        for name, most in room.items():
+        feet, wheels = ("pedestrians", "children"), ("bicycles", "scooters")
+        ways, cycleways = self.layout.footways, self.layout.cycleways
+        self._require_at_most(len(self.layout.rsus), "rsus")
+        if ways is None:
+            self._require_at_most(0, *feet)
+        if ways is None and cycleways is None:
+            self._require_at_most(0, *wheels)
+        fitting = self.population.within(len(self.layout.slots), "vehicles", "vans", "buses", "motorcycles")
+        if ways is not None:
+            fitting = fitting.within(ways.room, *feet, *(() if cycleways else wheels))
+        if cycleways is not None:
+            fitting = fitting.within(cycleways.room, *wheels)
+        object.__setattr__(self, "population", fitting)
+
+    def _require_at_most(self, most: int, *names: str) -> None:
+        for name in names:
             if getattr(self.population, name) > most:
                 raise InvalidValueError(
                     f"{name} must be at most {most} in {self.name!r}, got {getattr(self.population, name)}"
@@ -98,7 +176,10 @@ def make_scenario(name: str, **numbers: Any) -> Scenario:
 
     Raises:
         UnknownNameError: no such scenario or number.
-        InvalidValueError: a number that is not accepted, or more than there is room for.
+        InvalidValueError: a number that is not accepted.
+
+    Warns:
+        CrowdedWarning: there is not room for all; as many as fit are there.
     """
     recipe = SCENARIOS.get(name)
     known = [field.name for field in fields(Population)]

@@ -1,17 +1,23 @@
-"""All vehicles of an episode on highway-env's road, without its gym layer: who starts where, and who replaces whom."""
+"""All vehicles of an episode: who starts where, who keeps whom company, and who replaces whom."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
-from highway_env.road.road import Road
+from numpy.typing import NDArray
 
+from coopsim.checks import require_choice
 from coopsim.rng import stream
 from coopsim.taxonomy import ObjectClass
-from coopsim.world.drivers import MANEUVERS, Chauffeured, Driver, HighwayDriver, SizedVehicle, TownDriver
-from coopsim.world.junction import Junction
+from coopsim.world.engine.arrays import ArrayEngine, closest_speed
+from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, TOWN, VEHICLE, Fleet
+from coopsim.world.engine.lanes import Network
+from coopsim.world.engine.reference import ReferenceEngine
+from coopsim.world.engine.routes import ROUTE_AHEAD
 from coopsim.world.layout import LaneIndex, Layout, Slot
+from coopsim.world.models_by_class import models_of
 from coopsim.world.scenario import Population
 from coopsim.world.snapshot import Model
 
@@ -21,6 +27,25 @@ _COMPANY = 6
 _GAIN_1_S = 0.1  # how much faster per metre behind the others
 _HASTE_M_S = 4.0  # at most
 _SLOW, _FAST = (0.8, 0.95), (1.1, 1.3)  # shares of the cruising speed
+_ENTRY_M = 30.0  # free road that a new vehicle needs ahead and behind, next to what it takes to adapt its speed
+_EASY_BRAKING_M_S2 = 2.0
+
+# Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and nobody could pass;
+# with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
+_MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6)}
+
+
+class Engine(Protocol):
+    """What moves a fleet."""
+
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
+        """Advance by `dt_s` among people (M,) `BODY`; `told` are numbers into `MANEUVERS` by row."""
+
+
+ENGINES: dict[str, Callable[[Network, Sequence[tuple[str, str]], Sequence[float]], Engine]] = {
+    "arrays": ArrayEngine,
+    "highway-env": ReferenceEngine,
+}
 
 
 class Traffic:
@@ -32,6 +57,7 @@ class Traffic:
         models: shapes to choose from.
         seed: the episode's.
         policy_control: connected cars do as they are told.
+        engine: name of what steps them, one of `ENGINES`.
     """
 
     def __init__(
@@ -42,134 +68,141 @@ class Traffic:
         seed: int,
         *,
         policy_control: bool = False,
+        engine: str = "arrays",
     ) -> None:
+        require_choice("traffic", engine, ENGINES)
         self._layout, self._models = layout, models
-        self._rng = stream(seed, "traffic")
-        self.road = Road(layout.network, np_random=stream(seed, "drivers"))
-        self._junction = Junction(layout.network, layout.movements) if layout.movements else None
+        self._rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
+        self._network = Network(layout.network)
+        self._engine = ENGINES[engine](self._network, layout.movements, layout.speeds_m_s)
+        self._usual_driver = TOWN if layout.movements else HIGHWAY
         self._next_id = 1
         slots = self._choose_slots(population)
-        trucks = set(self._rng.permutation(len(slots))[: population.trucks].tolist())
-        labels = [ObjectClass.TRUCK if k in trucks else ObjectClass.CAR for k in range(len(slots))]
+        labels = self._rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
         cars = self._cars(slots, labels)
-        connected = cars[: population.connected_cars]
+        self.connected = tuple(cars[: population.connected])
         # Not the connected cars alone, unless a policy drives them: one more of them shall not change the traffic.
-        company = connected if policy_control else cars[: max(_COMPANY, len(connected))]
-        if not connected or layout.cruise_m_s is None:
+        company = list(self.connected) if policy_control else cars[: max(_COMPANY, len(self.connected))]
+        if not self.connected or layout.cruise_m_s is None:
             company = []
         self._cruise_m_s = layout.cruise_m_s or 0.0
+        self.fleet = Fleet(np.zeros(len(slots), VEHICLE), np.zeros((len(slots), ROUTE_AHEAD, 2), np.int64))
         for k, (slot, label) in enumerate(zip(slots, labels, strict=True)):
-            kind = Chauffeured if policy_control and k in connected else self._usual_driver()
-            speed = layout.cruise_m_s if k in company else None
-            self.road.vehicles.append(self._spawn(kind, layout.slots[slot], label, speed))
-        self.connected: tuple[SizedVehicle, ...] = tuple(self.road.vehicles[k] for k in connected)
-        self._company: tuple[SizedVehicle, ...] = tuple(
-            self.road.vehicles[k] for k in company if _goes_east(layout.slots[slots[k]].lane)
-        )
+            driver = CHAUFFEURED if policy_control and k in self.connected else self._usual_driver
+            self._spawn(k, driver, layout.slots[slot], label, layout.cruise_m_s if k in company else None)
+        self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
-    @property
-    def vehicles(self) -> list[SizedVehicle]:
-        """All of them, connected ones included."""
-        vehicles: list[SizedVehicle] = self.road.vehicles
-        return vehicles
+    def step(self, dt_s: float, maneuvers: Mapping[int, int], people: NDArray[Any]) -> None:
+        """Advance by `dt_s`.
 
-    def step(self, dt_s: float, maneuvers: Mapping[int, int]) -> None:
-        """Advance by `dt_s`; `maneuvers` are numbers into `MANEUVERS` by the number of the connected car."""
-        for number, maneuver in maneuvers.items():
-            self.connected[number].act(MANEUVERS[maneuver].upper())
-        if self._junction is not None:
-            commanded = [vehicle for vehicle in self.connected if isinstance(vehicle, Chauffeured)]
-            self._junction.update(self.vehicles, commanded)
+        Args:
+            dt_s: time step.
+            maneuvers: numbers into `coopsim.world.drivers.MANEUVERS` by the number of the connected car.
+            people: (M,) `coopsim.world.engine.fleet.BODY`, whom vehicles see.
+        """
         self._keep_together()
-        self.road.act()
-        self.road.step(dt_s)
+        told = {self.connected[number]: maneuver for number, maneuver in maneuvers.items()}
+        self._engine.step(self.fleet, people, dt_s, told)
         if self._layout.window_m is not None:
             self._renew(self._layout.window_m)
 
-    def _usual_driver(self) -> type[Driver]:
-        return HighwayDriver if self._junction is None else TownDriver
-
     def _choose_slots(self, population: Population) -> list[int]:
         """Slots of the vehicles, in the layout's order; those that make good connected cars are always taken."""
-        first = list(self._layout.connected_first[: max(0, population.vehicles // 3)])
+        count = sum(population.on_roads.values())
+        first = list(self._layout.connected_first[: count // 3])
         rest = self._rng.permutation(np.setdiff1d(np.arange(len(self._layout.slots)), first))
-        return sorted([*first, *rest[: population.vehicles - len(first)].tolist()])
+        return sorted([*first, *rest[: count - len(first)].tolist()])
 
-    def _cars(self, slots: list[int], labels: list[ObjectClass]) -> list[int]:
+    def _cars(self, slots: list[int], labels: list[int]) -> list[int]:
         """Which vehicles are cars, in the order in which they become connected: one more changes no other."""
         place = {slot: k for k, slot in enumerate(slots)}
         order = [place[slot] for slot in self._layout.connected_first if slot in place]
-        return [k for k in order if labels[k] is ObjectClass.CAR]
+        return [k for k in order if labels[k] == ObjectClass.CAR]
 
-    def _spawn(
-        self, kind: type[SizedVehicle], slot: Slot, label: ObjectClass, speed: float | None = None
-    ) -> SizedVehicle:
+    def _spawn(self, k: int, driver: int, slot: Slot, label: int, speed: float | None = None) -> None:
+        """Put a new vehicle into row `k`."""
         lane = self._layout.network.get_lane(slot.lane)
         along = slot.along_m + self._rng.uniform(-1.0, 1.0)
         if speed is None:
             speed = self._rng.uniform(0.75, 1.0) * lane.speed_limit
-        vehicle = kind(
-            self.road,
-            lane.position(along, 0.0),
-            lane.heading_at(along),
-            speed=speed,
-            target_lane_index=slot.lane,
-            target_speed=speed,
-        )
-        fitting = [index for index, model in enumerate(self._models) if model.label == label]
-        index = fitting[self._rng.integers(len(fitting))]
-        vehicle.fit(self._next_id, index, self._models[index])
+        fitting = models_of(self._models, ObjectClass(label))
+        model = fitting[self._rng.integers(len(fitting))]
+        self.fleet.rows[k] = np.zeros((), VEHICLE)
+        row = self.fleet.rows[k]
+        row["id"], row["driver"], row["model"] = self._next_id, driver, model
         self._next_id += 1
-        if isinstance(vehicle, TownDriver) and self._junction is not None:
-            vehicle.junction = self._junction
-        if isinstance(vehicle, Chauffeured):
-            vehicle.choose_among(self._layout.speeds_m_s)
-        return vehicle
+        row["x"], row["y"] = lane.position(along, 0.0)
+        row["heading"], row["speed"], row["target_speed"] = lane.heading_at(along), speed, speed
+        if driver == CHAUFFEURED:
+            speeds = np.array(self._layout.speeds_m_s)
+            row["target_speed"] = speeds[closest_speed(speeds, speed)]
+        row["length"], row["width"] = self._models[model].size_m[:2]
+        row["lane"] = row["target_lane"] = self._network.lane_number[slot.lane]
+        row["time_wanted"], row["lateral_gain"] = _MANNERS[driver]
+        row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once
+        row["turn_key"] = self._turns_rng.integers(2**63)
+        row["movement"] = row["ticket"] = -1
 
     def _keep_together(self) -> None:
         """Who is behind the company's middle goes a little faster, who is ahead a little slower."""
-        driving = [vehicle for vehicle in self._company if isinstance(vehicle, Driver) and not vehicle.crashed]
-        along_m = np.array([vehicle.position[0] for vehicle in driving])
-        haste_m_s = np.clip(_GAIN_1_S * (along_m.sum() / max(len(driving), 1) - along_m), -_HASTE_M_S, _HASTE_M_S)
-        for vehicle, more in zip(driving, haste_m_s.tolist(), strict=True):
-            vehicle.target_speed = self._cruise_m_s + more
+        rows = self.fleet.rows[self._company]
+        driving = self._company[(rows["driver"] != CHAUFFEURED) & ~rows["crashed"]]
+        if len(driving):
+            along_m = self.fleet.rows["x"][driving]
+            haste_m_s = np.clip(_GAIN_1_S * (along_m.mean() - along_m), -_HASTE_M_S, _HASTE_M_S)
+            self.fleet.rows["target_speed"][driving] = self._cruise_m_s + haste_m_s
 
     def _renew(self, window_m: float) -> None:
         """Replace vehicles that are far from everybody of the company by new ones at the window's edges."""
-        anchors = np.array([vehicle.position[0] for vehicle in self._company] or [0.0])
-        wrecked = np.array([vehicle.crashed for vehicle in self._company] or [True])
+        rows = self.fleet.rows
+        anchors = rows["x"][self._company] if len(self._company) else np.zeros(1)
+        wrecked = rows["crashed"][self._company] if len(self._company) else np.ones(1, dtype=np.bool_)
         moving = not wrecked.all()
         edges = anchors[~wrecked] if moving else anchors  # a wreck keeps who is around it, and is soon left behind
         low, high = float(edges.min()) - window_m, float(edges.max()) + window_m
-        for k, vehicle in enumerate(self.road.vehicles):
-            if np.abs(anchors - vehicle.position[0]).min() > window_m and vehicle not in self.connected:
-                self.road.vehicles[k] = self._enter(vehicle, low, high, moving=moving)
+        far = np.abs(anchors[:, None] - rows["x"]).min(axis=0) > window_m
+        far[list(self.connected)] = False
+        for k in np.flatnonzero(far).tolist():
+            self._enter(k, low, high, moving=moving)
 
-    def _enter(self, gone: SizedVehicle, low: float, high: float, *, moving: bool) -> SizedVehicle:
-        """A new vehicle for one that left, on the same carriageway, in a lane with room; else `gone` goes on.
+    def _enter(self, k: int, low: float, high: float, *, moving: bool) -> None:
+        """Replace the vehicle in row `k` by a new one on the same carriageway, in a lane with room; else it goes on.
 
         Into a window that moves east along with the company, whoever enters from behind is faster, in the passing
         lane if there is room, and whoever is met ahead is slower, so that both come in.
         """
-        start, end, _ = gone.lane_index
+        start, end, _ = gone = self._network.lane_index[self.fleet.rows["lane"][k]]
         lanes = self._rng.permutation(len(self._layout.network.graph[start][end]))
-        eastward, speed = _goes_east(gone.lane_index), None
+        eastward, speed = _goes_east(gone), None
         ahead = not eastward
         if eastward and moving:
             ahead = bool(self._rng.random() < 0.5)
             lanes = np.sort(lanes)[:: -1 if ahead else 1]
             speed = self._cruise_m_s * self._rng.uniform(*(_SLOW if ahead else _FAST))
         x = high - 5.0 if ahead else low + 5.0
-        label = ObjectClass(self._models[gone.model].label)
+        label = self._models[self.fleet.rows["model"][k]].label
         for number in lanes.tolist():
             index = (start, end, number)
             lane = self._layout.network.get_lane(index)
-            y = lane.position(0.0, 0.0)[1]
-            near = [v for v in self.road.vehicles if abs(v.position[0] - x) < 30 and abs(v.position[1] - y) < 3]
-            if not [v for v in near if v is not gone]:
-                along = lane.local_coordinates(np.array([x, y]))[0]
-                return self._spawn(HighwayDriver, Slot(index, float(along)), label, speed)
-        return gone
+            if speed is None:
+                speed = self._rng.uniform(0.75, 1.0) * lane.speed_limit
+            if self._is_free(k, index, x, speed):
+                along = lane.local_coordinates(np.array([x, lane.position(0.0, 0.0)[1]]))[0]
+                self._spawn(k, HIGHWAY, Slot(index, float(along)), label, speed)
+                return
+
+    def _is_free(self, k: int, index: LaneIndex, x: float, speed: float) -> bool:
+        """Whether a vehicle that enters a lane (along x) makes nobody brake hard, itself included.
+
+        Who is about to move into the lane counts as in it.
+        """
+        rows, lane = self.fleet.rows, self._layout.network.get_lane(index)
+        in_lane = np.abs(rows["y"] - lane.position(0.0, 0.0)[1]) < 3.0
+        in_lane |= rows["target_lane"] == self._network.lane_number[index]
+        in_lane[k] = False
+        ahead_m = (rows["x"] - x) * np.cos(lane.heading_at(0.0))
+        closing_m_s = np.maximum(0.0, (speed - rows["speed"]) * np.sign(ahead_m))
+        return not (in_lane & (np.abs(ahead_m) < _ENTRY_M + closing_m_s**2 / (2 * _EASY_BRAKING_M_S2))).any()
 
 
 def _goes_east(lane: LaneIndex) -> bool:

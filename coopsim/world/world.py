@@ -17,13 +17,14 @@ from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
 from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import Pedestrians
+from coopsim.world.vulnerable import MANNERS, People
 
 LONGEST_STEP_S = 0.1
 """Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
 
-PEDESTRIAN_ID = 1_000_000_000
-"""Ids of people start here, vehicles' at 1: how many there are of one kind does not renumber the other."""
+PERSON_ID = 1_000_000_000
+"""Ids of pedestrians start here, children's at twice as much and so on, vehicles' at 1: how many there are of one kind
+does not renumber another."""
 
 
 class World:
@@ -33,9 +34,10 @@ class World:
         scenario: place and population.
         seed: decides everything that happens.
         policy_control: connected cars do as `step` tells them, instead of driving by themselves.
+        traffic: what steps the vehicles, one of `coopsim.world.traffic.ENGINES`.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False) -> None:
+    def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False, traffic: str = "arrays") -> None:
         layout, population = scenario.layout, scenario.population
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
@@ -43,9 +45,14 @@ class World:
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
         self._policy_control = policy_control
-        self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control)
-        people = [k for k, model in enumerate(self.models) if model.label == ObjectClass.PEDESTRIAN]
-        self._people = Pedestrians(layout.footways, population.pedestrians, people, self._traffic.road, seed)
+        self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control, engine=traffic)
+        ways = dict.fromkeys(MANNERS, layout.footways)
+        if layout.cycleways is not None:
+            ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
+        taken = self._traffic.fleet.position
+        self._people = [
+            People(ways[label], population.people[label], label, self.models, seed, taken) for label in MANNERS
+        ]
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
 
@@ -60,21 +67,26 @@ class World:
         numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
-            self._traffic.step(dt_s / parts, {} if part else numbered)
-            self._people.step(dt_s / parts)
+            everybody = np.concatenate([people.bodies for people in self._people])
+            self._traffic.step(dt_s / parts, {} if part else numbered, everybody)
+            for people in self._people:
+                people.step(dt_s / parts, self._traffic.fleet, everybody)
 
     def actors(self) -> Actors:
         """All vehicles, connected ones included, then all people; in the world frame."""
-        vehicles, people = self._traffic.vehicles, self._people
-        model = np.array([*(vehicle.model for vehicle in vehicles), *people.model], dtype=np.int64)
+        fleet, groups = self._traffic.fleet, self._people
+        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups)])
         size = np.array([shape.size_m for shape in self.models])[model]
-        ground = np.array([*(vehicle.position for vehicle in vehicles), *people.position]).reshape(-1, 2)
-        yaw = np.array([*(vehicle.heading for vehicle in vehicles), *people.yaw])
+        ground = np.concatenate([fleet.position, *(people.position for people in groups)])
+        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups)])
         label = np.array([shape.label for shape in self.models])[model]
-        velocity = np.array([*(vehicle.ground_velocity for vehicle in vehicles), *people.velocity]).reshape(-1, 2)
-        identity = np.array([*(vehicle.actor_id for vehicle in vehicles), *(PEDESTRIAN_ID + np.arange(len(people)))])
+        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups)])
+        identity = np.concatenate(
+            [fleet.rows["id"], *(PERSON_ID * (k + 1) + np.arange(len(people)) for k, people in enumerate(groups))]
+        )
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
-        travelled_m = np.concatenate([np.zeros(len(vehicles)), people.travelled_m])
+        # Vehicles have no cycle of poses: only people, and what they ride, move as they go.
+        travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups)])
         cycles = travelled_m / np.array([shape.cycle_m for shape in self.models])[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
@@ -90,14 +102,15 @@ class World:
     def agents(self) -> dict[str, AgentBody]:
         """Connected cars, then roadside units."""
         bodies: dict[str, AgentBody] = {}
-        for k, car in enumerate(self._traffic.connected):
-            pose = SE3.from_xyz_yaw([*car.position, 0.0], car.heading)
-            height_m = float(self.models[car.model].size_m[2])
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", car.actor_id, pose, height_m)
+        for k, row in enumerate(self._traffic.fleet.rows[list(self._traffic.connected)]):
+            pose = SE3.from_xyz_yaw([row["x"], row["y"], 0.0], row["heading"])
+            height_m = float(self.models[row["model"]].size_m[2])
+            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", int(row["id"]), pose, height_m)
         for k, unit in enumerate(self._units):
             bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
         return bodies
 
     def crashed(self) -> tuple[int, ...]:
         """Ids of vehicles that have crashed; they stay where they are, as obstacles."""
-        return tuple(vehicle.actor_id for vehicle in self._traffic.vehicles if vehicle.crashed)
+        rows = self._traffic.fleet.rows
+        return tuple(rows["id"][rows["crashed"]].tolist())

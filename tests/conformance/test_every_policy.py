@@ -146,7 +146,7 @@ def looking(found: Detections, kind: str, rng: np.random.Generator) -> Detection
     return replace(found, embedding=values[kind])
 
 
-def wandering(kinds: Sequence[str | None]) -> list[Observation]:
+def wandering(name: str, kinds: Sequence[str | None]) -> list[Observation]:
     """Cars that come and go, seen by two agents; embeddings of the own and of the heard detections by frame."""
     rng, looks = np.random.default_rng(2), np.random.default_rng(3)
     frames = []
@@ -156,22 +156,21 @@ def wandering(kinds: Sequence[str | None]) -> list[Observation]:
         for kind in (kinds[k % len(kinds)], kinds[(k + 1) % len(kinds)]):
             seen = boxes(where[rng.random(5) < 0.7] + rng.normal(0, 0.1, 2))
             groups.append(seen if kind is None else looking(seen, kind, looks))
-        frames.append(observe(k * FRAME_NS, groups[0], message(groups[1], k * FRAME_NS)))
+        frames.append(observe(k * FRAME_NS, groups[0], message(name, groups[1], k * FRAME_NS)))
     return frames
 
 
-@EVERY
-@pytest.mark.parametrize("late", LATE.names())
+@pytest.mark.parametrize(("name", "late"), WAYS)
 def test_embeddings_of_any_kind(name: str, late: str) -> None:
     for kinds in (["good"], ["good", "wide"], ["good", "nan", None, "huge", "zero", "wide", "infinite", "empty"]):
-        reports = play(begin(name, late=late), *wandering(kinds))
+        reports = play(begin(name, late=late), *wandering(name, kinds))
         assert any(len(tracks) for tracks in reports[3:])
 
 
 @EVERY
 @pytest.mark.parametrize("kind", ["nan", "infinite", "zero", "empty"])
 def test_what_is_no_embedding_changes_nothing(name: str, kind: str) -> None:
-    expected, got = (play(begin(name), *wandering([each])) for each in (None, kind))
+    expected, got = (play(begin(name), *wandering(name, [each])) for each in (None, kind))
     for one, other in zip(expected, got, strict=True):
         np.testing.assert_array_equal(one.id, other.id)
         np.testing.assert_array_equal(one.boxes.array, other.boxes.array)

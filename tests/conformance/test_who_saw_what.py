@@ -48,6 +48,12 @@ def test_it_is_told_only_where_the_truth_is(make_small: Make) -> None:
     assert all("visibility" not in info for info in infos.values())
 
 
+def test_without_a_lidar_lines_of_sight_tell_who_saw_what(make_small: Make) -> None:
+    _, infos = make_small(lidar=None, expose_ground_truth=True, ground_truth="all").reset(seed=2)
+    assert all("visibility" not in info for info in infos.values())
+    assert {seen_by for info in infos.values() for seen_by in info["ground_truth"]["seen_by"]} >= {0, 1}
+
+
 def test_cooperation_gains_what_only_others_see(make_small: Make) -> None:
     groups = {}
     for policy in ("no_fusion", "late_fusion"):

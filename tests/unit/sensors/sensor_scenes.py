@@ -64,6 +64,35 @@ def triangles(who: Actors | None = None, static: Sequence[StaticPart] = ()) -> T
     return SceneGeometry(MODELS, static).triangles(actors([]) if who is None else who)
 
 
+def soup(vertices: np.ndarray, instance: int = 0) -> Triangles:
+    """Loose triangles of (F, 3, 3)."""
+    count = len(vertices)
+    return Triangles(
+        vertices.reshape(-1, 3),
+        np.arange(3 * count).reshape(-1, 3),
+        np.full(count, instance),
+        np.ones(count),
+        np.zeros((count, 3), dtype=np.uint8),
+    )
+
+
+def moller_trumbore(corners: np.ndarray, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest hit of every ray with (F, 3, 3) triangles (Moller and Trumbore 1997): range (R,) and face (R,)."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(rays[:, None], second)
+    determinant = np.einsum("rfk,fk->rf", across, first)
+    offset = origin - corners[:, 0]
+    u = np.einsum("rfk,fk->rf", across, offset) / determinant
+    turned = np.cross(offset, first)
+    v = rays @ turned.T / determinant
+    distance = np.einsum("fk,fk->f", turned, second) / determinant
+    hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
+    distance = np.where(hit, distance, np.inf)
+    face = distance.argmin(axis=1)
+    nearest = distance[np.arange(len(rays)), face]
+    return nearest, np.where(np.isfinite(nearest), face, -1)
+
+
 def make_rig(
     renderer: str,
     static: Sequence[StaticPart] = (),

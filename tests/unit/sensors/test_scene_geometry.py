@@ -75,6 +75,15 @@ def test_every_actor_is_in_the_pose_of_its_phase() -> None:
         np.testing.assert_allclose(rigid_one, rigid.vertices + now.boxes.center[1], atol=1e-9)
 
 
+def test_dark_paint_is_dark_to_a_lidar_and_dark_glass_is_as_it_was() -> None:
+    painted, glass = box_model((2.0, 1.0, 1.0)), box_model((2.0, 1.0, 1.0), tint=0.0)
+    shares = {(250, 250, 250): 1.0, (20, 30, 200): 1.0, (51, 51, 51): 0.5, (10, 10, 10): 0.1}
+    for color, share in shares.items():
+        soup = SceneGeometry([painted, glass], []).triangles(actors(PLACES[:2], model=[0, 1], color=color))
+        np.testing.assert_allclose(soup.reflectivity[soup.instance == 1], 0.5 * share)
+        np.testing.assert_allclose(soup.reflectivity[soup.instance == 2], 0.5)
+
+
 def test_normals_are_unit_and_point_outwards() -> None:
     who = actors(PLACES)
     soup = triangles(who)

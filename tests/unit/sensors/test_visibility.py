@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import ArrayLike
 from sensor_scenes import CAR, MODELS, POST, actors, box_model, box_part, ground, triangles
 
+from coopsim.detection.simulated import count_returns
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
@@ -16,7 +17,6 @@ from coopsim.sensors.geometry import STATIC_ID, SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.visibility import NOTHING, Crossings, Visibility, VisibilityProbe, count_crossings
-from coopsim.types import Sweep
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 
 CONFIG = LidarConfig(columns=2048, dropout_energy=0.0)
@@ -34,7 +34,7 @@ def look(who: Actors, body: AgentBody | None = None, static: tuple[StaticPart, .
 def look_at(scene: RayScene, who: Actors, body: AgentBody, config: LidarConfig = CONFIG) -> Visibility:
     rng = stream(0, "lidar", body.name)
     sweep = Lidar(config).sense(scene, body.world_SE3_base, body.height_m, body.actor_id, rng)
-    return VisibilityProbe(config).measure(scene, body, sweep, who)
+    return VisibilityProbe([config]).measure(scene, body, who, count_returns({"lidar": sweep}, who.id))
 
 
 def of(seen: Visibility, name: str) -> list[Any]:
@@ -144,9 +144,12 @@ def test_a_world_with_nobody_or_nothing(place: ArrayLike) -> None:
     assert (rays == 0).all() and (visible == 0).all() and (occluder == NOTHING).all()
 
 
-def test_an_empty_sweep_returns_nothing() -> None:
-    who = actors([[20.0, 0.0, 0.0]])
-    none = np.zeros(0, dtype=np.int64)
-    sweep = Sweep(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), none, none)
-    seen = VisibilityProbe(CONFIG).measure(RayScene(triangles(who)), agent(), sweep, who)
-    assert of(seen, "returns") == [0] and seen.rays[0] > 0
+def test_the_rays_of_several_lidars_count_together() -> None:
+    who = actors([[20.0, 0.0, 0.0], [12.0, -1.0, 0.0]], model=[0, 1])
+    scene, none = RayScene(triangles(who, (ground(),))), np.zeros(2, dtype=np.int64)
+    left, right = (LidarConfig(columns=2048, y_m=y_m, yaw_rad=y_m) for y_m in (0.8, -0.8))
+    both, one, other = (
+        VisibilityProbe(configs).measure(scene, agent(), who, none) for configs in ((left, right), (left,), (right,))
+    )
+    np.testing.assert_array_equal(both.rays, one.rays + other.rays)
+    np.testing.assert_allclose(both.visible * both.rays, one.visible * one.rays + other.visible * other.rays)

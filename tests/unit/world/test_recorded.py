@@ -43,7 +43,7 @@ def test_it_is_the_same_world_to_the_last_bit(tmp_path: Path, name: str) -> None
 def test_a_usual_crossing_takes_little_room(tmp_path: Path) -> None:
     episode = Episode(coopsim.record("crossing", tmp_path / "run", seed=7, max_cycles=50))
     # 38 actors and 4 agents are 6160 bytes a frame as they stand.
-    assert episode.size_bytes / episode.frames < 1400
+    assert episode.size_bytes / episode.frames < 1600
 
 
 def test_the_header_tells_what_it_takes_to_record_it_again(tmp_path: Path) -> None:

@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.scenario import make_scenario
+from coopsim.world.world import World
 
 
 @pytest.mark.parametrize(
@@ -17,7 +18,10 @@ from coopsim.world.scenario import make_scenario
         ({"rsus": 1.5}, "rsus must be an integer >= 0, got 1.5"),
         ({"truck_share": 1.2}, r"truck_share must be in \[0, 1\], got 1.2"),
         ({"connected_cars": 0, "rsus": 0}, "at least one agent"),
-        ({"vehicles": 1000}, r"vehicles must be at most \d+ in 'highway', got 1000"),
+        ({"penetration": 1.5}, r"penetration must be in \[0, 1\], got 1.5"),
+        ({"penetration": 0.0, "rsus": 0}, "at least one agent"),
+        ({"buses": -1}, "buses must be an integer >= 0, got -1"),
+        ({"bicycles": 2}, "bicycles must be at most 0 in 'highway', got 2"),
         ({"rsus": 5}, "rsus must be at most 4 in 'highway', got 5"),
         ({"pedestrians": 1}, "pedestrians must be at most 0 in 'highway', got 1"),
     ],
@@ -43,10 +47,28 @@ def test_unknown_name_comes_with_a_suggestion(name: str, numbers: dict[str, Any]
         make_scenario(name, **numbers)
 
 
-def test_a_full_place_is_accepted_and_one_more_is_not() -> None:
+def test_a_full_place_is_accepted_and_one_more_is_left_out_with_a_warning() -> None:
     layout = make_scenario("crossing").layout
     assert layout.footways is not None and 100 < layout.footways.room < 1000
     for name, room in {"vehicles": len(layout.slots), "pedestrians": layout.footways.room}.items():
         assert getattr(make_scenario("crossing", **{name: room}).population, name) == room
-        with pytest.raises(InvalidValueError, match=f"{name} must be at most {room}"):
-            make_scenario("crossing", **{name: room + 1})
+        with pytest.warns(CrowdedWarning, match=rf"room for {room} of {room + 1} .*{name}={room}"):
+            scenario = make_scenario("crossing", **{name: room + 1})
+        assert getattr(scenario.population, name) == room
+
+
+def test_what_shares_the_room_is_counted_together() -> None:
+    room = len(make_scenario("crossing").layout.slots)
+    with pytest.warns(CrowdedWarning, match=f"room for {room} of {room + 12}"):
+        population = make_scenario("crossing", vehicles=room, buses=4, vans=8, connected_cars=30).population
+    assert sum(population.on_roads.values()) == room
+    assert (population.vans, population.buses) == (8, 4)
+    assert population.connected == population.cars == 27  # no more than there are
+
+
+@pytest.mark.parametrize(("penetration", "connected"), [(0.0, 0), (0.5, 8), (1.0, 17)])
+def test_penetration_is_a_share_of_the_cars(penetration: float, connected: int) -> None:
+    scenario = make_scenario("crossing", vehicles=20, penetration=penetration)
+    assert scenario.population.cars == 17
+    agents = World(scenario, 0).agents().values()
+    assert sum(agent.kind == "cav" for agent in agents) == connected

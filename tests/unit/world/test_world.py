@@ -52,6 +52,24 @@ def test_traffic_keeps_moving_without_crashes(name: str, least_m_s: float, seed:
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hundred_seconds_without_a_crash_an_overlap_or_a_jump(name: str, seed: int) -> None:
+    world = make_world(name, seed)
+    before = world.actors()
+    for step in range(1000):
+        world.step(DT_S)
+        after = world.actors()
+        _, old, new = np.intersect1d(before.id, after.id, return_indices=True)
+        moved_m = np.linalg.norm(after.boxes.center[new] - before.boxes.center[old], axis=1)
+        assert moved_m.max() < 40 * DT_S and len(after) == len(before)
+        before = after
+        if step % 20 == 0:
+            overlap = iou_bev(vehicles(after).boxes.array, after.boxes.array)
+            assert (overlap > 0).sum() == len(vehicles(after))  # each with itself
+    assert world.crashed() == ()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_velocities_are_what_positions_do(name: str) -> None:
     of_vehicles: list[float] = []
     for before, after in pairwise(frames(make_world(name, 0, vehicles=16), 150)):

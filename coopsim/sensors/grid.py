@@ -1,0 +1,123 @@
+"""A LiDAR's sweep as a picture: all rays of a spinning sensor at once, by drawing every triangle into their grid.
+
+The grid is the sensor's own, so any mounting is as good as a level one. There is nothing to build when things move.
+Embree (`coopsim.sensors.raycast`) casts any rays, one by one; here they must be those of a beam table.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from coopsim.geometry.se3 import SE3
+from coopsim.sensors.geometry import Parts, Triangles
+from coopsim.sensors.grid_kernel import LANES, Beams, sweep_sector
+from coopsim.sensors.grid_shapes import Singles, place
+from coopsim.sensors.patterns import BeamPattern
+from coopsim.types import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridHits:
+    """Where the rays of B beams and C columns end, in the order of the beam table.
+
+    Attributes:
+        range_m: (B, C) float32, inf where nothing was hit.
+        face: (B, C) int, index of the face, -1 where nothing was hit.
+        cosine: (B, C) float32, of the angle between ray and surface normal, in [0, 1]; 0 where nothing was hit.
+    """
+
+    range_m: Singles
+    face: Ints
+    cosine: Singles
+
+
+class RayGrid:
+    """The rays of a beam table, ready to be cast.
+
+    Args:
+        pattern: the beams.
+        columns: firings per turn.
+    """
+
+    def __init__(self, pattern: BeamPattern, columns: int) -> None:
+        self._order = np.argsort(-pattern.elevation_rad, kind="stable")
+        tangent, shift_rad = np.tan(pattern.elevation_rad[self._order]), pattern.offset_rad[self._order]
+        azimuth = np.arange(-(-columns // LANES) * LANES) * (2 * np.pi / columns)
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        self._beams = Beams(
+            tangent.astype(np.float32),
+            shift_rad.astype(np.float32),
+            cos.astype(np.float32),
+            sin.astype(np.float32),
+            columns,
+            (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
+        )
+
+    def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
+        """Cast all rays, at one time.
+
+        Closed parts (see `Parts`) are seen from outside; where the sensor is in the box around one, and for open ones,
+        both sides of a triangle are. Where two triangles are equally near, the first is hit.
+
+        Args:
+            triangles: the scene.
+            world_SE3_sensor: the sensor's pose, any roll and pitch.
+            threads: that share the work; the result does not depend on it.
+        """
+        hits = self.room()
+        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
+        return hits
+
+    def room(self) -> GridHits:
+        """Room for the hits of all rays."""
+        table = len(self._order), self._beams.columns
+        return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
+        return len(self._beams.cos) // LANES
+
+    def cast_sector(
+        self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
+    ) -> None:
+        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
+        corners = place(
+            triangles.vertices, np.ascontiguousarray(world_SE3_sensor.rotation), world_SE3_sensor.translation
+        )
+        scene = corners, triangles.faces, triangles.parts or _one_part(triangles)
+        out = hits.range_m, hits.face, hits.cosine
+
+        def work(first: int, last: int) -> None:
+            sweep_sector(scene, self._beams, self._order, (first, last), out)
+
+        _share(work, blocks, threads)
+
+
+def _share(work: Callable[[int, int], None], blocks: tuple[int, int], threads: int) -> None:
+    """Do `work(first, last)` for all of `blocks`, in as many parts as there are threads."""
+    ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
+    rest = [_pool(threads).submit(work, *pair) for pair in pairwise(ends[1:])]
+    work(ends[0], ends[1])
+    for part in rest:
+        part.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    # Threads of our own, not numba's: its layers end a process that forks after use, or that calls from two threads.
+    return ThreadPoolExecutor(threads, thread_name_prefix="coopsim-lidar")
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
+
+
+def _one_part(triangles: Triangles) -> Parts:
+    return Parts(np.array([0, len(triangles.faces)]), np.array([0, len(triangles.vertices)]), np.zeros(1, np.bool_))

@@ -1,0 +1,47 @@
+"""Whether a sensor can see from where it is mounted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3
+from coopsim.sensors.geometry import STATIC_ID, Triangles
+from coopsim.sensors.grid import RayGrid
+from coopsim.sensors.lidar import LidarConfig
+from coopsim.sensors.patterns import BeamPattern
+from coopsim.world.snapshot import Model
+
+_ALL_AROUND = RayGrid(BeamPattern("all around", np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0])), 16)
+
+
+def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: Model | None) -> None:
+    """Raise `InvalidValueError` if a sensor would be under the ground, or inside the body that carries it.
+
+    Args:
+        sensor: its name, for the message.
+        config: where it is.
+        height_m: of the agent's body.
+        body: that carries it; None for a mast, which is as thin as a line.
+    """
+    at = config.base_SE3_sensor(height_m).translation
+    if at[2] <= 0:
+        raise InvalidValueError(
+            f"lidar {sensor!r} is {-at[2]:g} m under the ground: above_m = {config.above_m:g} counts from the top of a "
+            f"body that is {height_m:g} m high"
+        )
+    if body is not None and _is_inside(body, at - [0.0, 0.0, height_m / 2]):
+        where, sides = (", ".join(f"{value:g}" for value in values) for values in (at, body.size_m))
+        raise InvalidValueError(
+            f"lidar {sensor!r} at x, y, z = {where} m is inside the body of a {body.name!r} (length, width and height "
+            f"{sides} m)"
+        )
+
+
+def _is_inside(body: Model, point_m: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
+    """Whether a point in the body's own axes sees it on all sides."""
+    count = len(body.faces)
+    alone = Triangles(
+        body.vertices, body.faces, np.full(count, STATIC_ID), body.reflectivity, np.zeros((count, 3), dtype=np.uint8)
+    )
+    return bool((_ALL_AROUND.cast(alone, SE3(np.eye(3), point_m)).face >= 0).all())

@@ -1,0 +1,146 @@
+"""LiDARs as the environment's user asks for them: none, one, several, anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import coopsim
+from coopsim.detection.simulated import Detector, SimulatedDetector
+from coopsim.errors import InvalidValueError
+from coopsim.sensors.air import Weather
+from coopsim.sensors.lidar import LidarConfig
+from coopsim.sensors.patterns import PATTERNS
+from coopsim.types import Detections
+
+Make = Callable[..., Any]
+
+ROOF = LidarConfig("VLP-16", columns=256)
+BUMPER = LidarConfig("VLP-16", columns=128, x_m=2.9, above_m=-0.9)
+
+
+def make(**options: Any) -> Any:
+    return coopsim.parallel_env("crossing", **({"vehicles": 10, "max_cycles": 3} | options))
+
+
+@pytest.fixture
+def run() -> Make:
+    """Observations and infos of two steps of an environment, checked against its spaces."""
+
+    def run(**options: Any) -> tuple[Any, Any]:
+        env = make(expose_ground_truth=True, **options)
+        policy = coopsim.make_policy("late_fusion")
+        observations, infos = env.reset(seed=5)
+        policy.reset(env.agent_specs)
+        for _ in range(2):
+            observations, _, _, _, infos = env.step(policy.act(observations))
+            for agent in env.agents:
+                assert env.observation_space(agent).contains(observations[agent])
+        return observations, infos
+
+    return run
+
+
+def test_every_lidar_has_its_sweep(run: Make) -> None:
+    observations, infos = run(lidar={"roof": ROOF, "bumper": BUMPER})
+    for agent, observation in observations.items():
+        assert list(observation["sweeps"]) == list(infos[agent]["instances"]) == ["roof", "bumper"]
+        assert all(len(points) > 100 for points in observation["sweeps"].values())
+    alone, _ = run(lidar={"roof": ROOF})
+    for agent in observations:  # another sensor does not shift this one's noise
+        np.testing.assert_array_equal(alone[agent]["sweeps"]["roof"], observations[agent]["sweeps"]["roof"])
+
+
+def test_one_config_is_the_only_lidar(run: Make, tmp_path: Path) -> None:
+    table = tmp_path / "mine.csv"
+    table.write_text("elevation_deg\n" + "\n".join(f"{2 * k - 15}" for k in range(15, -1, -1)))
+    wanted, _ = run(lidar="VLP-16", lidar_columns=256)
+    for lidar in (ROOF, {"lidar": ROOF}):
+        same, _ = run(lidar=lidar)
+        np.testing.assert_array_equal(same["cav_0"]["sweeps"]["lidar"], wanted["cav_0"]["sweeps"]["lidar"])
+    for other in (PATTERNS.get("VLP-16"), str(table)):
+        same, _ = run(lidar=other, lidar_columns=256)
+        np.testing.assert_array_equal(same["cav_0"]["sweeps"]["lidar"], wanted["cav_0"]["sweeps"]["lidar"])
+
+
+def test_without_a_lidar_there_are_detections_and_truth_but_no_points(run: Make) -> None:
+    observations, infos = run(lidar=None, vehicles=25)
+    for agent, observation in observations.items():
+        assert observation["sweeps"] == {} and infos[agent]["instances"] == {}
+    assert sum(len(each["detections"]["score"]) for each in observations.values()) > 4
+    visible, everything = (
+        {agent: len(info["ground_truth"]["id"]) for agent, info in infos.items()}
+        for infos in (infos, run(lidar=None, vehicles=25, ground_truth="all")[1])
+    )
+    assert all(0 < visible[agent] <= everything[agent] for agent in visible)
+    assert visible != everything  # some are out of everybody's sight
+
+
+def test_without_a_lidar_the_same_seed_gives_the_same_bits(run: Make) -> None:
+    first, again = run(lidar=None), run(lidar=None)
+    for agent in first[0]:
+        np.testing.assert_array_equal(first[0][agent]["detections"]["box"], again[0][agent]["detections"]["box"])
+
+
+def test_weather_is_everybodys() -> None:
+    clear, rainy = (make(lidar={"roof": ROOF}, weather=weather).reset(seed=5)[0] for weather in (None, Weather(40.0)))
+    for agent in clear:
+        assert len(rainy[agent]["sweeps"]["roof"]) < len(clear[agent]["sweeps"]["roof"])
+
+
+@pytest.mark.parametrize("name", ["crossing", "highway"])
+def test_a_turn_takes_time_for_agents_that_drive(name: str) -> None:
+    """Points of what stands still are where they are without the turn's time; of the others' sides, some are not."""
+    sweeps = []
+    for turn_s in (0.0, 0.1):
+        lidar = replace(ROOF, turn_s=turn_s, range_noise_m=0.0, dropout_energy=0.0)
+        env = coopsim.parallel_env(name, lidar=lidar, vehicles=10, expose_ground_truth=True, rsus=0)
+        policy = coopsim.make_policy("no_fusion")
+        observations, infos = env.reset(seed=5)
+        policy.reset(env.agent_specs)
+        for _ in range(3):
+            observations, _, _, _, infos = env.step(policy.act(observations))
+        points, instance = observations["cav_0"]["sweeps"]["lidar"], infos["cav_0"]["instances"]["lidar"]
+        sweeps.append(points[instance == 0, :3])
+    flat = [points[np.abs(points[:, 2]) < 0.05] for points in sweeps]
+    assert len(flat[0]) > 500 and len(flat[1]) == pytest.approx(len(flat[0]), rel=0.05)
+    assert not np.array_equal(flat[0][:100], flat[1][:100])
+
+
+class NeedsPoints(Detector):
+    def detect(self, sweeps, truth, rng):  # type: ignore[no-untyped-def]
+        return Detections.empty()
+
+
+def test_a_detector_that_needs_sweeps_needs_a_lidar() -> None:
+    with pytest.raises(InvalidValueError, match="detector must need no sweeps where lidar is None"):
+        make(lidar=None, detector=NeedsPoints())
+    with pytest.raises(InvalidValueError, match="NeedsPoints needs sweeps"):
+        NeedsPoints().detect_from_returns(np.zeros(0), None, np.random.default_rng(0))  # type: ignore[arg-type]
+    make(lidar=None, detector=SimulatedDetector())
+    make(detector=NeedsPoints())
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"lidar": 3}, "lidar must be a beam table, its name or path, a LidarConfig, a dict of these, or None; got 3"),
+        ({"lidar": {}}, "lidar must be"),
+        ({"lidar": {"roof": "VLP-16"}}, "lidar must have a name and a LidarConfig for each, got 'roof': 'VLP-16'"),
+        ({"lidar": {3: ROOF}}, "lidar must have a name"),
+        ({"lidar": ROOF, "lidar_columns": 64}, "lidar_columns must be left out where lidar is a LidarConfig"),
+        ({"lidar": {"a": ROOF}, "lidar_range_m": 50.0}, "lidar_range_m must be left out"),
+        ({"weather": "rain"}, "weather must be a coopsim Weather or None, got 'rain'"),
+        ({"lidar": "nowhere.csv"}, "cannot read the beam table nowhere.csv"),
+        ({"lidar": LidarConfig(above_m=-0.5)}, "lidar 'lidar' at x, y, z = .* is inside the body of"),
+        ({"lidar": {"a": LidarConfig(above_m=-3.0)}}, "lidar 'a' is .* m under the ground"),
+    ],
+)
+def test_bad_lidars_are_refused(options: dict[str, Any], match: str) -> None:
+    with pytest.raises(InvalidValueError, match=match):
+        make(**options)
