@@ -101,7 +101,7 @@ class EpisodeWriter:
         self.path = Path(path)
         require_writable(self.path)
         self._coder, self._frames = _Predictor(), 0
-        text = json.dumps(asdict(header)).encode()
+        text = json.dumps(asdict(header), default=_plain).encode()
         self._write("wb", MAGIC + _START.pack(FORMAT_VERSION, len(text), zlib.crc32(text)) + text)
 
     def append(self, actors: Actors, agents: Mapping[str, AgentBody]) -> None:
@@ -259,6 +259,14 @@ class _Predictor:
 
     def _learn(self, words: Words) -> None:
         self._last, self._step = words, words - self._last
+
+
+def _plain(value: Any) -> int | float:
+    """A number of numpy's, which users may give for a population, as JSON knows it."""
+    if not isinstance(value, np.number):
+        raise InvalidValueError(f"a header must be of numbers and text, got {value!r}")
+    number: int | float = value.item()
+    return number
 
 
 def _actor_words(actors: Actors) -> Words:

@@ -55,6 +55,13 @@ def test_the_header_tells_what_it_takes_to_record_it_again(tmp_path: Path) -> No
     assert again.read_bytes() == (tmp_path / "run").read_bytes()
 
 
+def test_numbers_of_numpys_are_recorded_as_plain_ones(tmp_path: Path) -> None:
+    numbers = {"seed": np.int64(5), "max_cycles": np.int64(1), "vehicles": np.int64(9), "truck_share": np.float32(0.5)}
+    path = coopsim.record("crossing", tmp_path / "run", **numbers)
+    plain = coopsim.record("crossing", tmp_path / "plain", seed=5, max_cycles=1, vehicles=9, truck_share=0.5)
+    assert path.read_bytes() == plain.read_bytes()
+
+
 def test_another_time_step_is_refused(tmp_path: Path) -> None:
     world = played(coopsim.record("crossing", tmp_path / "run", max_cycles=1, vehicles=4))
     with pytest.raises(InvalidValueError, match=r"dt_s must be 0.1, as it was recorded, got 0.2"):
