@@ -1,4 +1,4 @@
-"""The command line: `coopsim demo`, `coopsim replay`, `coopsim compare`, `coopsim list`."""
+"""The command line: `coopsim demo`, `coopsim record`, `coopsim replay`, `coopsim compare`, `coopsim list`."""
 
 from __future__ import annotations
 
@@ -60,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_demo(commands.add_parser("demo", help="compare policies in simulated traffic, with a report"))
+    _add_record(commands.add_parser("record", help="simulate traffic and write it to a file that demos can play"))
     _add_replay(commands.add_parser("replay", help="score a policy on recorded detections"))
     _add_compare(commands.add_parser("compare", help="every policy on recorded detections, as tables and a picture"))
     listing = commands.add_parser("list", help="names of policies, environments and camera rigs")
@@ -70,20 +71,36 @@ def _parser() -> argparse.ArgumentParser:
 def _add_demo(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--environment", default="crossing", help="default: %(default)s")
+    add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
     add("--policies", type=_names, default=("no_fusion", "late_fusion"), metavar="A,B", help="see `list`")
     add("--latencies-ms", type=_milliseconds, default=(0.0, 300.0), metavar="0,300")
-    add("--frames", type=_count, default=100, help="length of each run (default: %(default)s)")
-    add("--seed", type=_count_or_zero, default=0, help="default: %(default)s")
-    add("--vehicles", type=_count, default=30, help="default: %(default)s")
-    add("--connected-cars", type=_count_or_zero, default=3, help="default: %(default)s")
-    add("--rsus", type=_count_or_zero, default=1, help="roadside units (default: %(default)s)")
-    add("--pedestrians", type=_count_or_zero, help="default: the environment's own")
+    add("--frames", type=_count, help="length of each run (default: 100, or all that FILE has)")
+    add("--seed", type=_count_or_zero, help="default: 0, or FILE's own")
+    _add_population(parser)
     add("--position-noise-m", type=float, default=0.2, help="default: %(default)s")
     add("--heading-noise-deg", type=float, default=0.2, help="default: %(default)s")
     add("--loss", type=float, default=0.0, help="probability in [0, 1] (default: %(default)s)")
     add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
     parser.set_defaults(command=_demo)
+
+
+def _add_record(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("scenario", help="as crossing or highway")
+    add("--seed", type=_count_or_zero, default=0, help="default: %(default)s")
+    add("--frames", type=_count, default=600, help="steps (default: %(default)s)")
+    add("--out", type=Path, required=True, metavar="FILE", help="an older one is replaced; Ctrl-C leaves what is there")
+    _add_population(parser)
+    parser.set_defaults(command=_record)
+
+
+def _add_population(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--vehicles", type=_count, help="default: the scenario's own")
+    add("--connected-cars", type=_count_or_zero, help="default: the scenario's own")
+    add("--rsus", type=_count_or_zero, help="roadside units (default: the scenario's own)")
+    add("--pedestrians", type=_count_or_zero, help="default: the scenario's own")
 
 
 def _add_replay(parser: argparse.ArgumentParser) -> None:
@@ -120,23 +137,29 @@ def _demo(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.demo import Demo, DemoConfig
-    from coopsim.bench.table import evaluation_row, format_table
+    from coopsim.bench.table import evaluation_row, format_table, format_visibility
+    from coopsim.data.episode import Episode
+    from coopsim.world.scenario import Population
 
-    scenario = {name: getattr(options, name) for name in ("vehicles", "connected_cars", "rsus", "pedestrians")}
+    played = None if options.playback is None else Episode(options.playback)
+    frames = options.frames or (100 if played is None else max(played.frames - 1, 1))
+    seed = options.seed if options.seed is not None else (0 if played is None else played.header.seed)
     noise = {
         "position_noise_m": options.position_noise_m,
         "heading_noise_rad": math.radians(options.heading_noise_deg),
         "loss": options.loss,
     }
-    given = {name: value for name, value in {**scenario, **noise}.items() if value is not None}
+    usual = {name: getattr(Population(), name) for name in ("vehicles", "connected_cars", "rsus")}
+    world = usual if played is None else {**played.header.population, "playback": options.playback}
+    given = {**world, **_given(options), **noise}
     latencies_s = tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
-    demo = Demo(DemoConfig(options.environment, options.policies, latencies_s, options.frames, options.seed, given))
+    demo = Demo(DemoConfig(options.environment, options.policies, latencies_s, frames, seed, given))
     if options.json is not None and options.json.resolve() == options.report.resolve():
         raise InvalidValueError(f"--json and --report must be two files, got {options.json} for both")
     for path in filter(None, (options.report, options.json)):
         require_writable(path)
     interrupted = False
-    total = len(options.policies) * len(latencies_s) * options.frames
+    total = len(options.policies) * len(latencies_s) * frames
     with tqdm(total=total, unit="frame", disable=None, desc="demo") as bar:
         try:
             demo.run(bar.update)
@@ -145,12 +168,31 @@ def _demo(options: argparse.Namespace) -> int:
     if demo.runs:  # an interrupt before the first is finished leaves older files as they are
         rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
         print(format_table(rows))
+        print("\nWho got returns from an object, recall there, and what the second adds to all recall, in per cent:")
+        print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
             write_whole(options.json, _json([{**about, **values} for about, values in rows]))
         print(f"report: {demo.write_report(options.report)}")
     if interrupted:
         print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)
     return INTERRUPTED if interrupted else 0
+
+
+def _record(options: argparse.Namespace) -> int:
+    from coopsim.data.episode import Episode
+    from coopsim.world.recorded import record
+
+    record(options.scenario, options.out, seed=options.seed, max_cycles=options.frames, **_given(options))
+    episode = Episode(options.out)
+    per_frame = episode.size_bytes / episode.frames
+    print(f"written: {options.out}, {episode.frames} frames, {per_frame:.0f} bytes a frame")
+    return 0
+
+
+def _given(options: argparse.Namespace) -> dict[str, Any]:
+    """Numbers of the scenario that the user named."""
+    names = ("vehicles", "connected_cars", "rsus", "pedestrians")
+    return {name: value for name in names if (value := getattr(options, name)) is not None}
 
 
 def _replay(options: argparse.Namespace) -> int:

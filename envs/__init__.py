@@ -10,6 +10,7 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.data.episode import Episode
 from coopsim.envs.options import (
     CommonOptions,
     SimulationOptions,
@@ -18,6 +19,7 @@ from coopsim.envs.options import (
     sort_options,
 )
 from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.playback import as_recorded
 from coopsim.envs.replay import Replay
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
@@ -38,11 +40,16 @@ def simulation_env(scenario: str, name: str, /, *, reward: Reward | None = None,
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
     groups = (CommonOptions, SimulationOptions, Population)
+    sort_options(options, *groups, beside=["reward"])  # a slip is told before a recording is read
+    playback = options.get("playback")
+    episode = None if playback is None else Episode(playback)
+    if episode is not None:
+        options = as_recorded(episode, scenario, options)
     common, simulation, numbers = sort_options(options, *groups, beside=["reward"])
     shared = CommonOptions(**common)
     sensed = SimulationOptions(**simulation)
     require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
-    source = Simulation(name, make_scenario(scenario, **numbers), sensed, shared.uplink)
+    source = Simulation(name, make_scenario(scenario, **numbers), sensed, shared.uplink, episode)
     return CooperativeEnv(source, shared, reward)
 
 

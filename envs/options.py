@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, Literal
 
 from coopsim.checks import (
@@ -21,6 +22,7 @@ from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
 from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import as_daylight
@@ -99,6 +101,9 @@ class SimulationOptions:
         ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
+        record: file to which every frame's world goes; each `reset` begins it anew.
+        playback: such a file, whose world takes the place of simulated traffic. The population, `dt_s` and (unless
+            fewer are asked for) `max_cycles` are then the recording's.
     """
 
     max_cycles: int = 200
@@ -121,6 +126,8 @@ class SimulationOptions:
     ground_truth: Literal["visible", "all"] = "visible"
     region_x_m: float = 100.0
     region_y_m: float = 40.0
+    record: str | Path | None = None
+    playback: str | Path | None = None
 
     def __post_init__(self) -> None:
         require_choice("traffic", self.traffic, ("arrays", "highway-env"))
@@ -134,11 +141,27 @@ class SimulationOptions:
         require_modes(self.camera_modes)
         require_instance(Detector, detector=self.detector)
         require_instance(Weather, weather=self.weather)
+        self._check_files()
         lidars = self.lidars
         self.illumination  # noqa: B018  (its own checks run now)
         self.localization  # noqa: B018  (its own checks run now)
         if not lidars and self.detector is not None and self.detector.needs_sweeps:
             raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
+
+    def _check_files(self) -> None:
+        for name in ("record", "playback"):
+            path = getattr(self, name)
+            if not (path is None or isinstance(path, (str, Path))):
+                raise InvalidValueError(f"{name} must be the path of a file or None, got {path!r}")
+        if self.record is not None:
+            require_writable(Path(self.record))
+        if self.record is not None and self.playback is not None:
+            raise InvalidValueError("record and playback exclude each other: what is played back is recorded already")
+        if self.playback is not None and self.control == "policy":
+            raise InvalidValueError(
+                'control="policy" cannot be played back: a recording\'s cars have driven already; '
+                'accepted: control="traffic"'
+            )
 
     @property
     def lidars(self) -> dict[str, LidarConfig]:

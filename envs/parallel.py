@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.rng import require_seed
 from coopsim.sensors.picture import TRUTH_MODES
+from coopsim.sensors.visibility import Visibility
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
@@ -154,7 +155,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self.agents = list(self._frame.agents)
         self._shown = (self._frame, {})
         observations = self._exchange(self._frame)
-        infos = {name: {"seed": seed, **self._truth(self._frame.agents[name])} for name in self.agents}
+        truth = self._truths(self._frame)
+        infos = {name: {"seed": seed, **truth.get(name, {})} for name in self.agents}
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -188,7 +190,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
         rewards = {name: self._reward(counts[name]) for name in reported}
-        infos = {name: {"counts": counts[name].as_dict(), **self._truth(frame.agents[name])} for name in reported}
+        truth = self._truths(frame)
+        infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in reported}
         self._show_if_human()
         over = dict.fromkeys(reported, frame.last)
         self._halfway = False
@@ -325,17 +328,30 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         dim = self._source.embedding_dim
         return {name: pack_observation(each, self.possible_agents, dim) for name, each in heard.items()}
 
-    def _truth(self, agent: AgentFrame) -> dict[str, Any]:
+    def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
+        """What is true around each agent, where the environment was made to tell."""
         if not self._options.expose_ground_truth:
             return {}
-        # Copies, because the originals are what the agent is scored against.
-        truth = {"id": agent.truth.id.copy(), "box": agent.truth.boxes.array, "label": agent.truth.label.copy()}
-        segmentation = {name: pack_image(image, TRUTH_MODES) for name, image in agent.segmentation.items()}
-        return {"ground_truth": truth, "instances": dict(agent.instances), "segmentation": segmentation}
+        visibility = self._source.visibility()
+        truths = {name: _truth(agent) for name, agent in frame.agents.items()}
+        return {name: truth | _visibility(visibility.get(name)) for name, truth in truths.items()}
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
             self.render()
+
+
+def _truth(agent: AgentFrame) -> dict[str, Any]:
+    # Copies, because the originals are what the agent is scored against.
+    truth = {"id": agent.truth.id.copy(), "box": agent.truth.boxes.array, "label": agent.truth.label.copy()}
+    if agent.truth.seen_by is not None:
+        truth["seen_by"] = agent.truth.seen_by.copy()
+    segmentation = {name: pack_image(image, TRUTH_MODES) for name, image in agent.segmentation.items()}
+    return {"ground_truth": truth, "instances": dict(agent.instances), "segmentation": segmentation}
+
+
+def _visibility(seen: Visibility | None) -> dict[str, Any]:
+    return {} if seen is None else {"visibility": {field.name: getattr(seen, field.name) for field in fields(seen)}}
 
 
 def fresh_seed() -> int:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.data.episode import Episode
 from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
@@ -23,9 +24,12 @@ from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
+from coopsim.sensors.visibility import Visibility, VisibilityProbe
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
+from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model
+from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 
 
@@ -37,12 +41,16 @@ class Simulation(FrameSource):
         scenario: what is there.
         options: how it is sensed and scored.
         uplink: what the agents' specs say they broadcast.
+        episode: a recorded world, to be sensed in place of one that happens now.
     """
 
-    def __init__(self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str) -> None:
+    def __init__(
+        self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str, episode: Episode | None = None
+    ) -> None:
         self.name = name
-        self._scenario, self._options = scenario, options
+        self._scenario, self._options, self._episode = scenario, options, episode
         self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
+        self._probe = VisibilityProbe(tuple(options.lidars.values()))
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -57,11 +65,13 @@ class Simulation(FrameSource):
         self._uplink = uplink
         self.specs = self._specify(bodies)
         self.road_map = self._world.map
-        self.capacity = len(self._world.actors())
+        self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
         self.lidars = tuple(self._lidars)
         self._require_free_mounts()
 
-    def _make_world(self, seed: int) -> World:
+    def _make_world(self, seed: int) -> WorldSource:
+        if self._episode is not None:
+            return PlayedWorld(self._episode, self._scenario)
         policy_control = self._options.control == "policy"
         return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
@@ -81,6 +91,8 @@ class Simulation(FrameSource):
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
+        if self._options.record is not None:
+            world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self._time_ns, self._cycle, self._world = 0, 0, world
         self.specs = self._specify(world.agents())
         self._before: dict[str, SE3] = {}
@@ -117,6 +129,13 @@ class Simulation(FrameSource):
         actors = self._world.actors()
         return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
+    def visibility(self) -> Mapping[str, Visibility]:
+        if not self._lidars:
+            return {}
+        actors, bodies, returns = self._sensed
+        scene = RayScene(self._geometry.triangles(actors))
+        return {name: self._probe.measure(scene, body, actors, returns[name]) for name, body in bodies.items()}
+
     def close(self) -> None:
         if self._rig is not None:
             self._rig.close()
@@ -125,9 +144,8 @@ class Simulation(FrameSource):
     def _sense(self) -> Frame:
         actors, bodies = self._world.actors(), self._world.agents()
         sweeps, returns = self._sweep_all(actors, bodies)
-        seen = actors.id
-        if self._options.ground_truth == "visible":
-            seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
+        self._sensed = (actors, bodies, returns)
+        seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
         images = self.photograph() if any(self._cameras.values()) else {}
         agents = {
             name: self._perceive(body, actors, seen, (sweeps[name], returns[name]), images.get(name, {}))
@@ -188,9 +206,10 @@ class Simulation(FrameSource):
         blind = {sensor: Sweep(sweep.points, sweep.intensity, sweep.beam) for sensor, sweep in sweeps.items()}
         observed = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
         observation = Observation(self._time_ns, pose, odometry, detections, blind, observed)
-        counts = np.isin(around.id, seen)
+        seen_by = np.where(returns[other] > 0, 0, np.where(np.isin(around.id, seen), 1, 2))
+        counts = (seen_by < 2) | (self._options.ground_truth == "all")
         counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
-        truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts])
+        truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts], seen_by[counts])
         instances = {sensor: sweep.instance for sensor, sweep in sweeps.items() if sweep.instance is not None}
         return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances, images)
 

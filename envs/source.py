@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.log import GroundTruth
+from coopsim.sensors.visibility import Visibility
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
@@ -106,6 +107,10 @@ class FrameSource(ABC):
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """The current frame through every agent's cameras, by agent and camera; empty without cameras."""
+        return {}
+
+    def visibility(self) -> Mapping[str, Visibility]:
+        """How well each agent sees every actor in the current frame, by agent; empty without sensors."""
         return {}
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from tabulate import tabulate
 
 from coopsim.bench.runner import Evaluation
 from coopsim.metrics.score import Score
+from coopsim.metrics.visibility import GroupRecall
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("sAMOTA", ".1f"),
@@ -52,4 +53,25 @@ def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) 
     headings = [*rows[0][0], *(name for name, _ in COLUMNS)]
     cells = [[*about.values(), *(format_value(values[name], form) for name, form in COLUMNS)] for about, values in rows]
     align = ["left"] * len(rows[0][0]) + ["right"] * len(COLUMNS)
+    return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)
+
+
+def format_visibility(rows: Sequence[tuple[Mapping[str, str], Mapping[str, GroupRecall]]]) -> str:
+    """Recall by who saw an object, and the cooperative gain: what objects that only others saw add to all recall.
+
+    Args:
+        rows: per row what it is about (heading to text; the same headings in every row) and `Score.visibility`; rows
+            where that is not known are left out.
+    """
+    known = [(about, groups) for about, groups in rows if groups]
+    if not known:
+        return "who saw what is not known"
+    names = [name for name in known[0][1] if any(groups[name].gt for _, groups in known)]
+    headings = [*known[0][0], *(part for name in names for part in (f"seen by {name}", "recall")), "cooperative gain"]
+    cells = []
+    for about, groups in known:
+        numbers = [value for name in names for value in (groups[name].share, groups[name].recall)]
+        numbers.append(groups["others only"].gain)
+        cells.append([*about.values(), *(format_value(value, ".1f") for value in numbers)])
+    align = ["left"] * len(known[0][0]) + ["right"] * (len(headings) - len(known[0][0]))
     return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)

@@ -26,11 +26,13 @@ class GroundTruth:
         id: (N,) int, unique within the frame and constant over an object's life.
         boxes: N boxes, in the frame in which tracks are reported.
         label: (N,) int, an `ObjectClass`.
+        seen_by: (N,) int, numbers into `coopsim.metrics.visibility.SEEN_BY`; None where that is not known.
     """
 
     id: Ints
     boxes: Boxes3D
     label: Ints
+    seen_by: Ints | None = None
 
     @classmethod
     def empty(cls) -> GroundTruth:
@@ -46,6 +48,7 @@ _COLUMNS = {
     "truth_id": "q",
     "truth_label": "b",
     "truth_range": "f",
+    "truth_seen_by": "b",
     "track_id": "q",
     "track_label": "b",
     "track_range": "f",
@@ -84,7 +87,8 @@ class TrackLog:
         """Add a frame; the pairs are those of `find_pairs` by superclass."""
         for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
             start.append(start[-1] + count)
-        objects = (truth.id, truth.label, _range_m(truth.boxes))
+        seen_by = np.full(len(truth), -1) if truth.seen_by is None else truth.seen_by
+        objects = (truth.id, truth.label, _range_m(truth.boxes), seen_by)
         reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
         paired = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance)
         for column, values in zip(self._columns.values(), (*objects, *reported, *paired), strict=True):
@@ -109,6 +113,7 @@ class FlatLog:
         truth_id: (G,).
         truth_label: (G,).
         truth_range: (G,) m from the reporting agent, on the ground.
+        truth_seen_by: (G,) who saw it, -1 where that is not known.
         track_id: (T,).
         track_label: (T,).
         track_range: (T,) m from the reporting agent, on the ground.
@@ -127,6 +132,7 @@ class FlatLog:
     truth_id: Ints
     truth_label: Ints
     truth_range: Floats
+    truth_seen_by: Ints
     track_id: Ints
     track_label: Ints
     track_range: Floats
@@ -214,6 +220,7 @@ class FlatLog:
             truth_id=self.truth_id[truth],
             truth_label=self.truth_label[truth],
             truth_range=self.truth_range[truth],
+            truth_seen_by=self.truth_seen_by[truth],
             track_id=self.track_id[track],
             track_label=self.track_label[track],
             track_range=self.track_range[track],

@@ -14,6 +14,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
 from coopsim.metrics.log import FlatLog, TrackLog
 from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
+from coopsim.metrics.visibility import GroupRecall, pooled, recall_by_visibility
 from coopsim.taxonomy import CLASS_NAMES, Superclass
 
 FalsePositives = Literal["count", "ignore"]
@@ -44,6 +45,7 @@ class Score:
         sweep: CLEAR at every level of recall; None for a mean over agents.
         superclasses: the same by superclass ("Vehicle", "Pedestrian", "Truck"), where there was an object; in it, a
             track may be on an object of another class.
+        visibility: recall by who saw an object, as "others only", pooled over agents; empty where that is not known.
     """
 
     values: Mapping[str, float]
@@ -54,6 +56,7 @@ class Score:
     agents: Mapping[str, Score] = field(default_factory=dict)
     sweep: RecallSweep | None = None
     superclasses: Mapping[str, Score] = field(default_factory=dict)
+    visibility: Mapping[str, GroupRecall] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         if name not in self.values:
@@ -68,7 +71,9 @@ class Score:
             _means([getattr(part, each) for part in parts]) for each in ("classes", "superclasses", "bands")
         )
         mean = _mean_of(parts)
-        return replace(mean, classes=classes, superclasses=superclasses, bands=bands, agents=dict(agents))
+        visibility = pooled(part.visibility for part in parts)
+        mean = replace(mean, classes=classes, superclasses=superclasses, bands=bands, visibility=visibility)
+        return replace(mean, agents=dict(agents))
 
     def ignoring_false_positives(self) -> Score:
         """The same with false positives ignored, which needs no new matching; values that always count them stay.
@@ -89,6 +94,7 @@ class Score:
             {name: score.ignoring_false_positives() for name, score in self.bands.items()},
             sweep=sweep,
             superclasses={name: score.ignoring_false_positives() for name, score in self.superclasses.items()},
+            visibility=self.visibility,
         )
 
     def table(self) -> str:
@@ -107,12 +113,14 @@ class Score:
         return text + ignored
 
     def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON: the values, and below them `all_tracks`, `classes`, `superclasses`, `bands` and `agents`."""
+        """Ready for JSON: the values, and below them `all_tracks` and the parts by class, agent, ... that there are."""
         parts: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
         for name in ("classes", "superclasses", "bands", "agents"):
             children: Mapping[str, Score] = getattr(self, name)
             if children:
                 parts[name] = {child: score.to_dict() for child, score in children.items()}
+        if self.visibility:
+            parts["visibility"] = {name: group.as_dict() for name, group in self.visibility.items()}
         return parts
 
 
@@ -140,16 +148,16 @@ def summarize(
     classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats]) for label in labels}
     reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
 
-    def pooled(parts: Sequence[FlatLog], wanted: Sequence[int]) -> Score:
+    def score_of(parts: Sequence[FlatLog], wanted: Sequence[int]) -> Score:
         # With a single class that nothing else was reported as, the pool is that class: no second sweep.
         present = set(labels).intersection(wanted)
         if len(present) == 1 and reported.intersection(wanted) <= present:
             return classes[CLASS_NAMES[present.pop()]]
         return _score(parts)
 
-    whole = pooled(flats, range(len(CLASS_NAMES)))
+    whole = score_of(flats, range(len(CLASS_NAMES)))
     superclasses = {
-        each.title: pooled([pool.only(*each.classes) for pool in pools], each.classes)
+        each.title: score_of([pool.only(*each.classes) for pool in pools], each.classes)
         for each in Superclass
         if set(labels).intersection(each.classes)
     }
@@ -160,6 +168,7 @@ def summarize(
         classes=classes,
         superclasses=superclasses,
         bands={name: band for name, band in bands.items() if band["GT"]},
+        visibility=recall_by_visibility(flats),
     )
     return score if false_positives == "count" else score.ignoring_false_positives()
 

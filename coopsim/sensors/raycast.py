@@ -64,10 +64,10 @@ class RayScene:
         return scene, TriangleMesh(scene, local, np.ascontiguousarray(self.triangles.faces, dtype=np.int32))
 
     def cast(self, origin_m: Floats, directions: NDArray[np.floating]) -> RayHits:
-        """Cast rays from one point.
+        """Cast rays from one point, or each from its own.
 
         Args:
-            origin_m: (3,), world frame.
+            origin_m: (3,) or (R, 3), world frame.
             directions: (R, 3) unit vectors, world frame.
         """
         rays = np.ascontiguousarray(directions, dtype=np.float32)

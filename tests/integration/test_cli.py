@@ -9,11 +9,13 @@ import signal
 import subprocess
 import sys
 import termios
+import time
 from pathlib import Path
 
 import pytest
 
 from coopsim.cli import INTERRUPTED, main
+from coopsim.data.episode import Episode
 
 QUICK = ["--frames", "6", "--vehicles", "6", "--pedestrians", "2"]
 
@@ -26,6 +28,7 @@ def test_demo_prints_one_table_and_writes_report_and_numbers(
     table = capsys.readouterr().out
     for column in ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]:
         assert column in table
+    assert "seen by others only" in table and "cooperative gain" in table
     rows = json.loads(numbers.read_text())
     assert [(row["policy"], row["latency"]) for row in rows] == [
         (policy, latency) for policy in ("no_fusion", "late_fusion") for latency in ("0 ms", "300 ms")
@@ -37,6 +40,32 @@ def test_demo_prints_one_table_and_writes_report_and_numbers(
     html = report.read_text()
     assert "late_fusion, 300 ms" in html
     assert "http://" not in html.replace("http://www.w3.org", "") and "https://" not in html
+
+
+def test_a_recording_is_made_and_demonstrated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run, report = tmp_path / "run.coopsim", tmp_path / "demo.html"
+    assert main(["record", "crossing", "--seed", "3", *QUICK, "--out", str(run)]) == 0
+    assert f"written: {run}, 7 frames, {run.stat().st_size / 7:.0f} bytes a frame" in capsys.readouterr().out
+    rows = []
+    for source in (["--playback", str(run)], ["--seed", "3", *QUICK]):
+        numbers = tmp_path / "demo.json"
+        command = ["demo", *source, "--policies", "late_fusion", "--report", str(report), "--json", str(numbers)]
+        assert main(command) == 0
+        rows.append([{**row, "frames/s": 0} for row in json.loads(numbers.read_text())])
+    assert rows[0] == rows[1] and len(rows[0]) == 2
+
+
+def test_an_interrupted_recording_can_be_played(tmp_path: Path) -> None:
+    run = tmp_path / "run.coopsim"
+    command = [sys.executable, "-m", "coopsim", "record", "crossing", "--frames", "100000", "--out", str(run)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while not run.exists() or run.stat().st_size < 10_000:
+        assert process.poll() is None
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == INTERRUPTED and "Traceback" not in err
+    assert len(list(Episode(run))) > 2
 
 
 def test_replay_writes_the_numbers_that_it_prints(
@@ -66,6 +95,12 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
         (["demo", "--latencies-ms=-5"], "latency_s must be"),
         (["demo", "--loss", "2"], "loss must be in [0, 1]"),
         (["demo", "--report", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
+        (
+            ["demo", "--playback", "/nonexistent"],
+            "cannot read /nonexistent: No such file or directory; accepted: a file",
+        ),
+        (["record", "crosing", "--out", "{recordings}/run"], "Did you mean 'crossing'"),
+        (["record", "crossing", "--out", "/nonexistent/run"], "cannot write /nonexistent/run"),
         (["replay", "/nonexistent", "--detections", "ego"], "/nonexistent"),
         (["replay", "{recordings}", "--detections", "egoo"], "Did you mean 'ego'"),
         (["replay", "{recordings}", "--detections", "ego", "--policy", "ab3dmt"], "Did you mean 'ab3dmot'"),
@@ -141,7 +176,7 @@ def test_ctrl_c_later_keeps_what_is_finished(
     monkeypatch.setattr("tqdm.tqdm.update", update)
     assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == INTERRUPTED
     shown = capsys.readouterr()
-    assert "1 finished runs were kept" in shown.err and shown.out.count("no_fusion") == 1
+    assert "1 finished runs were kept" in shown.err and shown.out.count("no_fusion") == 2  # a row in each table
     assert len(json.loads(numbers.read_text())) == 1 and report.stat().st_size > 10_000
 
 

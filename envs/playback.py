@@ -1,0 +1,40 @@
+"""What a recording decides about the environment that plays it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from coopsim.checks import require_count
+from coopsim.data.episode import Episode
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.world.recorded import recorded_scenario
+
+
+def as_recorded(episode: Episode, scenario: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options, with the recording's population, `dt_s` and (unless fewer are asked for) `max_cycles`.
+
+    Args:
+        episode: the recording.
+        scenario: name of the environment's scenario.
+        options: as the user gave them.
+
+    Raises:
+        RecordingError: the recording is of another scenario, of one that is not to be had, or holds a single frame.
+        InvalidValueError: an option asks for something else than what was recorded.
+    """
+    header, steps = episode.header, episode.frames - 1
+    if header.scenario != scenario:
+        raise RecordingError(f"{episode.path} was recorded in {header.scenario!r}; accepted here: {scenario!r}")
+    recorded_scenario(episode)
+    if not steps:
+        raise RecordingError(f"{episode.path} holds a single frame and no step; accepted: at least two frames")
+    asked = options.get("max_cycles", steps)
+    require_count(1, max_cycles=asked)
+    if asked > steps:
+        raise InvalidValueError(f"max_cycles must be at most {steps}, as {episode.path} has no more steps, got {asked}")
+    fixed = {**header.population, "dt_s": header.dt_s}
+    for name, value in fixed.items():
+        if name in options and options[name] != value:
+            raise InvalidValueError(f"{name} must be {value!r}, as {episode.path} was recorded, got {options[name]!r}")
+    return {**options, **fixed, "max_cycles": asked}

@@ -1,0 +1,68 @@
+"""Visibility in the environment: told where the truth is told, and the same as what scores are split by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import SIMULATED
+from test_environments import play
+
+Make = Callable[..., Any]
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("ground_truth", ["visible", "all"])
+def test_who_saw_an_object_follows_from_the_returns(make_small: Make, name: str, ground_truth: str) -> None:
+    env = make_small(name, expose_ground_truth=True, ground_truth=ground_truth, lidar_range_m=40.0)
+    _, infos = env.reset(seed=2)
+    columns = {agent: [info["visibility"][name] for name in ("id", "returns")] for agent, info in infos.items()}
+    returns = {agent: dict(zip(*both, strict=True)) for agent, both in columns.items()}
+    groups = set()
+    for agent, info in infos.items():
+        truth = info["ground_truth"]
+        for actor, seen_by in zip(truth["id"], truth["seen_by"], strict=True):
+            others = any(returns[other].get(actor, 0) for other in returns if other != agent)
+            expected = 0 if returns[agent][actor] else 1 if others else 2
+            assert seen_by == expected
+            groups.add(expected)
+    assert groups == ({0, 1} if ground_truth == "visible" else {0, 1, 2})
+
+
+def test_visibility_covers_every_actor_but_oneself_in_every_frame(make_small: Make) -> None:
+    env = make_small(expose_ground_truth=True, max_cycles=3)
+    history = play(env, seed=2)
+    for infos in (frame[-1] for frame in history):
+        for info in infos.values():
+            seen = info["visibility"]
+            assert len(seen["id"]) in (17, 18)  # of ten vehicles and eight people; a car does not look at itself
+            assert all(len(column) == len(seen["id"]) for column in seen.values())
+            assert (seen["returns"] <= np.rint(seen["visible"] * seen["rays"])).all()  # drop-out takes some
+            assert set(seen["occluder"]) <= {-1, 0, *env.state()[:, 0].astype(int).tolist()}
+
+
+def test_it_is_told_only_where_the_truth_is(make_small: Make) -> None:
+    _, infos = make_small().reset(seed=2)
+    assert all("visibility" not in info for info in infos.values())
+
+
+def test_without_a_lidar_lines_of_sight_tell_who_saw_what(make_small: Make) -> None:
+    _, infos = make_small(lidar=None, expose_ground_truth=True, ground_truth="all").reset(seed=2)
+    assert all("visibility" not in info for info in infos.values())
+    assert {seen_by for info in infos.values() for seen_by in info["ground_truth"]["seen_by"]} >= {0, 1}
+
+
+def test_cooperation_gains_what_only_others_see(make_small: Make) -> None:
+    groups = {}
+    for policy in ("no_fusion", "late_fusion"):
+        env = make_small(lidar="HDL-32E", lidar_columns=512, vehicles=20, max_cycles=20)
+        play(env, seed=0, policy=policy)
+        score = env.score()
+        groups[policy] = score.visibility
+        found = sum(agent.all_tracks["TP"] for agent in score.agents.values())
+        assert sum(group.tp for group in score.visibility.values()) == found
+    alone, together = groups["no_fusion"], groups["late_fusion"]
+    assert alone["others only"].gt == together["others only"].gt > 0
+    assert together["others only"].recall > alone["others only"].recall + 10
