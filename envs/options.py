@@ -29,6 +29,7 @@ from coopsim.sensors.camera import as_daylight
 from coopsim.sensors.daylight import Daylight, Illumination
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
+from coopsim.sensors.renderers import RENDERERS
 from coopsim.sensors.rigs import RigOption, check_rig
 
 
@@ -90,7 +91,7 @@ class SimulationOptions:
             a list of `Camera` objects, or one of these by agent. A policy states what it needs.
         camera_modes: what pictures consist of: "rgb", "depth", "instance", "semantic". The last two are truth, which
             goes into `infos` and needs `expose_ground_truth`.
-        renderer: "auto" (OpenGL if it works), "opengl" or "raycast".
+        renderer: "auto" (OpenGL if it works, else ray casting), "opengl", "raycast" or "pyrender" (the reference).
         position_noise_m: standard deviation of the global position, x and y.
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.
@@ -115,7 +116,7 @@ class SimulationOptions:
     time_of_day: str | Daylight = "day"
     cameras: RigOption = False
     camera_modes: Sequence[str] = OBSERVED_MODES
-    renderer: Literal["auto", "opengl", "raycast"] = "auto"
+    renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
     position_noise_m: float = 0.0
     heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
@@ -133,7 +134,7 @@ class SimulationOptions:
         require_choice("traffic", self.traffic, ("arrays", "highway-env"))
         require_choice("control", self.control, ("traffic", "policy"))
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))
-        require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
+        require_choice("renderer", self.renderer, RENDERERS)
         require_frame_time(self.dt_s)
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
         require_count(1, max_cycles=self.max_cycles)

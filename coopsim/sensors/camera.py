@@ -87,7 +87,7 @@ class CameraRig:
     Args:
         cameras: of each agent, by its name.
         modes: what pictures consist of, of `coopsim.sensors.picture.MODES`.
-        renderer: "auto" (OpenGL if it works, else ray casting, with one warning), "opengl" or "raycast".
+        renderer: "auto" (OpenGL if it works, else ray casting, with one warning), "opengl", "raycast" or "pyrender".
         illumination: None is a clear day.
     """
 
@@ -106,7 +106,7 @@ class CameraRig:
 
     @property
     def renderer(self) -> str:
-        """What draws: "opengl" or "raycast"."""
+        """What draws: "opengl", "raycast" or "pyrender"."""
         return self._renderer.name
 
     def render(

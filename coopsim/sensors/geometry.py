@@ -62,6 +62,13 @@ class Triangles:
         unit: Floats = normal / np.maximum(length, 1e-12)
         return unit
 
+    @property
+    def middle_m(self) -> Floats:
+        """(3,) on the ground amid what moves: from here float32 is fine enough, kilometres away it is not."""
+        moving = self.vertices[self.faces[self.instance > STATIC_ID].ravel()]
+        around = moving if len(moving) else self.vertices
+        return np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
+
 
 class SceneGeometry:
     """Makes each frame's triangles from the actors' models and the static parts.

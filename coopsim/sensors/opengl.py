@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.geometry import Triangles
-from coopsim.sensors.intrinsics import MOST_PIXELS, Intrinsics
+from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.lens_lookup import LensLookup
 from coopsim.sensors.renderers import Renderer, View
 
 if TYPE_CHECKING:
     from coopsim.sensors.camera import Camera
 
 INSTALL = "pip install 'coopsim[camera]', and on Debian: apt-get install libegl1 libgl1-mesa-dri libopengl0"
-
-Pixels = NDArray[np.float32]
 
 _VERTEX = """
 #version 330
@@ -43,9 +42,6 @@ void main() {
     inverse_depth = vec3(gl_FragCoord.w, dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
 }
 """
-
-_FINER = 2
-"""Pixels of the pinhole's picture for one of a lens that distorts, along either axis."""
 
 
 class OpenGLRenderer(Renderer):
@@ -113,9 +109,7 @@ class _Scene:
     def move(self, triangles: Triangles) -> None:
         """Have the vertices where they are in these triangles."""
         if len(triangles.vertices):
-            moving = triangles.vertices[triangles.faces[triangles.instance > 0].ravel()]
-            around = moving if len(moving) else triangles.vertices
-            self.origin_m = np.append(around[:, :2].mean(axis=0), 0.0)
+            self.origin_m = triangles.middle_m
             self._vertices.write((triangles.vertices - self.origin_m).astype(np.float32).tobytes())
 
     def draw(self, own_id: int | None) -> None:
@@ -134,24 +128,22 @@ class _Scene:
 class _Canvas:
     """What is drawn on for one kind of camera, and how a picture is read from it.
 
-    A rasteriser draws what a pinhole sees. Behind a lens that distorts, every pixel looks up the nearest one of a finer
-    and wider pinhole's picture, and the depth on that triangle in its own direction.
+    A rasteriser draws what a pinhole sees; what a lens that distorts sees is looked up from that (see `LensLookup`).
     """
 
     def __init__(self, context: Any, intrinsics: Intrinsics) -> None:
-        self._lookup = _Lookup(intrinsics) if intrinsics.distorts else None
-        self._matrix = intrinsics.matrix if self._lookup is None else self._lookup.matrix
-        height, width = intrinsics.size if self._lookup is None else self._lookup.size
-        self._width, self._height = width, height
+        self._lookup = LensLookup(intrinsics) if intrinsics.distorts else None
+        self._drawn = intrinsics if self._lookup is None else self._lookup.pinhole
+        width, height = self._drawn.width, self._drawn.height
         self._face = context.texture((width, height), 1, dtype="i4")
         self._inverse = context.texture((width, height), 3, dtype="f4")
         self._buffer = context.framebuffer([self._face, self._inverse], context.depth_renderbuffer((width, height)))
 
     def projection(self, near_m: float, far_m: float) -> Floats:
         """(4, 4), from camera axes to OpenGL's clip space, with the picture's first row at the bottom: read first."""
-        scale = 2 / np.array([self._width, self._height])
+        scale = 2 / np.array([self._drawn.width, self._drawn.height])
         matrix = np.zeros((4, 4))
-        matrix[:2, :3] = self._matrix[:2] * scale[:, None]
+        matrix[:2, :3] = self._drawn.matrix[:2] * scale[:, None]
         matrix[:2, 2] += 0.5 * scale - 1  # pixels' middles are whole numbers
         matrix[2, 2:] = np.array([far_m + near_m, -2 * far_m * near_m]) / (far_m - near_m)
         matrix[3, 2] = 1.0
@@ -163,8 +155,8 @@ class _Canvas:
 
     def read(self) -> View:
         """What was drawn."""
-        shape = (self._height, self._width)
-        face = np.frombuffer(self._face.read(), np.int32).reshape(shape)
+        shape = self._drawn.size
+        face: NDArray[np.integer] = np.frombuffer(self._face.read(), np.int32).reshape(shape)
         inverse = np.frombuffer(self._inverse.read(), np.float32).reshape(*shape, 3)
         closeness = inverse[..., 0]
         if self._lookup is not None:
@@ -172,36 +164,6 @@ class _Canvas:
         seen = closeness > 0
         depth = np.divide(1.0, closeness, out=np.zeros_like(closeness), where=seen)
         return View(np.where(seen, face, -1), depth)
-
-
-class _Lookup:
-    """Which pixel of a finer and wider pinhole's picture each pixel of a lens that distorts looks up.
-
-    Attributes:
-        matrix: (3, 3), the pinhole's.
-        size: height and width of its picture.
-    """
-
-    def __init__(self, intrinsics: Intrinsics) -> None:
-        seen = intrinsics.rays[:, :2]
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        focal_px = _FINER * np.array([intrinsics.fx_px, intrinsics.fy_px])
-        focal_px = np.minimum(focal_px, (MOST_PIXELS - 2) / np.maximum(high - low, 1e-9))
-        self.matrix = np.array([[focal_px[0], 0.0, -focal_px[0] * low[0]], [0.0, focal_px[1], -focal_px[1] * low[1]]])
-        width, height = (np.ceil(focal_px * (high - low)) + 1).astype(int).tolist()
-        self.size = (height, width)
-        place = focal_px * (seen - low)
-        nearest = np.clip(np.rint(place), 0, np.array([width, height]) - 1)
-        self._shape = intrinsics.size
-        self._index = (nearest[:, 1] * width + nearest[:, 0]).astype(np.int64)
-        self._beside = (place - nearest).astype(np.float32)
-
-    def apply(self, face: NDArray[np.int32], inverse: Pixels) -> tuple[NDArray[np.int32], Pixels]:
-        """Face and inverse depth, (H, W), in the directions of the lens's pixels."""
-        found = inverse.reshape(-1, 3)[self._index]
-        exact = found[:, 0] + found[:, 1] * self._beside[:, 0] + found[:, 2] * self._beside[:, 1]
-        closeness = np.where(found[:, 0] > 0, exact, np.float32(0.0))
-        return face.ravel()[self._index].reshape(self._shape), closeness.reshape(self._shape)
 
 
 def _matrix(pose: SE3) -> Floats:

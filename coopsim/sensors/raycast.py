@@ -48,10 +48,7 @@ class RayScene:
     @cached_property
     def _origin(self) -> Floats:
         """Where to measure from: embree computes in float32, which kilometres from here is centimetres."""
-        triangles = self.triangles
-        moving = triangles.vertices[triangles.faces[triangles.instance > 0].ravel()]
-        around = moving if len(moving) else triangles.vertices
-        return np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
+        return self.triangles.middle_m
 
     @cached_property
     def _embree(self) -> tuple[Any, Any]:

@@ -1,4 +1,7 @@
-"""Two ways to find out what each pixel of a camera sees, behind one interface: OpenGL, and ray casting without it."""
+"""Three ways to find out what each pixel of a camera sees, behind one interface.
+
+OpenGL is the fast one, ray casting does without it, and pyrender is an independent reference for both.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from coopsim.types import Ints
 if TYPE_CHECKING:
     from coopsim.sensors.camera import Camera
 
-RENDERERS = ("auto", "opengl", "raycast")
+RENDERERS = ("auto", "opengl", "raycast", "pyrender")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,13 +68,17 @@ def make_renderer(name: str) -> Renderer:
 
     Raises:
         UnknownNameError: no such renderer.
-        MissingDependencyError: "opengl" was asked for and does not work here; says what to install.
+        MissingDependencyError: "opengl" or "pyrender" was asked for and does not work here; says what to install.
     """
     require_choice("renderer", name, RENDERERS)
     if name == "raycast":
         return RaycastRenderer()
-    from coopsim.sensors.opengl import OpenGLRenderer  # it is a `Renderer`, so it needs this file first
+    # These are `Renderer`s, so they need this file first.
+    from coopsim.sensors.opengl import OpenGLRenderer
+    from coopsim.sensors.pyrender_reference import PyrenderRenderer
 
+    if name == "pyrender":
+        return PyrenderRenderer()
     try:
         return OpenGLRenderer()
     except MissingDependencyError as error:
@@ -111,9 +118,14 @@ class RaycastRenderer(Renderer):
         assert self._frame is not None, "update before see"
         if own_id not in self._scenes:
             frame = self._frame
-            kept = np.flatnonzero(frame.instance != own_id) if own_id is not None else np.arange(len(frame.faces))
+            kept = faces_without(frame, own_id)
             self._scenes[own_id] = (RayScene(_of_faces(frame, kept)), np.append(kept, -1))
         return self._scenes[own_id]
+
+
+def faces_without(triangles: Triangles, own_id: int | None) -> Ints:
+    """Indices of all faces but those of an actor."""
+    return np.flatnonzero(triangles.instance != own_id) if own_id is not None else np.arange(len(triangles.faces))
 
 
 def _of_faces(triangles: Triangles, kept: Ints) -> Triangles:

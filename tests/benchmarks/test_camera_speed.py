@@ -1,4 +1,4 @@
-"""How fast cameras draw a busy crossing, by either renderer. Run by `make bench`.
+"""How fast cameras draw a busy crossing, by every renderer. Run by `make bench`.
 
 Nothing here fails by time; the figures are printed.
 """
@@ -29,7 +29,7 @@ FRAMES = 20
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("fog_visibility_m", [np.inf, 80.0])
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_camera_frame(renderer: str, lens: str, fog_visibility_m: float) -> None:
     """Four 320 x 180 cameras with colour, depth and instance on each of 3 cars and 1 roadside unit; traffic moves."""
     world = World(make_scenario("crossing"), seed=0)

@@ -28,6 +28,16 @@ def test_every_folder_of_the_library_is_a_package() -> None:
     assert all((folder / "__init__.py").is_file() for folder in folders)
 
 
+def test_every_data_file_is_listed() -> None:
+    """What is missing from the list is silently missing from the wheel, too."""
+    listed = PYPROJECT["tool"]["setuptools"]["package-data"]
+    patterns = [f"{package.replace('.', '/')}/{each}" for package, named in listed.items() for each in named]
+    files = (path for path in (ROOT / "coopsim").rglob("*") if path.is_file() and path.suffix != ".py")
+    data = [path.relative_to(ROOT) for path in files if path.parent.name != "__pycache__"]
+    assert len(data) >= len(patterns)
+    assert [path for path in data if not any(path.match(pattern) for pattern in patterns)] == []
+
+
 def test_links_make_the_source_tree_look_installed() -> None:
     for name in ("envs", "agents"):
         link = ROOT / "coopsim" / name
@@ -41,7 +51,7 @@ def test_import_loads_nothing_heavy(module: str) -> None:
 import sys
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("torch", "moderngl"):
+        if name.split(".")[0] in ("torch", "moderngl", "pyrender", "OpenGL"):
             raise AssertionError("import of " + name)
 sys.meta_path.insert(0, Refuse())
 import {module}

@@ -29,7 +29,7 @@ def car(pose: SE3 = HOME) -> AgentBody:
     return AgentBody("cav_0", "cav", None, pose, CAR[2])
 
 
-@pytest.fixture(params=["raycast", "opengl"])
+@pytest.fixture(params=["raycast", "opengl", "pyrender"])
 def shoot(request: pytest.FixtureRequest) -> Iterator[Shoot]:
     """Takes an agent's four pictures of a scene; keywords change its cameras."""
     studios = []

@@ -1,4 +1,4 @@
-"""OpenGL and ray casting see the same; one stands in for the other; what a renderer keeps never shows."""
+"""OpenGL and ray casting see the same; one stands in for the other; what any renderer keeps never shows."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_opengl_and_ray_casting_agree(place: str, lens: str) -> None:
     assert (off <= 4).mean() >= least_depth - 0.005
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_a_used_rig_draws_as_a_fresh_one(renderer: str) -> None:
     """Actors that move, come, go, and are others under the same id, as after a reset."""
     who = actors(PLACES, model=[0, 0, 1])
@@ -108,7 +108,7 @@ def test_a_used_rig_draws_as_a_fresh_one(renderer: str) -> None:
     used.rig.close()  # nothing more to release, and no error
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_who_moves_is_drawn_in_the_pose_of_its_phase(renderer: str) -> None:
     """As what stands in that pose for ever; its mesh is that of the last frame's pose no more."""
     upright = MODELS[1]
@@ -125,7 +125,7 @@ def test_who_moves_is_drawn_in_the_pose_of_its_phase(renderer: str) -> None:
     studio.rig.close()
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_a_car_is_left_out_of_its_own_pictures_only(renderer: str) -> None:
     bodies = {
         name: AgentBody(name, "cav", actor, SE3.identity(), 1.6) for name, actor in {"driver": 2, "ghost": None}.items()
@@ -139,7 +139,7 @@ def test_a_car_is_left_out_of_its_own_pictures_only(renderer: str) -> None:
     assert set(np.unique(images["ghost"]["front"].instance)) == {0, 1, 2}
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_far_from_the_origin_pictures_are_as_sharp(renderer: str) -> None:
     """A kilometre is coarse in float32: both measure from the scene's middle."""
     pictures = []
@@ -153,7 +153,7 @@ def test_far_from_the_origin_pictures_are_as_sharp(renderer: str) -> None:
     assert (near > 0).any() and (np.abs(near - far) <= 0.01).mean() > 0.999
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
+@pytest.mark.parametrize("renderer", ["opengl", "raycast", "pyrender"])
 def test_many_frames_take_no_more_memory(renderer: str) -> None:
     """Actors come and go, so that buffers are made anew in every second frame."""
     studio = Studio(renderer, STATIC, cameras=small(), modes=MODES)
