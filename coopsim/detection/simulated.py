@@ -173,6 +173,8 @@ class SimulatedDetector(Detector):
     def _false_positives(self, rng: np.random.Generator) -> Detections:
         config = self.config
         count = int(rng.poisson(config.false_positives))
+        if not count:
+            return Detections.empty()
         range_m = rng.uniform(self._FALSE_SIZE_M[0] / 2, max(config.false_positive_range_m, 3.0), count)
         bearing = rng.uniform(-np.pi, np.pi, count)
         size = self._FALSE_SIZE_M * np.exp(0.1 * rng.standard_normal((count, 3)))
