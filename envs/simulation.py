@@ -76,7 +76,9 @@ class Simulation(FrameSource):
             (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
         }
         if not self._lidars:
-            imagined = LidarConfig(columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m)
+            self._imagined = imagined = LidarConfig(
+                columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m
+            )
             self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
@@ -142,7 +144,7 @@ class Simulation(FrameSource):
         return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
 
     def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
-        at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)
+        at = body.world_SE3_base.apply(self._imagined.base_SE3_sensor(body.height_m).translation)
         return self._sight.expected_returns(at, actors, body.actor_id)
 
     def _perceive(
