@@ -79,6 +79,7 @@ class SimulationOptions:
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
         weather: rain, fog and wet surfaces, for the LiDARs.
+        threads: that share the agents' sweeps (not embree's); they change nothing but the time.
         cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
         renderer: "auto", "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
@@ -99,6 +100,7 @@ class SimulationOptions:
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
     weather: Weather | None = None
+    threads: int = 2
     cameras: bool = False
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
     position_noise_m: float = 0.0
@@ -119,7 +121,7 @@ class SimulationOptions:
         require_choice("renderer", self.renderer, ("auto", "opengl", "raycast"))
         require_frame_time(self.dt_s)
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
-        require_count(1, max_cycles=self.max_cycles)
+        require_count(1, max_cycles=self.max_cycles, threads=self.threads)
         require_flag(cameras=self.cameras)
         require_instance(Detector, detector=self.detector)
         require_instance(Weather, weather=self.weather)

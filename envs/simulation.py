@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from coopsim.sensors.mounting import require_free_mount
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
+from coopsim.threads import run_all
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model
@@ -41,6 +43,9 @@ class Simulation(FrameSource):
         self.name = name
         self._scenario, self._options = scenario, options
         self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
+        # Embree's scene is made by the first who casts into it, which two could be at once.
+        by_embree = any(lidar.config.backend == "embree" for lidar in self._lidars.values())
+        self._threads = 1 if by_embree else options.threads
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -122,12 +127,15 @@ class Simulation(FrameSource):
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
         scene = RayScene(self._geometry.triangles(actors))
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
-        sweeps = {
-            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
-            for name, body in bodies.items()
-        }
+
+        def sweep(body: AgentBody) -> tuple[dict[str, Sweep], Ints]:
+            own = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._lidars}
+            return own, count_returns(own, actors.id)
+
+        sensed = run_all([partial(sweep, body) for body in bodies.values()], self._threads, "agents")
         self._before = {name: body.world_SE3_base for name, body in bodies.items()}
-        return sweeps, {name: count_returns(own, actors.id) for name, own in sweeps.items()}
+        sweeps, returns = zip(*sensed, strict=True)
+        return dict(zip(bodies, sweeps, strict=True)), dict(zip(bodies, returns, strict=True))
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
         """A sweep that ends now, of an agent that was at `before` a frame ago."""
