@@ -18,14 +18,29 @@ def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArr
     The caller's own array stays writable: what is returned is a read-only view (or a copy, where the
     dtype differs).
     """
+    if type(value) is np.ndarray and value.dtype == dtype and _fits(value.shape, shape):  # as most are
+        if not value.flags.writeable:
+            return value
+        array = value.view()
+        array.flags.writeable = False
+        return array
     array = as_numbers(value, dtype, what, whole_floats=True).view()
-    if array.ndim != len(shape) or any(
-        want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
-    ):
+    if not _fits(array.shape, shape):
         wanted = tuple("N" if length is None else length for length in shape)
         raise InvalidValueError(f"{what} must have shape {wanted}, got {array.shape}".replace("'", ""))
     array.flags.writeable = False
     return array
+
+
+def _fits(shape: tuple[int, ...], wanted: Shape) -> bool:
+    if shape == wanted:
+        return True
+    if len(shape) != len(wanted):
+        return False
+    for length, want in zip(shape, wanted, strict=True):  # noqa: SIM110  (a generator would take twice as long)
+        if want is not None and length != want:
+            return False
+    return True
 
 
 def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: bool = False) -> NDArray[Any]:

@@ -49,7 +49,9 @@ class Localizer:
     """
 
     def __init__(self, config: LocalizationConfig, seed: int, agent: str, *, stands: bool = False) -> None:
-        self._config = config
+        across_m, turn_rad = config.odometry_noise_m, config.odometry_heading_noise_rad
+        self._pose_sigma = np.array([config.position_noise_m, config.position_noise_m, 0.0, config.heading_noise_rad])
+        self._step_sigma = np.array([across_m, across_m, 0.0, turn_rad])
         self._pose_rng = stream(seed, "pose", agent)
         self._odometry_rng = stream(seed, "odometry", agent)
         self._stands = stands
@@ -57,16 +59,8 @@ class Localizer:
 
     def localize(self, world_SE3_base: SE3) -> tuple[PoseEstimate, Odometry]:
         """The estimates for a true pose; the first frame's odometry is no motion."""
-        config = self._config
-        pose_sigma = [config.position_noise_m, config.position_noise_m, 0.0, config.heading_noise_rad]
-        pose = stack_xyz_yaw(world_SE3_base) + self._pose_rng.standard_normal(4) * pose_sigma
-        step_sigma = [
-            config.odometry_noise_m,
-            config.odometry_noise_m,
-            0.0,
-            config.odometry_heading_noise_rad,
-        ]
-        error = self._odometry_rng.standard_normal(4) * step_sigma
+        pose = stack_xyz_yaw(world_SE3_base) + self._pose_rng.standard_normal(4) * self._pose_sigma
+        error = self._odometry_rng.standard_normal(4) * self._step_sigma
         if self._previous is None or self._stands:
             motion = np.zeros(4)
         else:

@@ -79,6 +79,8 @@ class Detections:
         full = [part for part in parts if len(part)]
         if not full:
             return cls.empty()
+        if len(full) == 1:
+            return replace(full[0], seen_by=None)
         covariances = [part.covariance for part in full if part.covariance is not None]
         return cls(
             Boxes3D.concatenate(part.boxes for part in full),
@@ -171,6 +173,8 @@ class Tracks:
 
     def validate(self) -> None:
         """Raise `InvalidValueError` on what cannot be scored: not finite, no size, twice the same id."""
+        if not len(self):
+            return
         self.boxes.validate("tracks")
         require_finite(self.velocity, "track velocity")
         require_finite(self.score, "track score")
@@ -178,7 +182,7 @@ class Tracks:
         if len(unique) < len(self.id):
             twice = unique[counts > 1].tolist()
             raise InvalidValueError(f"track ids must be unique within a frame, got {twice} more than once")
-        if len(self) and not (self.label.min() >= 0 and self.label.max() < len(CLASS_NAMES)):
+        if not (self.label.min() >= 0 and self.label.max() < len(CLASS_NAMES)):
             wrong = sorted({int(label) for label in self.label} - set(range(len(CLASS_NAMES))))
             raise InvalidValueError(f"track labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
 
@@ -374,4 +378,6 @@ class AgentSpec:
 
 def stack_xyz_yaw(pose: SE3) -> Floats:
     """A gravity-aligned transform as (4,): x, y, z m and heading rad."""
-    return np.append(pose.translation, pose.yaw)
+    row = np.empty(4)
+    row[:3], row[3] = pose.translation, pose.yaw
+    return row

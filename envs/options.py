@@ -86,6 +86,7 @@ class SimulationOptions:
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
         weather: rain, fog and wet surfaces, for the LiDARs and cameras; None is dry and clear.
+        threads: that share the agents' sweeps (not embree's); they change nothing but the time.
         time_of_day: "day", "dusk" or "night", or a `Daylight` of one's own; cameras see by it.
         cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
             a list of `Camera` objects, or one of these by agent. A policy states what it needs.
@@ -113,6 +114,7 @@ class SimulationOptions:
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
     weather: Weather | None = None
+    threads: int = 2
     time_of_day: str | Daylight = "day"
     cameras: RigOption = False
     camera_modes: Sequence[str] = OBSERVED_MODES
@@ -137,7 +139,7 @@ class SimulationOptions:
         require_choice("renderer", self.renderer, RENDERERS)
         require_frame_time(self.dt_s)
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
-        require_count(1, max_cycles=self.max_cycles)
+        require_count(1, max_cycles=self.max_cycles, threads=self.threads)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
         require_instance(Detector, detector=self.detector)

@@ -65,6 +65,8 @@ class Scorer:
         A tracker that carries on an object that nobody sees any more is right to do so, and is neither
         paid nor punished for it.
         """
+        if not len(tracks):
+            return tracks
         if self._region_m is not None:
             x, y = np.abs(tracks.boxes.center[:, :2]).T
             tracks = tracks[(x <= self._region_m[0]) & (y <= self._region_m[1])]

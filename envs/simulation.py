@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
 from coopsim.sensors.visibility import Visibility, VisibilityProbe
+from coopsim.threads import run_all
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
@@ -51,6 +53,9 @@ class Simulation(FrameSource):
         self._scenario, self._options, self._episode = scenario, options, episode
         self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
         self._probe = VisibilityProbe(tuple(options.lidars.values()))
+        # Embree's scene is made by the first who casts into it, which two could be at once.
+        by_embree = any(lidar.config.backend == "embree" for lidar in self._lidars.values())
+        self._threads = 1 if by_embree else options.threads
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -105,7 +110,9 @@ class Simulation(FrameSource):
             (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
         }
         if not self._lidars:
-            imagined = LidarConfig(columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m)
+            self._imagined = imagined = LidarConfig(
+                columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m
+            )
             self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
@@ -161,12 +168,15 @@ class Simulation(FrameSource):
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
         scene = RayScene(self._geometry.triangles(actors))
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
-        sweeps = {
-            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
-            for name, body in bodies.items()
-        }
+
+        def sweep(body: AgentBody) -> tuple[dict[str, Sweep], Ints]:
+            own = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._lidars}
+            return own, count_returns(own, actors.id)
+
+        sensed = run_all([partial(sweep, body) for body in bodies.values()], self._threads, "agents")
         self._before = {name: body.world_SE3_base for name, body in bodies.items()}
-        return sweeps, {name: count_returns(own, actors.id) for name, own in sweeps.items()}
+        sweeps, returns = zip(*sensed, strict=True)
+        return dict(zip(bodies, sweeps, strict=True)), dict(zip(bodies, returns, strict=True))
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
         """A sweep that ends now, of an agent that was at `before` a frame ago."""
@@ -183,7 +193,7 @@ class Simulation(FrameSource):
         return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
 
     def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
-        at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)
+        at = body.world_SE3_base.apply(self._imagined.base_SE3_sensor(body.height_m).translation)
         return self._sight.expected_returns(at, actors, body.actor_id)
 
     def _perceive(

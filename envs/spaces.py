@@ -221,7 +221,9 @@ def _pack_detections(found: Detections, embedding_dim: int) -> dict[str, Any]:
 
 
 def _pack_sweep(sweep: Sweep) -> np.ndarray[Any, np.dtype[np.float32]]:
-    return np.column_stack([sweep.points, sweep.intensity, sweep.beam.astype(np.float32)])
+    rows = np.empty((len(sweep), 5), np.float32)
+    rows[:, :3], rows[:, 3], rows[:, 4] = sweep.points, sweep.intensity, sweep.beam
+    return rows
 
 
 def _unpack_sweep(points: np.ndarray[Any, np.dtype[np.float32]]) -> Sweep:

@@ -93,9 +93,12 @@ class Channel:
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
         """Take out every message that is due, by receiver, in order of arrival."""
         inboxes: dict[str, list[Message]] = {}
+        read: dict[bytes, Message] = {}  # a broadcast is decoded once, not by each receiver
         while self._queue and self._queue[0][0] <= now_ns + _ROUNDING_NS:
             _, _, receiver, wire = heapq.heappop(self._queue)
-            inboxes.setdefault(receiver, []).append(decode_message(wire))
+            if wire not in read:
+                read[wire] = decode_message(wire)
+            inboxes.setdefault(receiver, []).append(read[wire])
             self._delivered += 1
         return inboxes
 

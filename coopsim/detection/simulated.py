@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 
 from coopsim.checks import (
     require_between,
@@ -173,6 +174,8 @@ class SimulatedDetector(Detector):
     def _false_positives(self, rng: np.random.Generator) -> Detections:
         config = self.config
         count = int(rng.poisson(config.false_positives))
+        if not count:
+            return Detections.empty()
         range_m = rng.uniform(self._FALSE_SIZE_M[0] / 2, max(config.false_positive_range_m, 3.0), count)
         bearing = rng.uniform(-np.pi, np.pi, count)
         size = self._FALSE_SIZE_M * np.exp(0.1 * rng.standard_normal((count, 3)))
@@ -186,15 +189,26 @@ def count_returns(sweeps: Mapping[str, Sweep], ids: Ints) -> Ints:
     """Number of LiDAR returns from each of the actors `ids` (N,), over all sweeps; (N,)."""
     counts = np.zeros(len(ids), dtype=np.int64)
     order = np.argsort(ids)
+    ordered = ids[order]
     for name, sweep in sweeps.items():
         if sweep.instance is None:
             raise InvalidValueError(f"sweep {name!r} has no instance ids to count returns by")
-        place = np.searchsorted(ids, sweep.instance, sorter=order)
-        known = place < len(ids)
-        slot = order[place[known]]
-        slot = slot[ids[slot] == sweep.instance[known]]
-        counts += np.bincount(slot, minlength=len(ids))
+        counts[order] += _tally(sweep.instance, ordered)
     return counts
+
+
+@njit(cache=True, nogil=True)
+def _tally(instance: Ints, ids: Ints) -> Ints:
+    """How often each of `ids` (N,), which rise, is among instances (P,); (N,)."""
+    counts = np.zeros(len(ids) + 1, np.int64)  # the last is of all others
+    slot = len(ids)
+    for p in range(len(instance)):
+        if p == 0 or instance[p] != instance[p - 1]:  # neighbouring rays mostly hit the same actor
+            slot = np.searchsorted(ids, instance[p])
+            if slot < len(ids) and ids[slot] != instance[p]:
+                slot = len(ids)
+        counts[slot] += 1
+    return counts[:-1]
 
 
 def _logistic(logit: Floats) -> Floats:

@@ -53,7 +53,9 @@ class Boxes3D:
     @property
     def array(self) -> Floats:
         """(N, 7): x, y, z, l, w, h, yaw."""
-        return np.column_stack([self.center, self.size, self.yaw])
+        rows = np.empty((len(self), 7))
+        rows[:, :3], rows[:, 3:6], rows[:, 6] = self.center, self.size, self.yaw
+        return rows
 
     @property
     def corners(self) -> Floats:
@@ -78,7 +80,9 @@ class Boxes3D:
 
     def validate(self, what: str = "boxes") -> None:
         """Raise `InvalidValueError` unless all numbers are finite and all sizes positive."""
+        if not len(self):
+            return
         require_finite(self.array, what)
-        if len(self) and self.size.min() <= 0:
+        if self.size.min() <= 0:
             row = int(np.argmin(self.size.min(axis=1)))
             raise InvalidValueError(f"{what}: sizes must be > 0 m, got {self.size[row].tolist()} at {row}")

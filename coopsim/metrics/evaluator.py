@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from coopsim.metrics.log import GroundTruth, TrackLog
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
-from coopsim.metrics.pairs import find_pairs
+from coopsim.metrics.pairs import Pairs, find_pairs
 from coopsim.taxonomy import SUPERCLASS_NUMBERS
 from coopsim.types import Ints, Tracks
 
@@ -27,7 +27,7 @@ class FrameCounts:
 
     def as_dict(self) -> dict[str, int]:
         """By name."""
-        return asdict(self)
+        return {"tp": self.tp, "fp": self.fp, "fn": self.fn, "idsw": self.idsw, "gt": self.gt}
 
 
 class Evaluator:
@@ -45,6 +45,9 @@ class Evaluator:
 
     def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
         """Score one frame; truth and tracks in one frame of reference, ids unique in each."""
+        if not len(tracks):
+            self.log.append(truth, tracks, Pairs.none())
+            return FrameCounts(0, 0, len(truth), 0, len(truth))
         frame = len(self.log)
         alike = find_pairs(truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label])
         self.log.append(truth, tracks, alike)

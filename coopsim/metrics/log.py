@@ -92,7 +92,8 @@ class TrackLog:
         reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
         paired = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance)
         for column, values in zip(self._columns.values(), (*objects, *reported, *paired), strict=True):
-            column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
+            if len(values):
+                column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
 
     def flat(self) -> FlatLog:
         """All frames as flat arrays, with the pairs of a superclass; `FlatLog.by_class` has those of a class."""

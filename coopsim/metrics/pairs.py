@@ -35,6 +35,12 @@ class Pairs:
     iou_bev: Floats
     distance: Floats
 
+    @classmethod
+    def none(cls) -> Pairs:
+        """No pairs."""
+        rows, values = np.zeros(0, dtype=np.int64), np.zeros(0)
+        return cls(rows, rows, values, values, values)
+
     def __len__(self) -> int:
         return len(self.truth)
 

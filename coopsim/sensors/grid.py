@@ -6,11 +6,8 @@ Embree (`coopsim.sensors.raycast`) casts any rays, one by one; here they must be
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +17,7 @@ from coopsim.sensors.geometry import Parts, Triangles
 from coopsim.sensors.grid_kernel import LANES, Beams, sweep_sector
 from coopsim.sensors.grid_shapes import Singles, place
 from coopsim.sensors.patterns import BeamPattern
+from coopsim.threads import run_all
 from coopsim.types import Ints
 
 
@@ -98,25 +96,8 @@ class RayGrid:
         def work(first: int, last: int) -> None:
             sweep_sector(scene, self._beams, self._order, (first, last), out)
 
-        _share(work, blocks, threads)
-
-
-def _share(work: Callable[[int, int], None], blocks: tuple[int, int], threads: int) -> None:
-    """Do `work(first, last)` for all of `blocks`, in as many parts as there are threads."""
-    ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
-    rest = [_pool(threads).submit(work, *pair) for pair in pairwise(ends[1:])]
-    work(ends[0], ends[1])
-    for part in rest:
-        part.result()
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    # Threads of our own, not numba's: its layers end a process that forks after use, or that calls from two threads.
-    return ThreadPoolExecutor(threads, thread_name_prefix="coopsim-lidar")
-
-
-os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
+        ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
+        run_all([partial(work, *pair) for pair in pairwise(ends)], threads, "lidar")
 
 
 def _one_part(triangles: Triangles) -> Parts:

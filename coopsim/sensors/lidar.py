@@ -165,7 +165,7 @@ class Lidar:
         draws = rng.standard_normal(face.size, np.float32), rng.standard_exponential(face.size, np.float32)
         none = np.zeros(0, np.float32)
         clutter = (none, none) if self._clutter is None else self._clutter.draw(face.size, rng)
-        points, intensity, ray, instance = receive(
+        points, intensity, beam, instance = receive(
             self._optics,
             Echoes(range_m, bounced, face, *clutter),
             scene.triangles.instance,
@@ -174,7 +174,7 @@ class Lidar:
             self._directions,
             turn.poses(world_SE3_base),
         )
-        return Sweep(points, intensity, ray // self.config.columns, instance)
+        return Sweep(points, intensity, beam, instance)
 
     @property
     def _optics(self) -> Optics:

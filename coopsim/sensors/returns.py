@@ -86,7 +86,7 @@ def receive(
     directions: Singles,
     poses: tuple[Floats, Floats, Ints],
 ) -> tuple[Singles, Singles, Ints, Ints]:
-    """The points that return, with intensity, number of the ray, and instance.
+    """The points that return, with intensity, beam, and instance.
 
     Args:
         optics: of sensor and air.
@@ -101,7 +101,7 @@ def receive(
     (normal, exponential), (rotations, translations, sectors) = draws, poses
     beams, columns = directions.shape[0], directions.shape[1]
     points, intensity = np.empty((beams * columns, 3), np.float32), np.empty(beams * columns, np.float32)
-    number, source = np.empty(beams * columns, np.int64), np.empty(beams * columns, np.int64)
+    row, source = np.empty(beams * columns, np.int64), np.empty(beams * columns, np.int64)
     count = 0
     for beam in range(beams):
         for column in range(columns):
@@ -124,10 +124,10 @@ def receive(
                 points[count, axis] = translations[pose, axis] + along * reading
             # What sensors report is calibrated for range: what is left is the surface, and the air.
             bright = energy * (distance / optics.reference_range_m) ** 2
-            intensity[count], number[count] = min(bright, 1.0), ray
+            intensity[count], row[count] = min(bright, 1.0), beam
             source[count] = CLUTTER_ID if is_clutter else who
             count += 1
-    return points[:count], intensity[:count], number[:count], source[:count]
+    return points[:count], intensity[:count], row[:count], source[:count]
 
 
 @njit(cache=True, nogil=True)

@@ -75,9 +75,12 @@ class Turn:
 
     def poses(self, world_SE3_base: SE3) -> tuple[Floats, Floats, Ints]:
         """The sensor's poses in a base frame, (S, 3, 3) and (S, 3), and the sector of each column (C,)."""
+        if self.seconds == 0:
+            sector = np.zeros(self.columns, dtype=np.int64)
+        else:
+            sector = np.searchsorted(self._ends, np.arange(self.columns) // LANES, side="right") - 1
         base_SE3_world = world_SE3_base.inverse()
         poses = [base_SE3_world.compose(self.world_SE3_sensor(k)) for k in range(self.sectors)]
-        sector = np.searchsorted(self._ends, np.arange(self.columns) // LANES, side="right") - 1
         return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses]), sector
 
     @property

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.geometry import is_closed
 from coopsim.sensors.patterns import BeamPattern
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 from coopsim.world.snapshot import Actors, StaticPart
 
 _ACROSS = np.array([-0.4, 0.0, 0.4])
@@ -25,6 +25,8 @@ _ACROSS = np.array([-0.4, 0.0, 0.4])
 
 _UP = np.array([0.15, 0.5, 0.85])
 """The same in heights from its bottom."""
+
+_SLACK_M = 1e-3  # for rounding, in deciding which obstacles are worth a closer look
 
 
 class LineOfSight:
@@ -52,10 +54,10 @@ class LineOfSight:
         others = actors.id != (-1 if own_id is None else own_id)
         obstacles = np.concatenate([boxes, self._scenery])
         blocks = np.concatenate([others, np.ones(len(self._scenery), dtype=np.bool_)])
-        share = _visible_shares(np.asarray(origin_m, dtype=np.float64), boxes, obstacles, blocks, _ACROSS, _UP)
+        near = others & (np.linalg.norm(boxes[:, :3] - origin_m, axis=1) <= self._range_m)
+        share = _visible_shares(np.asarray(origin_m, dtype=np.float64), boxes, near, obstacles, blocks, _ACROSS, _UP)
         rays = self._columns_over(origin_m, boxes) * self._beams_over(origin_m, boxes)
-        near = np.linalg.norm(boxes[:, :3] - origin_m, axis=1) <= self._range_m
-        returns: Ints = np.floor(rays * share * (near & others)).astype(np.int64)
+        returns: Ints = np.floor(rays * share).astype(np.int64)
         return returns
 
     def _columns_over(self, origin_m: Floats, boxes: Floats) -> Floats:
@@ -93,17 +95,30 @@ def _pieces(part: StaticPart) -> list[Floats]:
 
 @njit(cache=True, nogil=True)
 def _visible_shares(
-    origin: Floats, boxes: Floats, obstacles: Floats, blocks: np.ndarray, across: Floats, up: Floats
+    origin: Floats, boxes: Floats, wanted: Mask, obstacles: Floats, blocks: Mask, across: Floats, up: Floats
 ) -> Floats:
-    """(N,) share of lines from `origin` to boxes (N, 7) that no other of the obstacles (M, 7), boxes first, blocks."""
+    """(N,) share of lines from `origin` to boxes (N, 7) that no other of the obstacles (M, 7), boxes first, blocks.
+
+    None of boxes that are not `wanted` (N,).
+    """
     shares = np.zeros(len(boxes))
     cos, sin = np.cos(obstacles[:, 6]), np.sin(obstacles[:, 6])
-    end = np.empty(3)
+    radius, farthest = np.hypot(obstacles[:, 3], obstacles[:, 4]) / 2, np.abs(across).max()
+    end, between = np.empty(3), np.empty(len(obstacles), np.int64)
     for n in range(len(boxes)):
+        if not wanted[n]:
+            continue
         x, y = boxes[n, 0] - origin[0], boxes[n, 1] - origin[1]
         distance = max(np.hypot(x, y), 1e-6)
         x, y = x / distance, y / distance
         width = boxes[n, 3] * abs(y * cos[n] - x * sin[n]) + boxes[n, 4] * abs(x * cos[n] + y * sin[n])
+        candidates = 0
+        for m in range(len(obstacles)):
+            # Most obstacles are beside all lines: farther from the middle one than both are wide.
+            reach = radius[m] + farthest * width + _SLACK_M
+            if m != n and blocks[m] and _is_near(origin, obstacles[m], (x, y, distance), reach):
+                between[candidates] = m
+                candidates += 1
         clear = 0
         for i in range(len(across)):
             for j in range(len(up)):
@@ -111,13 +126,22 @@ def _visible_shares(
                 end[1] = boxes[n, 1] + x * across[i] * width
                 end[2] = boxes[n, 2] + (up[j] - 0.5) * boxes[n, 5]
                 hidden = False
-                for m in range(len(obstacles)):
-                    if m != n and blocks[m] and _cuts(origin, end, obstacles[m], cos[m], sin[m]):
+                for m in between[:candidates]:
+                    if _cuts(origin, end, obstacles[m], cos[m], sin[m]):
                         hidden = True
                         break
                 clear += not hidden
         shares[n] = clear / (len(across) * len(up))
     return shares
+
+
+@njit(cache=True, nogil=True)
+def _is_near(start: Floats, box: Floats, line: tuple[float, float, float], reach_m: float) -> bool:
+    """Whether the middle of a box is within reach of a horizontal line: unit vector and length from `start`."""
+    dx, dy = box[0] - start[0], box[1] - start[1]
+    along = min(max(dx * line[0] + dy * line[1], 0.0), line[2])
+    aside_x, aside_y = dx - along * line[0], dy - along * line[1]
+    return bool(aside_x * aside_x + aside_y * aside_y <= reach_m * reach_m)
 
 
 @njit(cache=True, nogil=True)

@@ -130,6 +130,8 @@ class People:
             fleet: the vehicles.
             everybody: (M,) `BODY`, all people, these included.
         """
+        if not len(self):
+            return
         a, b = self._ends()
         self._goes |= self._safe((a + b) / 2, fleet)
         way = b - self.position

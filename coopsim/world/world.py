@@ -42,6 +42,9 @@ class World:
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
         self.models: tuple[Model, ...] = make_models()
+        self._sizes_m = np.array([model.size_m for model in self.models])
+        self._labels = np.array([model.label for model in self.models])
+        self._cycles_m = np.array([model.cycle_m for model in self.models])
         self.static: tuple[StaticPart, ...] = layout.static
         self.map: RoadMap = layout.road_map
         self._policy_control = policy_control
@@ -76,10 +79,10 @@ class World:
         """All vehicles, connected ones included, then all people; in the world frame."""
         fleet, groups = self._traffic.fleet, self._people
         model = np.concatenate([fleet.rows["model"], *(people.model for people in groups)])
-        size = np.array([shape.size_m for shape in self.models])[model]
+        size = self._sizes_m[model]
         ground = np.concatenate([fleet.position, *(people.position for people in groups)])
         yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups)])
-        label = np.array([shape.label for shape in self.models])[model]
+        label = self._labels[model]
         velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups)])
         identity = np.concatenate(
             [fleet.rows["id"], *(PERSON_ID * (k + 1) + np.arange(len(people)) for k, people in enumerate(groups))]
@@ -87,7 +90,7 @@ class World:
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
         # Vehicles have no cycle of poses: only people, and what they ride, move as they go.
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups)])
-        cycles = travelled_m / np.array([shape.cycle_m for shape in self.models])[model]
+        cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
 

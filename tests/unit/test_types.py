@@ -68,6 +68,13 @@ def test_concatenate_keeps_covariances_only_where_all_have_them_and_embeddings_w
     assert Detections.concatenate([plain, plain]).embedding is None
 
 
+@pytest.mark.parametrize("others", [[], [Detections.empty()]])
+def test_concatenate_of_one_part_keeps_all_but_who_saw_it(others: list[Detections]) -> None:
+    rich = Detections(boxes(1), np.ones(1), np.zeros(1, dtype=int), np.eye(7)[None], np.ones((1, 4)), np.ones((1, 2)))
+    one = Detections.concatenate([*others, rich])
+    assert one.covariance is not None and one.embedding is not None and one.seen_by is None
+
+
 def test_transform_turns_boxes_velocities_and_covariances() -> None:
     quarter = SE3.from_xyz_yaw([10, 0, 0], np.pi / 2)
     covariance = np.diag([4.0, 1, 1, 1, 1, 1, 1])[None]

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from coopsim.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, count_returns
 from coopsim.errors import InvalidValueError
@@ -38,6 +40,16 @@ def test_count_returns_by_id_over_sweeps() -> None:
     sweeps = {"a": sweep({9: 4, 0: 100, 77: 3, -1: 2}), "b": sweep({9: 1, 3: 2})}
     np.testing.assert_array_equal(count_returns(sweeps, np.array([9, 6, 3])), [5, 0, 2])
     assert count_returns(sweeps, np.zeros(0, dtype=int)).shape == (0,)
+
+
+@given(ids=st.sets(st.integers(1, 2 * 10**9), max_size=20), seed=st.integers(0, 2**32 - 1))
+def test_returns_are_counted_as_by_hand(ids: set[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    asked = rng.permutation(np.array(sorted(ids), dtype=int))
+    instance = np.repeat(rng.choice([*ids, -1, 0, 7, 2 * 10**9 + 1], 50), rng.integers(0, 4, 50)).astype(int)
+    count = len(instance)
+    sweeps = {"lidar": Sweep(np.zeros((count, 3)), np.zeros(count), np.zeros(count), instance)}
+    assert count_returns(sweeps, asked).tolist() == [instance.tolist().count(who) for who in asked]
 
 
 def test_sweep_without_instances_is_refused() -> None:

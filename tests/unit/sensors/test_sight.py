@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
+import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from sensor_scenes import actors, box_part, ground, triangles
 
 from coopsim.detection.simulated import count_returns
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
 from coopsim.sensors.geometry import SceneGeometry
@@ -14,7 +19,7 @@ from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.sight import LineOfSight
 from coopsim.world.scenario import make_scenario
-from coopsim.world.snapshot import StaticPart
+from coopsim.world.snapshot import Actors, StaticPart
 from coopsim.world.world import World
 
 SENSOR_M = np.array([0.0, 0.0, 2.0])
@@ -48,6 +53,43 @@ def test_agrees_with_the_lidar_in_traffic(name: str) -> None:
     assert 0.8 < imagined.sum() / real.sum() < 1.25
     often = real >= 20
     assert 0.7 < np.median(imagined[often] / real[often]) < 1.4
+
+
+def tall(rows: np.ndarray) -> Actors:
+    """Actors as high as towers, of which a sensor sees all that it sees from above: x, y, length, width, yaw."""
+    boxes = Boxes3D(
+        np.insert(rows[:, :2], 2, 50.0, axis=1), np.insert(rows[:, 2:4], 2, 100.0, axis=1), np.asarray(rows[:, 4])
+    )
+    zeros = np.zeros(len(rows), dtype=int)
+    return Actors(np.arange(1, len(rows) + 1), boxes, np.zeros((len(rows), 2)), zeros, zeros, np.zeros((len(rows), 3)))
+
+
+def from_above(box: np.ndarray) -> shapely.Polygon:
+    x, y, length, width, yaw = box.tolist()
+    flat = shapely.box(x - length / 2, y - width / 2, x + length / 2, y + width / 2)
+    return shapely.affinity.rotate(flat, yaw, (x, y), use_radians=True)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 25))
+def test_lines_are_blocked_as_shapely_says(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    around = rng.uniform(5.0, 60.0, count), rng.uniform(-np.pi, np.pi, count)
+    sizes = rng.uniform(0.5, 12.0, count), rng.uniform(0.5, 3.0, count), rng.uniform(-np.pi, np.pi, count)
+    rows = np.column_stack([around[0] * np.cos(around[1]), around[0] * np.sin(around[1]), *sizes])
+    shapes, want = [from_above(row) for row in rows], []
+    if any(shape.distance(shapely.Point(0, 0)) < 1.0 for shape in shapes):
+        return
+    for k, (x, y, length, width, yaw) in enumerate(rows):
+        distance, aside = np.hypot(x, y), np.arctan2(y, x) - yaw
+        across = length * abs(np.sin(aside)) + width * abs(np.cos(aside))
+        ends = [(x - y / distance * part * across, y + x / distance * part * across) for part in (-0.4, 0.0, 0.4)]
+        others = shapely.union_all(shapes[:k] + shapes[k + 1 :])
+        want.append(sum(not shapely.LineString([(0, 0), end]).intersects(others) for end in ends))
+    # So many columns that a third of the returns is told from another however few beams there are.
+    alone = [int(expected(tall(row[None]), columns=10**6)[0]) for row in rows]
+    got = expected(tall(rows), columns=10**6)
+    assert np.rint(3 * got / np.array(alone)).tolist() == want
 
 
 def test_the_count_falls_with_range_and_stops_at_the_last() -> None:

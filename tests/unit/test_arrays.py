@@ -1,0 +1,42 @@
+"""What `frozen` gives out: never writeable, and the caller's own array as it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coopsim.arrays import frozen
+from coopsim.errors import InvalidValueError
+
+
+@pytest.mark.parametrize("given", [np.zeros((3, 2)), np.zeros((3, 2), int), [[0, 0], [0, 0], [0, 0]]])
+def test_the_result_is_read_only_and_the_callers_array_is_not(given: object) -> None:
+    array = frozen(given, (None, 2), np.float64, "rows")
+    assert array.dtype == np.float64 and array.shape == (3, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        array[0, 0] = 1.0
+    if isinstance(given, np.ndarray):
+        given[0, 0] = 1
+
+
+def test_what_is_frozen_is_handed_on_as_it_is() -> None:
+    once = frozen(np.zeros(3), (3,), np.float64, "row")
+    assert frozen(once, (None,), np.float64, "row") is once
+
+
+@pytest.mark.parametrize("given", [np.ma.masked_array([1.0, 2.0], [True, False]), np.array([1.0, 2.0], ">f8")])
+def test_what_only_looks_like_an_array_of_the_type_becomes_one(given: np.ndarray) -> None:
+    array = frozen(given, (2,), np.float64, "row")
+    assert type(array) is np.ndarray and array.dtype == np.dtype(np.float64) and array.tolist()[1] == 2.0
+
+
+@pytest.mark.parametrize("writeable", [True, False])
+@pytest.mark.parametrize("shape", [(2,), (None,), (3, None), (2, 2), (None, 3), (3, 2, None)])
+def test_another_shape_is_refused(shape: tuple[int | None, ...], writeable: bool) -> None:
+    given = np.zeros((3, 2))
+    given.flags.writeable = writeable
+    if shape == (3, None):
+        assert frozen(given, shape, np.float64, "rows").shape == (3, 2)
+        return
+    with pytest.raises(InvalidValueError, match=r"rows must have shape .*, got \(3, 2\)"):
+        frozen(given, shape, np.float64, "rows")
