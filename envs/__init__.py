@@ -17,24 +17,29 @@ from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
 from coopsim.envs.spaces import IDLE
 from coopsim.world.drivers import MANEUVERS
-from coopsim.world.scenario import Population, make_scenario
+from coopsim.world.scenario import SCENARIOS, Population, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]
 
 
-def simulation_env(scenario: str, name: str, /, *, reward: Reward | None = None, **options: Any) -> CooperativeEnv:
+def simulation_env(
+    scenario: str, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
+) -> CooperativeEnv:
     """A simulated environment.
 
     Args:
         scenario: name of the scenario.
         name: the environment's id.
+        density: a factor on the numbers of vehicles and people.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
     groups = (CommonOptions, SimulationOptions, Population)
-    common, simulation, numbers = sort_options(options, *groups, beside=["reward"])
+    common, simulation, numbers = sort_options(options, *groups, beside=["density", "reward"])
     shared = CommonOptions(**common)
-    source = Simulation(name, make_scenario(scenario, **numbers), SimulationOptions(**simulation), shared.uplink)
+    source = Simulation(
+        name, make_scenario(scenario, density=density, **numbers), SimulationOptions(**simulation), shared.uplink
+    )
     return CooperativeEnv(source, shared, reward)
 
 
@@ -66,8 +71,7 @@ def replay_env(
 
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
-        "crossing-v0": partial(simulation_env, "crossing"),
-        "highway-v0": partial(simulation_env, "highway"),
+        **{f"{name}-v0": partial(simulation_env, name) for name in SCENARIOS},
         "replay-v0": replay_env,
     }
     for versioned, maker in makers.items():

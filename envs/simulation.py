@@ -18,6 +18,7 @@ from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_free_mount
+from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
@@ -40,7 +41,11 @@ class Simulation(FrameSource):
     def __init__(self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str) -> None:
         self.name = name
         self._scenario, self._options = scenario, options
-        self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
+        on_ground, in_air = (
+            {sensor: Lidar(config, options.weather) for sensor, config in configs.items()}
+            for configs in (options.lidars, options.drone_lidars)
+        )
+        self._lidars = {"cav": on_ground, "rsu": on_ground, "drone": in_air}
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
@@ -52,7 +57,7 @@ class Simulation(FrameSource):
         }
         self.road_map = self._world.map
         self.capacity = len(self._world.actors())
-        self.lidars = tuple(self._lidars)
+        self.lidars = tuple(options.lidars)
         self._require_free_mounts()
 
     def _make_world(self, seed: int) -> World:
@@ -73,11 +78,15 @@ class Simulation(FrameSource):
             name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
         }
         self._lidar_rngs = {
-            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
+            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self.lidars
         }
-        if not self._lidars:
+        if not self.lidars:
             imagined = LidarConfig(columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m)
-            self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
+            tilted = imagined.beams.elevation_rad - self._options.drone_pitch_rad
+            beams = {"cav": imagined.beams, "rsu": imagined.beams, "drone": BeamPattern("looking down", tilted)}
+            self._sights = {
+                kind: LineOfSight(world.static, beams[kind], imagined.columns, imagined.max_range_m) for kind in beams
+            }
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
@@ -116,12 +125,12 @@ class Simulation(FrameSource):
         self, actors: Actors, bodies: Mapping[str, AgentBody]
     ) -> tuple[dict[str, dict[str, Sweep]], dict[str, Ints]]:
         """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
-        if not self._lidars:
+        if not self.lidars:
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
         scene = RayScene(self._geometry.triangles(actors))
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
         sweeps = {
-            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self._lidars}
+            name: {sensor: self._sweep(scene, body, sensor, before[name]) for sensor in self.lidars}
             for name, body in bodies.items()
         }
         self._before = {name: body.world_SE3_base for name, body in bodies.items()}
@@ -129,7 +138,7 @@ class Simulation(FrameSource):
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
         """A sweep that ends now, of an agent that was at `before` a frame ago."""
-        lidar, now, rng = self._lidars[sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
+        lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
         start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
         return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
 
@@ -143,7 +152,7 @@ class Simulation(FrameSource):
 
     def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
         at = body.world_SE3_base.apply(LidarConfig().base_SE3_sensor(body.height_m).translation)
-        return self._sight.expected_returns(at, actors, body.actor_id)
+        return self._sights[body.kind].expected_returns(at, actors, body.actor_id)
 
     def _perceive(
         self,
@@ -178,7 +187,7 @@ class Simulation(FrameSource):
             shapes: list[tuple[float, Model | None]]
             shapes = [(float(model.size_m[2]), model) for model in models if model.label in label]
             for height_m, shape in shapes or [(body.height_m, None)]:
-                for sensor, lidar in self._lidars.items():
+                for sensor, lidar in self._lidars[body.kind].items():
                     require_free_mount(sensor, lidar.config, height_m, shape)
 
     def _drives(self, body: AgentBody) -> bool:
