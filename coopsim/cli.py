@@ -69,14 +69,15 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_demo(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--environment", default="crossing", help="default: %(default)s")
+    add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--policies", type=_names, default=("no_fusion", "late_fusion"), metavar="A,B", help="see `list`")
     add("--latencies-ms", type=_milliseconds, default=(0.0, 300.0), metavar="0,300")
     add("--frames", type=_count, default=100, help="length of each run (default: %(default)s)")
     add("--seed", type=_count_or_zero, default=0, help="default: %(default)s")
-    add("--vehicles", type=_count, default=30, help="default: %(default)s")
-    add("--connected-cars", type=_count_or_zero, default=3, help="default: %(default)s")
-    add("--rsus", type=_count_or_zero, default=1, help="roadside units (default: %(default)s)")
+    add("--vehicles", type=_count, help="default: the environment's own")
+    add("--connected-cars", type=_count_or_zero, help="default: the environment's own")
+    add("--rsus", type=_count_or_zero, help="roadside units (default: the environment's own)")
+    add("--drones", type=_count_or_zero, help="default: the environment's own")
     add("--pedestrians", type=_count_or_zero, help="default: the environment's own")
     add("--position-noise-m", type=float, default=0.2, help="default: %(default)s")
     add("--heading-noise-deg", type=float, default=0.2, help="default: %(default)s")
@@ -122,7 +123,9 @@ def _demo(options: argparse.Namespace) -> int:
     from coopsim.bench.demo import Demo, DemoConfig
     from coopsim.bench.table import evaluation_row, format_table
 
-    scenario = {name: getattr(options, name) for name in ("vehicles", "connected_cars", "rsus", "pedestrians")}
+    scenario = {
+        name: getattr(options, name) for name in ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
+    }
     noise = {
         "position_noise_m": options.position_noise_m,
         "heading_noise_rad": math.radians(options.heading_noise_deg),

@@ -13,13 +13,15 @@ from coopsim.catalog import ENVIRONMENTS, NAMESPACE
 from coopsim.envs.options import CommonOptions, SimulationOptions, require_frame_time, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay
+from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
 from coopsim.envs.spaces import IDLE
+from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.world.drivers import MANEUVERS
 from coopsim.world.scenario import SCENARIOS, Population, make_scenario
 
-__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]
+__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
 
 def simulation_env(
@@ -41,6 +43,26 @@ def simulation_env(
         name, make_scenario(scenario, density=density, **numbers), SimulationOptions(**simulation), shared.uplink
     )
     return CooperativeEnv(source, shared, reward)
+
+
+def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:
+    """A simulated environment as a file describes it; see `coopsim.envs.scenario_file`.
+
+    Args:
+        name: the environment's id.
+        path: of the file, or the name of one that comes along; there is no default.
+        **options: as of `simulation_env`; they go before what the file says.
+
+    Raises:
+        ScenarioFileError: names the file and the line.
+    """
+    if not isinstance(path, (str, Path)):
+        raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
+    file = load_scenario_file(path)
+    try:
+        return simulation_env(file.scenario, name, **{**file.keywords, **options})
+    except CoopsimError as error:
+        raise file.blame(error, beside=options) from error
 
 
 def replay_env(
@@ -72,6 +94,7 @@ def replay_env(
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
         **{f"{name}-v0": partial(simulation_env, name) for name in SCENARIOS},
+        "file-v0": file_env,
         "replay-v0": replay_env,
     }
     for versioned, maker in makers.items():

@@ -38,6 +38,7 @@ WINDOW_M = 220.0
 SPEED_M_S = 28.0
 CRUISE_M_S = 25.0  # below every lane's limit
 PLATOON_GAP_S = 0.5
+PLATOON_CARS = 6
 PLATOON_LANE = 1  # others pass on both sides
 PLATOON_HEAD_M = 60.0  # its first car starts behind this
 RSU_Y_M = -18.5
@@ -104,7 +105,7 @@ def make_platoon() -> Layout:
         return (not in_lane, ahead_m > 0, abs(ahead_m))
 
     order = tuple(sorted(range(len(highway.slots)), key=rank))
-    return replace(highway, connected_first=order, convoy_gap_s=PLATOON_GAP_S)
+    return replace(highway, connected_first=order, cars_first=PLATOON_CARS, convoy_gap_s=PLATOON_GAP_S)
 
 
 def _slots(network: RoadNetwork) -> tuple[Slot, ...]:

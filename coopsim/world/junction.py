@@ -30,8 +30,8 @@ COMMIT_M = 10.0
 """Who gives way to a movement with priority can still stop if it is farther than this from the line."""
 
 FIRST, USUAL, YIELDS = 1, 0, -1
-"""Roles of movements. Users of the first wait only for who is on their way already, the usual go as they come, and those
-who yield lose their grant to the first, up to where they commit themselves."""
+"""Roles of movements. Users of the first wait only for who is on their way already, and the usual go as they come; who
+yields loses the grant to the first, up to where one commits oneself."""
 
 _CLEARANCE_M = 4.2  # middle lines of two movements closer than this: vehicles on both would touch
 

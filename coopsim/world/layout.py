@@ -130,6 +130,7 @@ class Layout:
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
         priority: movements to which others give way.
         window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
+        cars_first: how many of the slots `connected_first` have cars, whatever else is drawn.
         convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
         cycleways: where people ride, as along the right edge of lanes; None: on the footways.
         bays: where vehicles may stand parked; those that have a class of their own are taken first.
@@ -150,6 +151,7 @@ class Layout:
     priority: tuple[tuple[str, str], ...] = ()
     window_m: float | None = None
     cruise_m_s: float | None = None
+    cars_first: int = 0
     convoy_gap_s: float | None = None
     cycleways: Footways | None = None
     bays: tuple[Bay, ...] = ()

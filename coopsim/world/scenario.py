@@ -12,6 +12,7 @@ from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.crossing import make_crossing, make_t_junction
+from coopsim.world.grid import make_urban_grid
 from coopsim.world.highway import make_highway, make_platoon
 from coopsim.world.layout import Layout
 from coopsim.world.merge import make_merge
@@ -198,6 +199,7 @@ SCENARIOS.register("parking_street")(_Recipe(make_parking_street, replace(_STREE
 SCENARIOS.register("occluded_crossing")(_Recipe(make_occluded_crossing, replace(_STREET, parked=12)))
 SCENARIOS.register("roundabout")(_Recipe(make_roundabout, Population(vehicles=24)))
 SCENARIOS.register("merge")(_Recipe(make_merge, Population(vehicles=24, pedestrians=0)))
+SCENARIOS.register("urban_grid")(_Recipe(make_urban_grid, Population(vehicles=40, pedestrians=20, rsus=2)))
 SCENARIOS.register("highway")(_Recipe(make_highway, Population(pedestrians=0)))
 SCENARIOS.register("platoon")(_Recipe(make_platoon, Population(pedestrians=0, connected_cars=4, rsus=0)))
 

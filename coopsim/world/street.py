@@ -53,7 +53,7 @@ def make_occluded_crossing() -> Layout:
     free = before - _TRUCK_M / 2, -before
     others = [bay for bay in _bays(streets) if not free[0] - _BAY_LENGTH_M / 2 < bay.x_m < free[1]]
     layout = _street_layout(streets, (truck, *others), _one_crossing(streets), crosswalks=(2,))
-    return replace(layout, connected_first=_meeting_first(layout))
+    return replace(layout, connected_first=_meeting_first(layout), cars_first=2)
 
 
 def _meeting_first(layout: Layout) -> tuple[int, ...]:

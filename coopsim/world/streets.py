@@ -7,6 +7,7 @@ named by their nodes: `far` -> `near` -> `stop` on the way in, `exit` -> `bend` 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ APPROACH_SPEED_M_S = 8.0
 RSU_HEIGHT_M = 5.0
 
 _APPROACH_M = 24.0  # of an arm's lanes, where a lower speed holds
-_LOOP_SPEED_M_S = 5.5
+_LOOP_SPEED_M_S, _TURN_SPEED_M_S = 5.5, 6.5
 _LOOP_RADIUS_M = 10.0
 _NECK_RADIUS_M = 20.0  # of the bends between an arm and its loop: two trucks pass each other in them
 _SLOT_SPACING_M = 15.0
@@ -114,6 +115,37 @@ def add_straight(
 ) -> None:
     """A straight lane between two points (2,) m."""
     network.add_lane(*road, StraightLane(*ends, width=LANE_M, speed_limit=speed_m_s))
+
+
+def usual_node(name: str, arm: int) -> str:
+    """Of the streets around one middle."""
+    return f"{name}{arm}"
+
+
+def add_turns(
+    network: RoadNetwork,
+    streets: Streets,
+    middle: Floats | None = None,
+    node: Callable[[str, int], str] = usual_node,
+) -> tuple[tuple[str, str], ...]:
+    """From every arm's stop line to the other arms' exits, around `middle` (2,) m; the roads, by their nodes."""
+    stop, half, roads = streets.stop_m, streets.half_m, []
+    centre = np.zeros(2) if middle is None else middle
+    for arm in streets.arms:
+        for turn in (1, 2, 3):
+            other = (arm + turn) % 4
+            if other not in streets.arms:
+                continue
+            roads.append((node("stop", arm), node("exit", other)))
+            if turn == 2:
+                ends = centre + place(arm, (stop, half)), centre + place(arm, (-stop, half))
+                add_straight(network, roads[-1], ends, APPROACH_SPEED_M_S)
+                continue
+            side = 1 if turn == 1 else -1  # the next arm is to the right of those who come in
+            start = -side * np.pi / 2 + arm * np.pi / 2
+            arc = (stop - half * side, start, start - side * np.pi / 2)
+            add_bend(network, roads[-1], centre + place(arm, (stop, side * stop)), arc, _TURN_SPEED_M_S)
+    return tuple(roads)
 
 
 def _add_lanes(network: RoadNetwork, streets: Streets, arm: int) -> None:

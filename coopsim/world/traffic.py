@@ -84,8 +84,7 @@ class Traffic:
         self._next_id = 1
         slots = self._choose_slots(population)
         labels = self._rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
-        if layout.convoy_gap_s is not None:
-            labels = self._cars_in_convoy(slots, labels)
+        labels = self._with_cars_first(slots, labels)
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
         # Not the connected cars alone, unless a policy drives them: one more of them shall not change the traffic.
@@ -132,11 +131,11 @@ class Traffic:
         order = [place[slot] for slot in self._layout.connected_first if slot in place]
         return [k for k in order if labels[k] == ObjectClass.CAR]
 
-    def _cars_in_convoy(self, slots: list[int], labels: list[int]) -> list[int]:
-        """The same classes in another order: the slots where a convoy begins have cars, as far as there are any."""
+    def _with_cars_first(self, slots: list[int], labels: list[int]) -> list[int]:
+        """The same classes in another order: as many of the first slots as the layout asks for have cars."""
         first = self._layout.connected_first
         order = sorted(range(len(slots)), key=lambda k: first.index(slots[k]))
-        cars = [k for k in order if labels[k] == ObjectClass.CAR][:_COMPANY]
+        cars = [k for k in order if labels[k] == ObjectClass.CAR][: self._layout.cars_first]
         donors = cars + [k for k in order if k not in cars]
         given = dict(zip(order, (labels[k] for k in donors), strict=True))
         return [given[k] for k in range(len(labels))]
