@@ -50,7 +50,8 @@ def make_urban_grid() -> Layout:
         for spot, streets in junctions.items()
         for arm in streets.arms
         for slot in spaced_slots(
-            (_node(spot, "exit", arm), _node(_next(spot, arm), "stop", arm + 2), 0), _BLOCK_M - 2 * streets.stop_m - _FREE_M
+            (_node(spot, "exit", arm), _node(_next(spot, arm), "stop", arm + 2), 0),
+            _BLOCK_M - 2 * streets.stop_m - _FREE_M,
         )
     )
     rsus = tuple(_unit(spot) for spot in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)))

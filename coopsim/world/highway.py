@@ -37,7 +37,8 @@ SPREAD_M = 170.0
 WINDOW_M = 220.0
 SPEED_M_S = 28.0
 CRUISE_M_S = 25.0  # below every lane's limit
-PLATOON_GAP_S = 0.5
+PLATOON_GAP_S = 0.4
+PLATOON_SPEED_M_S = 22.0  # well below the lane's limit: who may go faster closes up
 PLATOON_CARS = 6
 PLATOON_LANE = 1  # others pass on both sides
 PLATOON_HEAD_M = 60.0  # its first car starts behind this
@@ -105,7 +106,15 @@ def make_platoon() -> Layout:
         return (not in_lane, ahead_m > 0, abs(ahead_m))
 
     order = tuple(sorted(range(len(highway.slots)), key=rank))
-    return replace(highway, connected_first=order, cars_first=PLATOON_CARS, convoy_gap_s=PLATOON_GAP_S)
+    return replace(
+        highway,
+        connected_first=order,
+        cars_first=PLATOON_CARS,
+        convoy_gap_s=PLATOON_GAP_S,
+        cruise_m_s=PLATOON_SPEED_M_S,
+        speeds_m_s=(PLATOON_SPEED_M_S - 5.0, PLATOON_SPEED_M_S, PLATOON_SPEED_M_S + 5.0),
+        flights=flights_around(np.zeros(2), drift_m_s=(PLATOON_SPEED_M_S, 0.0)),
+    )
 
 
 def _slots(network: RoadNetwork) -> tuple[Slot, ...]:

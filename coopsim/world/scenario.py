@@ -193,7 +193,7 @@ class _Recipe:
 
 SCENARIOS: Registry[_Recipe] = Registry("scenario")
 SCENARIOS.register("crossing")(_Recipe(make_crossing, Population()))
-SCENARIOS.register("t_junction")(_Recipe(make_t_junction, Population(vehicles=24)))
+SCENARIOS.register("t_junction")(_Recipe(make_t_junction, Population(vehicles=18)))
 _STREET = Population(vehicles=14, truck_share=0.1, connected_cars=2)
 SCENARIOS.register("parking_street")(_Recipe(make_parking_street, replace(_STREET, pedestrians=16, parked=40)))
 SCENARIOS.register("occluded_crossing")(_Recipe(make_occluded_crossing, replace(_STREET, parked=12)))

@@ -26,6 +26,7 @@ _COMPANY = 6
 
 _GAIN_1_S = 0.1  # how much faster per metre behind the others
 _HASTE_M_S = 4.0  # at most
+_CLOSING_M_S = 9.0  # how much faster than its first car those of a convoy would like to go
 _SLOW, _FAST = (0.8, 0.95), (1.1, 1.3)  # shares of the cruising speed
 _ENTRY_M = 30.0  # free road that a new vehicle needs ahead and behind, next to what it takes to adapt its speed
 _EASY_BRAKING_M_S2 = 2.0
@@ -189,7 +190,7 @@ class Traffic:
             along_m = self.fleet.rows["x"][driving]
             haste_m_s = np.clip(_GAIN_1_S * (along_m.mean() - along_m), -_HASTE_M_S, _HASTE_M_S)
             if self._layout.convoy_gap_s is not None:  # all close up to the first
-                haste_m_s = np.where(along_m == along_m.max(), 0.0, _HASTE_M_S)
+                haste_m_s = np.where(along_m == along_m.max(), 0.0, _CLOSING_M_S)
             self.fleet.rows["target_speed"][driving] = self._cruise_m_s + haste_m_s
 
     def _renew(self, window_m: float) -> None:
