@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, mast_part, rectangle
 from coopsim.world.snapshot import RoadMap, StaticPart
@@ -79,9 +77,3 @@ _SIZES = ((34.0, 26.0, 14.0), (28.0, 36.0, 10.0), (40.0, 24.0, 18.0), (26.0, 30.
 
 def _signed(span: tuple[float, float], sign: int) -> tuple[float, float]:
     return span if sign > 0 else (-span[1], -span[0])
-
-
-def ring_of_points(centre: Floats, radius_m: float, corners: int = 48) -> Floats:
-    """(K, 2) m, counter-clockwise."""
-    angle = np.linspace(0.0, 2 * np.pi, corners, endpoint=False)
-    return centre + radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
