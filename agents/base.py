@@ -25,6 +25,7 @@ from coopsim.checks import require_choice
 from coopsim.envs.spaces import IDLE, pack_tracks, unpack_observation
 from coopsim.errors import EpisodeStateError, InvalidActionError, PolicyMismatchError
 from coopsim.rng import stream
+from coopsim.sensors.rigs import rig
 from coopsim.types import AgentSpec, Observation, Tracks
 
 
@@ -33,10 +34,13 @@ class Policy(ABC):
 
     Attributes:
         uplink: what the policy needs agents to broadcast; "none" if it reads no message.
+        cameras: name of the rig whose cameras the policy needs on every agent (see `coopsim.sensors.rigs`), True for
+            "surround"; False if it looks at no picture, so that none is drawn for it.
         specs: the agents of the running episode, in the environment's order.
     """
 
     uplink: ClassVar[str] = "detections"
+    cameras: ClassVar[bool | str] = False
     specs: Mapping[str, AgentSpec]
 
     @abstractmethod
@@ -59,13 +63,21 @@ class Policy(ABC):
         """Begin an episode with these agents, forgetting the last one.
 
         Raises:
-            PolicyMismatchError: the environment's agents broadcast something else than the policy needs.
+            PolicyMismatchError: the environment's agents broadcast something else than the policy needs, or have not
+                the cameras that it needs.
         """
+        needed = {camera.name for camera in rig(self.cameras)}
         for spec in agent_specs.values():
             if self.uplink not in ("none", spec.uplink):
                 raise PolicyMismatchError(
                     f"{type(self).__name__} needs uplink {self.uplink!r}, but {spec.name} broadcasts "
                     f"{spec.uplink!r}: make the environment with uplink={self.uplink!r}, or use "
+                    "coopsim.evaluate, which does"
+                )
+            if not needed <= set(spec.cameras):
+                raise PolicyMismatchError(
+                    f"{type(self).__name__} needs cameras {sorted(needed)}, but {spec.name} has "
+                    f"{sorted(spec.cameras)}: make the environment with cameras={self.cameras!r}, or use "
                     "coopsim.evaluate, which does"
                 )
         self.specs = dict(agent_specs)

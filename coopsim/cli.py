@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands.add_parser("demo", help="compare policies in simulated traffic, with a report"))
     _add_replay(commands.add_parser("replay", help="score a policy on recorded detections"))
     _add_compare(commands.add_parser("compare", help="every policy on recorded detections, as tables and a picture"))
-    listing = commands.add_parser("list", help="names of policies and environments")
+    listing = commands.add_parser("list", help="names of policies, environments and camera rigs")
     listing.set_defaults(command=_list)
     return parser
 
@@ -211,8 +211,11 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
+    from coopsim.sensors.rigs import RIG_NAMES
+
     print("policies:     " + ", ".join(coopsim.POLICIES.names()))
     print("environments: " + ", ".join(coopsim.ENVIRONMENTS.names()))
+    print("camera rigs:  " + ", ".join(RIG_NAMES))
     return 0
 
 

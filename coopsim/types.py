@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.arrays import frozen, require_finite
+from coopsim.arrays import Shape, frozen, require_finite
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
@@ -216,20 +216,53 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """What one camera saw.
+    """What one camera saw, in the modes that were asked for; None in the others.
 
     Attributes:
         rgb: (H, W, 3) uint8.
         depth: (H, W) float32, m along the optical axis; 0 where nothing was hit.
+        instance: (H, W) int64, the actor's id; 0 where there is none. Truth: not in observations.
+        semantic: (H, W) uint8, the actor's `ObjectClass`; 255 where there is none. Truth: not in observations.
     """
 
-    rgb: NDArray[np.uint8]
-    depth: NDArray[np.float32]
+    rgb: NDArray[np.uint8] | None = None
+    depth: NDArray[np.float32] | None = None
+    instance: Ints | None = None
+    semantic: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        rgb = frozen(self.rgb, (None, None, 3), np.uint8, "rgb")
-        object.__setattr__(self, "rgb", rgb)
-        object.__setattr__(self, "depth", frozen(self.depth, rgb.shape[:2], np.float32, "depth"))
+        tails: dict[str, tuple[int, ...]] = {"rgb": (3,), "depth": (), "instance": (), "semantic": ()}
+        dtypes = {"rgb": np.uint8, "depth": np.float32, "instance": np.int64, "semantic": np.uint8}
+        size: Shape = (None, None)
+        for name, tail in tails.items():
+            pixels = getattr(self, name)
+            if pixels is not None:
+                pixels = frozen(pixels, (*size, *tail), dtypes[name], name)
+                object.__setattr__(self, name, pixels)
+                size = pixels.shape[:2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraCalibration:
+    """What is known of a camera on an agent.
+
+    Pixel (column u, row v) is centred on the point (u, v). Camera axes are OpenCV's: x right, y down, z forward.
+
+    Attributes:
+        size: height and width of its pictures, pixels.
+        matrix: (3, 3), OpenCV's K.
+        distortion: (5,) k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order); zeros for a pinhole.
+        base_SE3_camera: where it is in the agent's base frame.
+    """
+
+    size: tuple[int, int]
+    matrix: Floats
+    distortion: Floats
+    base_SE3_camera: SE3
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", frozen(self.matrix, (3, 3), np.float64, "matrix"))
+        object.__setattr__(self, "distortion", frozen(self.distortion, (5,), np.float64, "distortion"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -326,6 +359,7 @@ class AgentSpec:
             for a recording, which does not say where its agents are.
         frame_owner: whose base frame all agents' boxes are in, where that is one agent's, as in a recording; None: each
             agent's are in its own.
+        cameras: of each of its cameras, by name; of the running episode, as cars are of different heights.
     """
 
     name: str
@@ -335,6 +369,7 @@ class AgentSpec:
     drives: bool = False
     is_object: bool = True
     frame_owner: str | None = None
+    cameras: Mapping[str, CameraCalibration] = field(default_factory=dict, compare=False)
 
 
 def stack_xyz_yaw(pose: SE3) -> Floats:

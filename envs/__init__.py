@@ -10,7 +10,13 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
-from coopsim.envs.options import CommonOptions, SimulationOptions, require_frame_time, sort_options
+from coopsim.envs.options import (
+    CommonOptions,
+    SimulationOptions,
+    require_frame_time,
+    require_truth_exposed,
+    sort_options,
+)
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay
 from coopsim.envs.scenario_file import load_scenario_file
@@ -39,9 +45,9 @@ def simulation_env(
     groups = (CommonOptions, SimulationOptions, Population)
     common, simulation, numbers = sort_options(options, *groups, beside=["density", "reward"])
     shared = CommonOptions(**common)
-    source = Simulation(
-        name, make_scenario(scenario, density=density, **numbers), SimulationOptions(**simulation), shared.uplink
-    )
+    sensed = SimulationOptions(**simulation)
+    require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
+    source = Simulation(name, make_scenario(scenario, density=density, **numbers), sensed, shared.uplink)
     return CooperativeEnv(source, shared, reward)
 
 

@@ -22,7 +22,7 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
 
     Args:
         lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`; or several
-            of these by name: `{"roof": LidarConfig(), "bumper": LidarConfig("VLP-16", x_m=2.3, above_m=-0.9)}`.
+            of these by name: `{"roof": LidarConfig(), "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
         columns: firings per turn, of a beam table.
         range_m: farthest return, of a beam table.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
@@ -24,7 +24,11 @@ from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
 from coopsim.sensors.air import Weather
+from coopsim.sensors.camera import as_daylight
+from coopsim.sensors.daylight import Daylight, Illumination
 from coopsim.sensors.lidar import LidarConfig
+from coopsim.sensors.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
+from coopsim.sensors.rigs import RigOption, check_rig
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +84,13 @@ class SimulationOptions:
         drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], next to their own pitch.
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
-        weather: rain, fog and wet surfaces, for the LiDARs.
-        cameras: four cameras per agent (slow; needs OpenGL, or falls back to ray casting).
-        renderer: "auto", "opengl" or "raycast".
+        weather: rain, fog and wet surfaces, for the LiDARs and cameras; None is dry and clear.
+        time_of_day: "day", "dusk" or "night", or a `Daylight` of one's own; cameras see by it.
+        cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
+            a list of `Camera` objects, or one of these by agent. A policy states what it needs.
+        camera_modes: what pictures consist of: "rgb", "depth", "instance", "semantic". The last two are truth, which
+            goes into `infos` and needs `expose_ground_truth`.
+        renderer: "auto" (OpenGL if it works), "opengl" or "raycast".
         position_noise_m: standard deviation of the global position, x and y.
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.
@@ -102,7 +110,9 @@ class SimulationOptions:
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
     weather: Weather | None = None
-    cameras: bool = False
+    time_of_day: str | Daylight = "day"
+    cameras: RigOption = False
+    camera_modes: Sequence[str] = OBSERVED_MODES
     renderer: Literal["auto", "opengl", "raycast"] = "auto"
     position_noise_m: float = 0.0
     heading_noise_rad: float = 0.0
@@ -124,10 +134,12 @@ class SimulationOptions:
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
         require_between(0, math.pi / 2, drone_pitch_rad=self.drone_pitch_rad)
         require_count(1, max_cycles=self.max_cycles)
-        require_flag(cameras=self.cameras)
+        check_rig(self.cameras)
+        require_modes(self.camera_modes)
         require_instance(Detector, detector=self.detector)
         require_instance(Weather, weather=self.weather)
         lidars = self.lidars
+        self.illumination  # noqa: B018  (its own checks run now)
         self.localization  # noqa: B018  (its own checks run now)
         if not lidars and self.detector is not None and self.detector.needs_sweeps:
             raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
@@ -146,6 +158,11 @@ class SimulationOptions:
         }
 
     @property
+    def illumination(self) -> Illumination:
+        """What cameras see by."""
+        return Illumination(as_daylight(self.time_of_day), self.weather)
+
+    @property
     def localization(self) -> LocalizationConfig:
         """The localization's part."""
         return LocalizationConfig(
@@ -153,6 +170,20 @@ class SimulationOptions:
             self.heading_noise_rad,
             self.odometry_noise_m,
             self.odometry_heading_noise_rad,
+        )
+
+
+def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:
+    """Truth goes into `infos`, and only where it was asked for.
+
+    Raises:
+        InvalidValueError: a mode of `camera_modes` is truth, and truth is not exposed.
+    """
+    truth = [mode for mode in modes if mode in TRUTH_MODES]
+    if truth and not exposed:
+        raise InvalidValueError(
+            f"camera_modes {', '.join(map(repr, truth))} are ground truth, which no observation has: they stand in "
+            "infos[agent]['segmentation'] if the environment is made with expose_ground_truth=True"
         )
 
 

@@ -27,11 +27,12 @@ from coopsim.comms.uplink import UPLINKS, Uplink
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
-from coopsim.envs.spaces import action_space, observation_space, pack_observation, unpack_action
+from coopsim.envs.spaces import action_space, observation_space, pack_image, pack_observation, unpack_action
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.rng import require_seed
+from coopsim.sensors.picture import TRUTH_MODES
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
@@ -52,7 +53,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | detections | box (N, 7), score (N, 1), label (N,) | the agent's own, base frame |
     | | embedding (N, D) | only if the detector gives any; of length 1, zeros for none |
     | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
-    | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras=True` |
+    | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras` says which |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
 
@@ -79,8 +80,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {
-            name: observation_space(self.possible_agents, source.lidars, source.cameras, source.embedding_dim)
-            for name in self.possible_agents
+            name: observation_space(
+                self.possible_agents, source.lidars, spec.cameras, source.camera_modes, source.embedding_dim
+            )
+            for name, spec in source.specs.items()
         }
         self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
@@ -94,7 +97,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def agent_specs(self) -> Mapping[str, AgentSpec]:
-        """What a policy may know before the first frame, for every possible agent."""
+        """What a policy may know before an episode's first frame, for every possible agent.
+
+        Cameras are mounted on cars, which are of another height in another episode: ask after `reset`.
+        """
         return self._source.specs
 
     @property
@@ -324,7 +330,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             return {}
         # Copies, because the originals are what the agent is scored against.
         truth = {"id": agent.truth.id.copy(), "box": agent.truth.boxes.array, "label": agent.truth.label.copy()}
-        return {"ground_truth": truth, "instances": dict(agent.instances)}
+        segmentation = {name: pack_image(image, TRUTH_MODES) for name, image in agent.segmentation.items()}
+        return {"ground_truth": truth, "instances": dict(agent.instances), "segmentation": segmentation}
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":

@@ -46,7 +46,6 @@ class Replay(FrameSource):
     """
 
     lidars = ()
-    cameras: Mapping[str, tuple[int, int]] = {}
     region_m = None
     road_map = RoadMap((), (), (), ())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_free_mount
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.shutter import between
 from coopsim.sensors.sight import LineOfSight
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
@@ -49,12 +51,16 @@ class Simulation(FrameSource):
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self._rig: CameraRig | None = None
+        self.camera_modes = tuple(options.camera_modes)
         self.region_m = (options.region_x_m, options.region_y_m)
         self._world = self._make_world(seed=0)
-        self.specs = {
-            name: AgentSpec(name, body.kind, options.dt_s, uplink, self._drives(body), body.actor_id is not None)
-            for name, body in self._world.agents().items()
-        }
+        bodies = self._world.agents()
+        kinds = {name: body.kind for name, body in bodies.items()}
+        self._cameras = agent_rigs(options.cameras, kinds)
+        # Who photographs where no cameras are on gets the pictures that `cameras=True` would make.
+        self._photographers = self._cameras if any(self._cameras.values()) else agent_rigs(True, kinds)
+        self._uplink = uplink
+        self.specs = self._specify(bodies)
         self.road_map = self._world.map
         self.capacity = len(self._world.actors())
         self.lidars = tuple(options.lidars)
@@ -64,13 +70,24 @@ class Simulation(FrameSource):
         policy_control = self._options.control == "policy"
         return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
-    @property
-    def cameras(self) -> Mapping[str, tuple[int, int]]:  # type: ignore[override]
-        return CameraRig.sizes() if self._options.cameras else {}
+    def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
+        return {
+            name: AgentSpec(
+                name,
+                body.kind,
+                self._options.dt_s,
+                self._uplink,
+                self._drives(body),
+                body.actor_id is not None,
+                cameras={camera.name: camera.calibration(body.height_m) for camera in self._cameras[name]},
+            )
+            for name, body in bodies.items()
+        }
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         world = self._make_world(seed)
         self._time_ns, self._cycle, self._world = 0, 0, world
+        self.specs = self._specify(world.agents())
         self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
         localization = self._options.localization
@@ -100,8 +117,14 @@ class Simulation(FrameSource):
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """The current frame through every agent's cameras."""
         if self._rig is None:
-            self._rig = CameraRig(self._world.models, self._world.static, renderer=self._options.renderer)
-        return self._rig.render(self._world.actors(), self._world.agents())
+            self._rig = CameraRig(
+                self._photographers,
+                modes=self.camera_modes,
+                renderer=self._options.renderer,
+                illumination=self._options.illumination,
+            )
+        actors = self._world.actors()
+        return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
     def close(self) -> None:
         if self._rig is not None:
@@ -114,7 +137,7 @@ class Simulation(FrameSource):
         seen = actors.id
         if self._options.ground_truth == "visible":
             seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
-        images = self.photograph() if self._options.cameras else {}
+        images = self.photograph() if any(self._cameras.values()) else {}
         agents = {
             name: self._perceive(body, actors, seen, (sweeps[name], returns[name]), images.get(name, {}))
             for name, body in bodies.items()
@@ -172,12 +195,13 @@ class Simulation(FrameSource):
         else:
             detections = self._detector.detect_from_returns(returns[other], around, rng)
         blind = {sensor: Sweep(sweep.points, sweep.intensity, sweep.beam) for sensor, sweep in sweeps.items()}
-        observation = Observation(self._time_ns, pose, odometry, detections, blind, images)
+        observed = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
+        observation = Observation(self._time_ns, pose, odometry, detections, blind, observed)
         counts = np.isin(around.id, seen)
         counts &= (np.abs(around.boxes.center[:, :2]) <= self.region_m).all(axis=1)
         truth = GroundTruth(around.id[counts], around.boxes[counts], around.label[counts])
         instances = {sensor: sweep.instance for sensor, sweep in sweeps.items() if sweep.instance is not None}
-        return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances)
+        return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances, images)
 
     def _require_free_mounts(self) -> None:
         """On every body that may come to carry a LiDAR: which car is connected is another in every episode."""

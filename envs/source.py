@@ -27,6 +27,7 @@ class AgentFrame:
         ignored: M objects that do not count: a track on one of them neither helps nor harms.
         ignored_label: (M,) labels of `ignored`.
         instances: per sweep, the id of the actor behind each point; for training only.
+        segmentation: per camera, the pictures of the modes that are truth; for training only.
     """
 
     observation: Observation
@@ -35,6 +36,7 @@ class AgentFrame:
     ignored: Boxes3D = field(default_factory=Boxes3D.empty)
     ignored_label: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     instances: Mapping[str, Ints] = field(default_factory=dict)
+    segmentation: Mapping[str, CameraImage] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +61,9 @@ class FrameSource(ABC):
 
     Attributes:
         name: the environment id's name part.
-        specs: of all agents that ever appear, in order.
+        specs: of all agents that ever appear, in order, with the running episode's cameras.
         lidars: names of each agent's LiDARs.
-        cameras: height and width of the image of each of an agent's cameras, by name.
+        camera_modes: what the pictures of agents' cameras consist of.
         road_map: outlines for pictures.
         capacity: the largest number of actors in a frame.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
@@ -71,7 +73,7 @@ class FrameSource(ABC):
     name: str
     specs: Mapping[str, AgentSpec]
     lidars: tuple[str, ...]
-    cameras: Mapping[str, tuple[int, int]]
+    camera_modes: tuple[str, ...] = ()
     road_map: RoadMap
     capacity: int
     region_m: tuple[float, float] | None

@@ -16,9 +16,11 @@ from coopsim.arrays import as_numbers
 from coopsim.embedding import directions
 from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.sensors.picture import OBSERVED_MODES
 from coopsim.taxonomy import CLASS_NAMES
 from coopsim.types import (
     AgentSpec,
+    CameraCalibration,
     CameraImage,
     Detections,
     Message,
@@ -51,22 +53,26 @@ def _box() -> spaces.Box:
 
 
 def observation_space(
-    agents: Sequence[str], sensors: Sequence[str], cameras: Mapping[str, tuple[int, int]], embedding_dim: int = 0
+    agents: Sequence[str],
+    sensors: Sequence[str],
+    cameras: Mapping[str, CameraCalibration],
+    camera_modes: Sequence[str] = OBSERVED_MODES,
+    embedding_dim: int = 0,
 ) -> spaces.Dict:
     """The space of one agent's observations.
 
     Args:
         agents: all agents, in the order in which an inbox numbers its senders.
         sensors: names of the agent's LiDARs.
-        cameras: height and width of each camera's image.
+        cameras: the agent's cameras.
+        camera_modes: what their pictures consist of; what is truth is left out.
         embedding_dim: length of the embeddings of detections; 0: they have none.
     """
     found = {"box": _box(), "score": _reals(1), "label": spaces.Discrete(len(CLASS_NAMES))}
     if embedding_dim:
         found["embedding"] = _reals(embedding_dim, dtype=np.float32)
     image: dict[str, spaces.Space[Any]] = {
-        name: spaces.Dict(rgb=spaces.Box(0, 255, (*size, 3), np.uint8), depth=_reals(*size, low=0.0, dtype=np.float32))
-        for name, size in cameras.items()
+        name: _image(calibration.size, camera_modes) for name, calibration in cameras.items()
     }
     return spaces.Dict(
         time_ns=spaces.Discrete(_COUNTER),
@@ -84,6 +90,14 @@ def observation_space(
         # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
         inbox_payload=spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True),
     )
+
+
+def _image(size: tuple[int, int], modes: Sequence[str]) -> spaces.Dict:
+    pixels = {
+        "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
+        "depth": _reals(*size, low=0.0, dtype=np.float32),
+    }
+    return spaces.Dict({mode: pixels[mode] for mode in OBSERVED_MODES if mode in modes})
 
 
 def action_space(*, drives: bool) -> spaces.Dict:
@@ -115,7 +129,7 @@ def pack_observation(observation: Observation, agents: Sequence[str], embedding_
         "odometry": observation.odometry.xyz_yaw,
         "detections": _pack_detections(observation.detections, embedding_dim),
         "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
-        "cameras": {name: {"rgb": image.rgb, "depth": image.depth} for name, image in observation.cameras.items()},
+        "cameras": {name: pack_image(image, OBSERVED_MODES) for name, image in observation.cameras.items()},
         "inbox": {
             "sender": np.array([agents.index(message.sender) for message in inbox], dtype=np.int64),
             "captured_ns": np.array([message.captured_ns for message in inbox], dtype=np.int64),
@@ -124,6 +138,11 @@ def pack_observation(observation: Observation, agents: Sequence[str], embedding_
         },
         "inbox_payload": np.frombuffer(payload, dtype=np.uint8)[:, None],
     }
+
+
+def pack_image(image: CameraImage, modes: Sequence[str]) -> dict[str, Any]:
+    """What a picture has of these modes."""
+    return {mode: getattr(image, mode) for mode in modes if getattr(image, mode) is not None}
 
 
 def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: AgentSpec) -> Observation:

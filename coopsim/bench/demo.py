@@ -166,7 +166,7 @@ class _SceneRecorder:
             road_map=self._road_map,
             frames=self._frames,
             cameras={
-                agent: {camera: image.rgb for camera, image in cameras.items()}
+                agent: {camera: image.rgb for camera, image in cameras.items() if image.rgb is not None}
                 for agent, cameras in self._images.items()
             },
             camera_time_ns=self._images_ns,

@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.catalog import make_policy, parallel_env
 from coopsim.comms.channel import ChannelCounts
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
@@ -78,6 +78,8 @@ def evaluate(
     **options: Any,
 ) -> Evaluation:
     """Run a policy through one episode of an environment that broadcasts what the policy needs.
+
+    Cameras are drawn only for a policy that says it needs them (`Policy.cameras`), or where `cameras` asks for others.
 
     Args:
         policy: a policy, or the name of one.
@@ -186,9 +188,17 @@ def _instance(policy: Policy | str) -> Policy:
 
 
 def _listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
-    """The environment whose agents broadcast what the policy needs."""
+    """The environment whose agents broadcast what the policy needs, and have the cameras that it needs."""
     if "uplink" in options:
         raise InvalidValueError(
             f"uplink is not an option here: {type(policy).__name__} decides it, and says {policy.uplink!r}"
         )
-    return parallel_env(environment, uplink=policy.uplink, **options)
+    needed = {"cameras": policy.cameras} if policy.cameras else {}
+    try:
+        return parallel_env(environment, **{"uplink": policy.uplink, **needed, **options})
+    except UnknownNameError as error:
+        if needed and error.name == "cameras" and "cameras" not in options:
+            raise PolicyMismatchError(
+                f"{type(policy).__name__} needs cameras {policy.cameras!r}, and {environment!r} has none"
+            ) from error
+        raise

@@ -34,7 +34,7 @@ _SPREAD_RAD = 0.003  # and its divergence: a Velodyne's
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """The weather around a LiDAR.
+    """The weather around LiDARs and cameras.
 
     Attributes:
         rain_mm_h: rain rate: 2.5 is light, 10 moderate, 50 violent; at most 200.

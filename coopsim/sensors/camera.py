@@ -1,122 +1,148 @@
-"""Pinhole cameras: where they are, and how agents carry them."""
+"""Cameras: where they are on an agent, and what those of all agents see in a frame."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.arrays import frozen, require_finite
-from coopsim.checks import require_count, require_positive
-from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.geometry import SceneGeometry
+from coopsim.checks import require_finite_number, require_positive
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.se3 import SE3
+from coopsim.sensors.daylight import DAYLIGHTS, Daylight, Illumination
+from coopsim.sensors.geometry import Triangles
+from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.picture import OBSERVED_MODES, FramePainter
 from coopsim.sensors.renderers import Renderer, make_renderer
-from coopsim.types import CameraImage
-from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
-
-CAMERAS: Mapping[str, float] = {"front": 0.0, "left": np.pi / 2, "rear": np.pi, "right": -np.pi / 2}
-"""Names of an agent's cameras, and the heading (rad) of each in the agent's base frame."""
+from coopsim.types import CameraCalibration, CameraImage
+from coopsim.world.snapshot import Actors, AgentBody
 
 
 @dataclass(frozen=True, slots=True)
-class CameraConfig:
-    """An ideal pinhole camera; all of a rig are alike.
+class Camera:
+    """A camera, and where an agent carries it.
 
     Attributes:
-        width: pixels.
-        height: pixels.
-        horizontal_fov_rad: opening angle, in (0, pi).
+        name: unique in its rig.
+        intrinsics: its lens and chip.
+        x_m: ahead of the agent's middle.
+        y_m: to the left of it.
         above_m: height over the agent's body.
-        near_m: nearest thing that is drawn.
-        far_m: farthest thing that is drawn.
-        unit_pitch_rad: how far the cameras of a roadside unit look down.
+        yaw_rad: to the left.
+        pitch_rad: downwards.
+        roll_rad: clockwise, seen from behind.
+        near_m: what is nearer along the optical axis is not drawn.
+        far_m: what is farther is not drawn.
+
+    Raises:
+        InvalidValueError: a number that is not accepted, or a name that is none.
     """
 
-    width: int = 320
-    height: int = 180
-    horizontal_fov_rad: float = np.radians(100.0)
+    name: str
+    intrinsics: Intrinsics = field(default_factory=Intrinsics.from_fov)
+    x_m: float = 0.0
+    y_m: float = 0.0
     above_m: float = 0.15
+    yaw_rad: float = 0.0
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
     near_m: float = 0.2
     far_m: float = 300.0
-    unit_pitch_rad: float = np.radians(20.0)
 
     def __post_init__(self) -> None:
-        require_count(1, width=self.width, height=self.height)
-        require_positive(horizontal_fov_rad=self.horizontal_fov_rad, near_m=self.near_m, far_m=self.far_m)
-        mount = frozen([self.above_m, self.unit_pitch_rad], (2,), np.float64, "above_m and unit_pitch_rad")
-        require_finite(mount, "above_m and unit_pitch_rad")
-        if self.horizontal_fov_rad >= np.pi:
-            raise InvalidValueError(f"horizontal_fov_rad must be in (0, pi), got {self.horizontal_fov_rad!r}")
+        if not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise InvalidValueError(f"name of a camera must be a word, as 'front_left', got {self.name!r}")
+        if not isinstance(self.intrinsics, Intrinsics):
+            raise InvalidValueError(
+                f"intrinsics of camera {self.name!r} must be Intrinsics, as Intrinsics.from_fov(320, 180), "
+                f"got {self.intrinsics!r}"
+            )
+        of = f"of camera {self.name!r}"
+        for mount in ("x_m", "y_m", "above_m", "yaw_rad", "pitch_rad", "roll_rad"):
+            require_finite_number(**{f"{mount} {of}": getattr(self, mount)})
+        require_positive(**{f"near_m {of}": self.near_m, f"far_m {of}": self.far_m})
         if self.near_m >= self.far_m:
-            raise InvalidValueError(f"0 < near_m < far_m is needed, got {self.near_m!r} and {self.far_m!r}")
+            raise InvalidValueError(f"0 < near_m < far_m is needed {of}, got {self.near_m!r} and {self.far_m!r}")
 
-    @property
-    def focal_px(self) -> float:
-        """Focal length in pixels; pixels are square."""
-        return float(self.width / 2 / np.tan(self.horizontal_fov_rad / 2))
+    def base_SE3_camera(self, body_height_m: float) -> SE3:
+        """Where it is on an agent of this height; camera axes are OpenCV's (x right, y down, z forward)."""
+        cos, sin = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
+        mount = SE3.from_xyz_yaw([self.x_m, self.y_m, body_height_m + self.above_m], self.yaw_rad)
+        # Columns: the camera's x, y, z in the axes of something that looks ahead with x forward, y left, z up.
+        pitched = np.array([[0.0, -sin, cos], [-1.0, 0.0, 0.0], [0.0, -cos, -sin]])
+        cos, sin = np.cos(self.roll_rad), np.sin(self.roll_rad)
+        rolled = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return mount.compose(SE3(pitched @ rolled, np.zeros(3)))
 
-    def rays(self) -> Floats:
-        """(H * W, 3) directions through the pixels' middles, row by row, in camera axes, 1 along the optical axis.
-
-        Camera axes are OpenCV's: x right, y down, z forward.
-        """
-        columns = (np.arange(self.width) + 0.5 - self.width / 2) / self.focal_px
-        rows = (np.arange(self.height) + 0.5 - self.height / 2) / self.focal_px
-        x, y = np.meshgrid(columns, rows)
-        return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    def calibration(self, body_height_m: float) -> CameraCalibration:
+        """What a policy may know of it, on an agent of this height."""
+        lens = self.intrinsics
+        return CameraCalibration(lens.size, lens.matrix, np.array(lens.distortion), self.base_SE3_camera(body_height_m))
 
 
 class CameraRig:
-    """Four cameras on top of every agent, looking ahead, left, back and right.
+    """The cameras of all agents. What they look at persists; a frame moves it.
 
     Args:
-        models: that actors' `model` counts into.
-        static: the scenery.
-        config: of all cameras.
+        cameras: of each agent, by its name.
+        modes: what pictures consist of, of `coopsim.sensors.picture.MODES`.
         renderer: "auto" (OpenGL if it works, else ray casting, with one warning), "opengl" or "raycast".
+        illumination: None is a clear day.
     """
 
     def __init__(
         self,
-        models: Sequence[Model],
-        static: Sequence[StaticPart],
-        config: CameraConfig | None = None,
+        cameras: Mapping[str, Sequence[Camera]],
+        *,
+        modes: Sequence[str] = OBSERVED_MODES,
         renderer: str = "auto",
+        illumination: Illumination | None = None,
     ) -> None:
-        self.config = config or CameraConfig()
-        self._geometry = SceneGeometry(models, static)
-        self._renderer: Renderer = make_renderer(renderer, models, static, self.config)
+        self._cameras = cameras
+        light = illumination or Illumination(DAYLIGHTS.get("day"))
+        self._painter = FramePainter(light, modes)
+        self._renderer: Renderer = make_renderer(renderer)
 
-    @staticmethod
-    def sizes(config: CameraConfig | None = None) -> dict[str, tuple[int, int]]:
-        """Height and width of each camera's image, by name."""
-        config = config or CameraConfig()
-        return dict.fromkeys(CAMERAS, (config.height, config.width))
+    @property
+    def renderer(self) -> str:
+        """What draws: "opengl" or "raycast"."""
+        return self._renderer.name
 
-    def render(self, actors: Actors, agents: Mapping[str, AgentBody]) -> dict[str, dict[str, CameraImage]]:
-        """What every agent's cameras see, by agent and camera. An agent's own body is not in its pictures."""
-        self._renderer.update(actors, self._geometry.triangles(actors))
+    def render(
+        self, triangles: Triangles, actors: Actors, agents: Mapping[str, AgentBody]
+    ) -> dict[str, dict[str, CameraImage]]:
+        """What every agent's cameras see, by agent and camera. An agent's own body is not in its pictures.
+
+        Args:
+            triangles: the frame, in the world frame.
+            actors: those that are in it.
+            agents: who looks; of others' cameras nothing is drawn.
+        """
+        self._renderer.update(triangles)
+        self._painter.update(actors, triangles)
         return {
-            name: {
-                camera: self._renderer.render(
-                    body.world_SE3_base.compose(self.base_SE3_camera(body, heading)), body.actor_id
-                )
-                for camera, heading in CAMERAS.items()
-            }
+            name: {camera.name: self._shoot(camera, body) for camera in self._cameras.get(name, ())}
             for name, body in agents.items()
         }
 
-    def base_SE3_camera(self, body: AgentBody, heading_rad: float) -> SE3:
-        """Where a camera is on an agent; camera axes are OpenCV's (x right, y down, z forward)."""
-        pitch = self.config.unit_pitch_rad if body.kind == "rsu" else 0.0
-        level = SE3.from_xyz_yaw([0.0, 0.0, body.height_m + self.config.above_m], heading_rad)
-        cos, sin = np.cos(pitch), np.sin(pitch)
-        # Columns: the camera's x, y, z in the axes of something that looks ahead with x forward, y left, z up.
-        axes = np.array([[0.0, -sin, cos], [-1.0, 0.0, 0.0], [0.0, -cos, -sin]])
-        return level.compose(SE3(axes, np.zeros(3)))
+    def _shoot(self, camera: Camera, body: AgentBody) -> CameraImage:
+        pose = body.world_SE3_base.compose(camera.base_SE3_camera(body.height_m))
+        return self._painter.paint(self._renderer.see(camera, pose, body.actor_id), camera.intrinsics)
 
     def close(self) -> None:
         """Release the renderer's resources."""
         self._renderer.close()
+
+
+def as_daylight(time_of_day: object) -> Daylight:
+    """A `Daylight`, or the one of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if isinstance(time_of_day, Daylight):
+        return time_of_day
+    if not isinstance(time_of_day, str):
+        raise UnknownNameError("time_of_day", time_of_day, DAYLIGHTS.names())
+    return DAYLIGHTS.get(time_of_day)

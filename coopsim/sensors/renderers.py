@@ -1,42 +1,56 @@
-"""Two ways to draw what a camera sees, behind one interface: OpenGL, and ray casting where there is none."""
+"""Two ways to find out what each pixel of a camera sees, behind one interface: OpenGL, and ray casting without it."""
 
 from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.checks import require_choice
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Triangles
 from coopsim.sensors.raycast import RayScene
-from coopsim.types import CameraImage
-from coopsim.world.snapshot import Actors, Model, StaticPart
+from coopsim.types import Ints
 
 if TYPE_CHECKING:
-    from coopsim.sensors.camera import CameraConfig
+    from coopsim.sensors.camera import Camera
 
-SKY = np.array([168, 196, 222], dtype=np.uint8)
-SUN = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
-"""Unit vector towards the light, world frame."""
-
-AMBIENT, DIFFUSE, GAMMA = 0.55, 0.5, 2.2
 RENDERERS = ("auto", "opengl", "raycast")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """What each pixel's middle sees; one sample, so that all pictures made of it agree.
+
+    Attributes:
+        face: (H, W) int, index of the triangle, -1 where there is nothing between near and far.
+        depth: (H, W) float32, m along the optical axis; 0 where there is nothing.
+    """
+
+    face: Ints
+    depth: NDArray[np.float32]
+
+
 class Renderer(ABC):
-    """Draws frames."""
+    """Finds what is seen.
+
+    Attributes:
+        name: as users ask for it.
+    """
+
+    name: ClassVar[str]
 
     @abstractmethod
-    def update(self, actors: Actors, triangles: Triangles) -> None:
-        """Take over a new frame: the actors, and the same as triangles."""
+    def update(self, triangles: Triangles) -> None:
+        """Take over a new frame."""
 
     @abstractmethod
-    def render(self, world_SE3_camera: SE3, own_id: int | None) -> CameraImage:
+    def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> View:
         """The frame from a pose in OpenCV's camera axes (x right, y down, z forward), without the actor `own_id`."""
 
     @abstractmethod
@@ -44,8 +58,10 @@ class Renderer(ABC):
         """Release resources; nothing can be drawn any more."""
 
 
-def make_renderer(name: str, models: Sequence[Model], static: Sequence[StaticPart], config: CameraConfig) -> Renderer:
+def make_renderer(name: str) -> Renderer:
     """The renderer called `name`.
+
+    "auto" is OpenGL where it works: it was measured to be the faster one in software, too.
 
     Raises:
         UnknownNameError: no such renderer.
@@ -53,60 +69,55 @@ def make_renderer(name: str, models: Sequence[Model], static: Sequence[StaticPar
     """
     require_choice("renderer", name, RENDERERS)
     if name == "raycast":
-        return RaycastRenderer(config)
+        return RaycastRenderer()
     from coopsim.sensors.opengl import OpenGLRenderer  # it is a `Renderer`, so it needs this file first
 
     try:
-        return OpenGLRenderer(models, static, config)
+        return OpenGLRenderer()
     except MissingDependencyError as error:
         if name == "opengl":
             raise
-        warnings.warn(f"cameras are ray-cast: {error}", stacklevel=3)
-        return RaycastRenderer(config)
+        warnings.warn(f"cameras are ray-cast, which is slower: {error}", stacklevel=3)
+        return RaycastRenderer()
 
 
 class RaycastRenderer(Renderer):
-    """One ray per pixel; a face is as bright as it is turned to the sun."""
+    """One ray per pixel, along which the lens looks."""
 
-    def __init__(self, config: CameraConfig) -> None:
-        self._config = config
-        self._rays = config.rays()
-        self._length = np.linalg.norm(self._rays, axis=1)
+    name = "raycast"
+
+    def __init__(self) -> None:
         self._frame: Triangles | None = None
-        self._scenes: dict[int | None, RayScene] = {}
+        self._scenes: dict[int | None, tuple[RayScene, Ints]] = {}
 
-    def update(self, actors: Actors, triangles: Triangles) -> None:
+    def update(self, triangles: Triangles) -> None:
         self._frame, self._scenes = triangles, {}
 
-    def render(self, world_SE3_camera: SE3, own_id: int | None) -> CameraImage:
-        config, scene = self._config, self._scene(own_id)
-        directions = world_SE3_camera.rotate(self._rays / self._length[:, None])
-        hits = scene.cast(world_SE3_camera.translation, directions)
-        depth = hits.range_m / self._length
-        seen = (hits.face >= 0) & (depth >= config.near_m) & (depth <= config.far_m)
-        face = hits.face[seen]
-        light = AMBIENT + DIFFUSE * np.maximum(scene.normals[face] @ SUN, 0.0)
-        light **= 1 / GAMMA  # light adds up linearly, colours are sRGB; OpenGL shades in the same way
-        rgb = np.broadcast_to(SKY, (len(depth), 3)).copy()
-        rgb[seen] = np.clip(scene.triangles.color[face] * light[:, None], 0, 255)
-        shape = (config.height, config.width)
-        return CameraImage(rgb.reshape(*shape, 3), np.where(seen, depth, 0.0).reshape(shape))
+    def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> View:
+        lens = camera.intrinsics
+        scene, faces = self._scene(own_id)
+        hits = scene.cast(world_SE3_camera.translation, world_SE3_camera.rotate(lens.unit_rays))
+        depth = hits.range_m.reshape(lens.size) / lens.stretch
+        seen = (depth >= camera.near_m) & (depth <= camera.far_m)
+        # -1, nothing, must not be looked up: it would be the last face.
+        face = np.where(seen, faces[hits.face].reshape(lens.size), -1)
+        return View(face, np.where(seen, depth, np.float32(0.0)))
 
     def close(self) -> None:
         self._frame, self._scenes = None, {}
 
-    def _scene(self, own_id: int | None) -> RayScene:
-        assert self._frame is not None, "update before render"
+    def _scene(self, own_id: int | None) -> tuple[RayScene, Ints]:
+        """The scene without an actor, and the faces that it consists of."""
+        assert self._frame is not None, "update before see"
         if own_id not in self._scenes:
-            self._scenes[own_id] = RayScene(without(self._frame, own_id))
+            frame = self._frame
+            kept = np.flatnonzero(frame.instance != own_id) if own_id is not None else np.arange(len(frame.faces))
+            self._scenes[own_id] = (RayScene(_of_faces(frame, kept)), np.append(kept, -1))
         return self._scenes[own_id]
 
 
-def without(triangles: Triangles, instance: int | None) -> Triangles:
-    """The scene without one actor."""
-    if instance is None:
-        return triangles
-    kept = triangles.instance != instance
+def _of_faces(triangles: Triangles, kept: Ints) -> Triangles:
+    """The scene with these of its faces."""
     return Triangles(
         triangles.vertices,
         triangles.faces[kept],

@@ -10,8 +10,11 @@ from PIL import Image, ImageDraw
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera import CameraConfig
+from coopsim.sensors.camera import Camera
+from coopsim.sensors.daylight import DAYLIGHTS, Illumination
 from coopsim.sensors.geometry import SceneGeometry
+from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.picture import FramePainter
 from coopsim.sensors.renderers import RaycastRenderer
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
@@ -42,16 +45,19 @@ def portrait(
         size_px: width and height.
     """
     width, height = (side * _SMOOTHING for side in size_px)
-    config = CameraConfig(width=width, height=height, horizontal_fov_rad=_FOV_RAD)
+    camera = Camera("portrait", Intrinsics.from_fov(width, height, _FOV_RAD))
     boxes = Boxes3D(np.array([[0.0, 0.0, model.size_m[2] / 2]]), model.size_m[None], np.zeros(1))
     zero = np.zeros(1, dtype=np.int64)
     first, second = (np.array([paint], dtype=np.uint8) for paint in (color, accent))
     actor = Actors(zero + 1, boxes, np.zeros((1, 2)), zero, zero, first, second, np.array([phase]))
     corners = 500.0 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     ground = StaticPart("ground", corners, np.array([[0, 1, 2], [0, 2, 3]]), _GROUND_COLOR, 0.3)
-    renderer = RaycastRenderer(config)
-    renderer.update(actor, SceneGeometry([model], [ground]).triangles(actor))
-    rgb = renderer.render(_viewpoint(boxes, config), None).rgb
+    triangles = SceneGeometry([model], [ground]).triangles(actor)
+    renderer, painter = RaycastRenderer(), FramePainter(Illumination(DAYLIGHTS.get("day")), ["rgb"])
+    renderer.update(triangles)
+    painter.update(actor, triangles)
+    rgb = painter.paint(renderer.see(camera, _viewpoint(boxes, camera.intrinsics), None), camera.intrinsics).rgb
+    assert rgb is not None, "asked for above"
     fine = rgb.reshape(size_px[1], _SMOOTHING, size_px[0], _SMOOTHING, 3)
     picture: NDArray[np.uint8] = fine.mean(axis=(1, 3)).astype(np.uint8)
     return picture
@@ -71,12 +77,12 @@ def contact_sheet(pictures: Sequence[tuple[str, NDArray[np.uint8]]], columns: in
     return sheet
 
 
-def _viewpoint(boxes: Boxes3D, config: CameraConfig) -> SE3:
+def _viewpoint(boxes: Boxes3D, lens: Intrinsics) -> SE3:
     """`world_SE3_camera` from which the box just fits into the picture."""
     cos, sin = np.cos(_PITCH_RAD), np.sin(_PITCH_RAD)
     level = SE3.from_xyz_yaw([0.0, 0.0, 0.0], _HEADING_RAD)
     axes = level.rotation @ np.array([[0.0, -sin, cos], [-1.0, 0.0, 0.0], [0.0, -cos, -sin]])
     right, down, ahead = ((boxes.corners[0] - boxes.center[0]) @ axes).T
-    reach = np.array([config.width, config.height])[:, None] / 2 / config.focal_px
+    reach = np.array([lens.width, lens.height])[:, None] / 2 / lens.fx_px
     distance = (np.abs([right, down]) / (0.94 * reach) - ahead).max()
     return SE3(axes, boxes.center[0] - distance * axes[:, 2])

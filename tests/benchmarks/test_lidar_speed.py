@@ -1,4 +1,4 @@
-"""How fast a LiDAR sweeps and a camera draws a busy crossing. Run by `make bench`.
+"""How fast a LiDAR sweeps a busy crossing. Run by `make bench`.
 
 Nothing here fails by time; the figures are printed. What is compared is measured in turns, as other work on the machine
 slows both; the least time of each is what it takes undisturbed.
@@ -12,11 +12,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
 from coopsim.sensors.air import Weather
-from coopsim.sensors.camera import CAMERAS, CameraRig
 from coopsim.sensors.geometry import SceneGeometry, Triangles
 from coopsim.sensors.grid import RayGrid
 from coopsim.sensors.lidar import Lidar, LidarConfig
@@ -154,18 +152,3 @@ def test_without_a_lidar() -> None:
     print(
         f"\nno LiDAR: {least_ms(look)[0]:.2f} ms for the lines of sight of {len(bodies)} agents to {len(actors)} actors"
     )
-
-
-@pytest.mark.parametrize("renderer", ["opengl", "raycast"])
-def test_camera_image(renderer: str) -> None:
-    """All four cameras of all agents, as a frame of the environment takes them; actors stand still."""
-    world = crossing()
-    try:
-        rig = CameraRig(world.models, world.static, renderer=renderer)
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
-    actors, bodies = world.actors(), world.agents()
-    (frame_ms,) = least_ms(lambda: rig.render(actors, bodies), times=10)
-    rig.close()
-    config, images = rig.config, len(bodies) * len(CAMERAS)
-    print(f"\n{renderer}: {frame_ms / images:.2f} ms per image of {config.width} x {config.height} ({images} a frame)")

@@ -21,7 +21,7 @@ from coopsim.types import Detections
 Make = Callable[..., Any]
 
 ROOF = LidarConfig("VLP-16", columns=256)
-BUMPER = LidarConfig("VLP-16", columns=128, x_m=2.6, above_m=-0.9)
+BUMPER = LidarConfig("VLP-16", columns=128, x_m=2.9, above_m=-0.9)
 
 
 def make(**options: Any) -> Any:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.camera import CameraConfig, CameraRig
+from coopsim.sensors.camera import Camera, CameraRig
 from coopsim.sensors.geometry import SceneGeometry, Triangles
-from coopsim.world.snapshot import Actors, Model, StaticPart
+from coopsim.sensors.rigs import named_rig
+from coopsim.types import CameraImage
+from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
 
+AGENTS = ("cav_0", "rsu_0", "driver", "ghost")
 CAR = (4.0, 2.0, 1.6)
 POST = (0.6, 0.6, 2.0)
 
@@ -93,14 +97,23 @@ def moller_trumbore(corners: np.ndarray, origin: np.ndarray, rays: np.ndarray) -
     return nearest, np.where(np.isfinite(nearest), face, -1)
 
 
-def make_rig(
-    renderer: str,
-    static: Sequence[StaticPart] = (),
-    models: Sequence[Model] = MODELS,
-    config: CameraConfig | None = None,
-) -> CameraRig:
-    """Cameras; skips the test where it needs an OpenGL that is not there."""
-    try:
-        return CameraRig(models, static, config, renderer)
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
+class Studio:
+    """A scene, and cameras that look at it; skips the test where it needs an OpenGL that is not there."""
+
+    def __init__(
+        self,
+        renderer: str,
+        static: Sequence[StaticPart] = (),
+        models: Sequence[Model] = MODELS,
+        cameras: Mapping[str, Sequence[Camera]] | None = None,
+        **how: Any,
+    ) -> None:
+        rig = named_rig("surround")
+        try:
+            self.rig = CameraRig(cameras or dict.fromkeys(AGENTS, rig), renderer=renderer, **how)
+        except MissingDependencyError as error:
+            pytest.skip(str(error))
+        self._geometry = SceneGeometry(models, static)
+
+    def shoot(self, who: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, dict[str, CameraImage]]:
+        return self.rig.render(self._geometry.triangles(who), who, bodies)
