@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -48,12 +48,15 @@ class ScenarioFile:
     keywords: Mapping[str, Any]
     lines: Mapping[str, int]
 
-    def blame(self, error: CoopsimError, beside: Iterable[str] = ()) -> CoopsimError:
-        """The same error with the file and the line of the key that it names, if that is not one of `beside`."""
+    def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError:
+        """The same error with the file and the line of the key that it names, if that is not one of `beside`.
+
+        An error that names no key of the file may be the fault of those beside, if there are any.
+        """
         for key in sorted(set(self.lines) - set(beside), key=len, reverse=True):
             if re.match(rf"(unknown )?{key}\b", str(error)):
                 return _error(self.path, self.lines[key], str(error))
-        return error
+        return error if beside else ScenarioFileError(f"{self.path}: {error}")
 
 
 def find_scenario_file(path: str | Path) -> Path:

@@ -67,6 +67,7 @@ def test_keywords_go_before_the_file(tmp_path: Path) -> None:
         ("scenario: crossing\noptions:\n  loss: 0.1\n  loss: 0.2\n", r"own.yaml:4: loss is there twice"),
         ("scenario: [crossing\n", r"own.yaml:2: this is no YAML"),
         ("scenario: !!python/name:os.system\n", r"own.yaml:1: this is no YAML"),
+        ("scenario: highway\npopulation: {vehicles: 2}\n", r"own.yaml: connected_cars must be at most"),
         ("", r"own.yaml:1: expected keys and values"),
     ],
 )
