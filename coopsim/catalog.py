@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.checks import require_choice
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 NAMESPACE = "coopsim"
+
+SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", group="coopsim.policies")
 """Policy classes; an installed package adds its own through the entry-point group `coopsim.policies`."""
@@ -44,17 +47,21 @@ def make_policy(name: str, /, **parameters: Any) -> Policy:
     return policy(**parameters)
 
 
-def parallel_env(name: str, /, **options: Any) -> CooperativeEnv:
+def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """The environment called `name`.
 
     Args:
-        name: `crossing` (its newest version), `crossing-v0`, or the PettingZoo id `coopsim/crossing-v0`.
+        name: `crossing` (its newest version), `crossing-v0`, the PettingZoo id `coopsim/crossing-v0`, or the path of a
+            scenario file (`.yaml`).
         **options: see `coopsim.envs.options` and the scenario's own numbers.
 
     Raises:
         UnknownNameError: no such environment or option; the message lists the close ones.
         InvalidValueError: an option's value is not accepted.
+        ScenarioFileError: a scenario file is missing or broken.
     """
+    if isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES):
+        return ENVIRONMENTS.get("file-v0")(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
 

@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_demo(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--environment", default="crossing", help="default: %(default)s")
+    add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
     add("--policies", type=_names, default=("no_fusion", "late_fusion"), metavar="A,B", help="see `list`")
     add("--latencies-ms", type=_milliseconds, default=(0.0, 300.0), metavar="0,300")
@@ -100,6 +100,7 @@ def _add_population(parser: argparse.ArgumentParser) -> None:
     add("--vehicles", type=_count, help="default: the scenario's own")
     add("--connected-cars", type=_count_or_zero, help="default: the scenario's own")
     add("--rsus", type=_count_or_zero, help="roadside units (default: the scenario's own)")
+    add("--drones", type=_count_or_zero, help="default: the scenario's own")
     add("--pedestrians", type=_count_or_zero, help="default: the scenario's own")
 
 
@@ -139,7 +140,6 @@ def _demo(options: argparse.Namespace) -> int:
     from coopsim.bench.demo import Demo, DemoConfig
     from coopsim.bench.table import evaluation_row, format_table, format_visibility
     from coopsim.data.episode import Episode
-    from coopsim.world.scenario import Population
 
     played = None if options.playback is None else Episode(options.playback)
     frames = options.frames or (100 if played is None else max(played.frames - 1, 1))
@@ -149,8 +149,7 @@ def _demo(options: argparse.Namespace) -> int:
         "heading_noise_rad": math.radians(options.heading_noise_deg),
         "loss": options.loss,
     }
-    usual = {name: getattr(Population(), name) for name in ("vehicles", "connected_cars", "rsus")}
-    world = usual if played is None else {**played.header.population, "playback": options.playback}
+    world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = {**world, **_given(options), **noise}
     latencies_s = tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
     demo = Demo(DemoConfig(options.environment, options.policies, latencies_s, frames, seed, given))
@@ -191,7 +190,7 @@ def _record(options: argparse.Namespace) -> int:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """Numbers of the scenario that the user named."""
-    names = ("vehicles", "connected_cars", "rsus", "pedestrians")
+    names = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
     return {name: value for name in names if (value := getattr(options, name)) is not None}
 
 

@@ -54,6 +54,10 @@ class RecordingError(CoopsimError, ValueError):
     """A recorded file is missing or broken; the message names the file and, where known, the line."""
 
 
+class ScenarioFileError(CoopsimError, ValueError):
+    """A scenario file is missing or broken; the message names the file and, where known, the line."""
+
+
 class MissingDependencyError(CoopsimError, ImportError):
     """An optional package is needed for this call; the message names what to install."""
 

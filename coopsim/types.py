@@ -354,8 +354,8 @@ class AgentSpec:
     """What a policy may know of an agent before the first frame.
 
     Attributes:
-        name: as `cav_0` or `rsu_0`.
-        kind: "cav" (moves) or "rsu" (stands).
+        name: as `cav_0`, `rsu_0` or `drone_0`.
+        kind: "cav" (drives), "rsu" (stands) or "drone" (flies; its base frame is on the ground under it).
         dt_s: time between two observations.
         uplink: what the environment lets agents broadcast ("none", "detections", "tracks").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
@@ -367,7 +367,7 @@ class AgentSpec:
     """
 
     name: str
-    kind: Literal["cav", "rsu"]
+    kind: Literal["cav", "rsu", "drone"]
     dt_s: float
     uplink: str
     drives: bool = False

@@ -21,36 +21,63 @@ from coopsim.envs.options import (
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.playback import as_recorded
 from coopsim.envs.replay import Replay
+from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
 from coopsim.envs.spaces import IDLE
+from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.world.drivers import MANEUVERS
-from coopsim.world.scenario import Population, make_scenario
+from coopsim.world.scenario import SCENARIOS, Population, make_scenario
 
-__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "replay_env", "simulation_env"]
+__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
 
-def simulation_env(scenario: str, name: str, /, *, reward: Reward | None = None, **options: Any) -> CooperativeEnv:
+def simulation_env(
+    scenario: str, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
+) -> CooperativeEnv:
     """A simulated environment.
 
     Args:
         scenario: name of the scenario.
         name: the environment's id.
+        density: a factor on the numbers of vehicles and people.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
     groups = (CommonOptions, SimulationOptions, Population)
-    sort_options(options, *groups, beside=["reward"])  # a slip is told before a recording is read
+    sort_options(options, *groups, beside=["density", "reward"])  # a slip is told before a recording is read
     playback = options.get("playback")
     episode = None if playback is None else Episode(playback)
     if episode is not None:
+        if density != 1.0:
+            raise InvalidValueError(f"density must be 1, as {playback} has its own numbers, got {density!r}")
         options = as_recorded(episode, scenario, options)
-    common, simulation, numbers = sort_options(options, *groups, beside=["reward"])
+    common, simulation, numbers = sort_options(options, *groups, beside=["density", "reward"])
     shared = CommonOptions(**common)
     sensed = SimulationOptions(**simulation)
     require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
-    source = Simulation(name, make_scenario(scenario, **numbers), sensed, shared.uplink, episode)
+    source = Simulation(name, make_scenario(scenario, density=density, **numbers), sensed, shared.uplink, episode)
     return CooperativeEnv(source, shared, reward)
+
+
+def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:
+    """A simulated environment as a file describes it; see `coopsim.envs.scenario_file`.
+
+    Args:
+        name: the environment's id.
+        path: of the file, or the name of one that comes along; there is no default.
+        **options: as of `simulation_env`; they go before what the file says.
+
+    Raises:
+        ScenarioFileError: names the file and the line.
+    """
+    if not isinstance(path, (str, Path)):
+        raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
+    file = load_scenario_file(path)
+    try:
+        return simulation_env(file.scenario, name, **{**file.keywords, **options})
+    except CoopsimError as error:
+        raise file.blame(error, beside=options) from error
 
 
 def replay_env(
@@ -81,8 +108,8 @@ def replay_env(
 
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
-        "crossing-v0": partial(simulation_env, "crossing"),
-        "highway-v0": partial(simulation_env, "highway"),
+        **{f"{name}-v0": partial(simulation_env, name) for name in SCENARIOS},
+        "file-v0": file_env,
         "replay-v0": replay_env,
     }
     for versioned, maker in makers.items():

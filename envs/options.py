@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -83,6 +84,7 @@ class SimulationOptions:
         dt_s: time between two frames, in [1e-06, 3600].
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig`; several
             by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
+        drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], next to their own pitch.
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
         weather: rain, fog and wet surfaces, for the LiDARs and cameras; None is dry and clear.
@@ -111,6 +113,7 @@ class SimulationOptions:
     max_cycles: int = 200
     dt_s: float = 0.1
     lidar: LidarOption = "HDL-32E"
+    drone_pitch_rad: float = math.pi / 4
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
     weather: Weather | None = None
@@ -139,6 +142,7 @@ class SimulationOptions:
         require_choice("renderer", self.renderer, RENDERERS)
         require_frame_time(self.dt_s)
         require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
+        require_between(0, math.pi / 2, drone_pitch_rad=self.drone_pitch_rad)
         require_count(1, max_cycles=self.max_cycles, threads=self.threads)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
@@ -170,6 +174,14 @@ class SimulationOptions:
     def lidars(self) -> dict[str, LidarConfig]:
         """The LiDARs' part, by name."""
         return lidar_configs(self.lidar, self.lidar_columns, self.lidar_range_m)
+
+    @property
+    def drone_lidars(self) -> dict[str, LidarConfig]:
+        """The same on a drone."""
+        return {
+            name: replace(config, pitch_rad=config.pitch_rad + self.drone_pitch_rad)
+            for name, config in self.lidars.items()
+        }
 
     @property
     def illumination(self) -> Illumination:

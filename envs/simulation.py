@@ -21,6 +21,7 @@ from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_free_mount
+from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.shutter import between
@@ -51,10 +52,16 @@ class Simulation(FrameSource):
     ) -> None:
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
-        self._lidars = {sensor: Lidar(config, options.weather) for sensor, config in options.lidars.items()}
-        self._probe = VisibilityProbe(tuple(options.lidars.values()))
+        on_ground, in_air = (
+            {sensor: Lidar(config, options.weather) for sensor, config in configs.items()}
+            for configs in (options.lidars, options.drone_lidars)
+        )
+        self._lidars = {"cav": on_ground, "rsu": on_ground, "drone": in_air}
+        self._probes = {
+            kind: VisibilityProbe([lidar.config for lidar in lidars.values()]) for kind, lidars in self._lidars.items()
+        }
         # Embree's scene is made by the first who casts into it, which two could be at once.
-        by_embree = any(lidar.config.backend == "embree" for lidar in self._lidars.values())
+        by_embree = any(lidar.config.backend == "embree" for lidar in on_ground.values())
         self._threads = 1 if by_embree else options.threads
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
@@ -71,7 +78,7 @@ class Simulation(FrameSource):
         self.specs = self._specify(bodies)
         self.road_map = self._world.map
         self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
-        self.lidars = tuple(self._lidars)
+        self.lidars = tuple(options.lidars)
         self._require_free_mounts()
 
     def _make_world(self, seed: int) -> WorldSource:
@@ -107,13 +114,17 @@ class Simulation(FrameSource):
             name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
         }
         self._lidar_rngs = {
-            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
+            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self.lidars
         }
-        if not self._lidars:
+        if not self.lidars:
             self._imagined = imagined = LidarConfig(
                 columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m
             )
-            self._sight = LineOfSight(world.static, imagined.beams, imagined.columns, imagined.max_range_m)
+            tilted = imagined.beams.elevation_rad - self._options.drone_pitch_rad
+            beams = {"cav": imagined.beams, "rsu": imagined.beams, "drone": BeamPattern("looking down", tilted)}
+            self._sights = {
+                kind: LineOfSight(world.static, beams[kind], imagined.columns, imagined.max_range_m) for kind in beams
+            }
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
@@ -137,11 +148,13 @@ class Simulation(FrameSource):
         return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
     def visibility(self) -> Mapping[str, Visibility]:
-        if not self._lidars:
+        if not self.lidars:
             return {}
         actors, bodies, returns = self._sensed
         scene = RayScene(self._geometry.triangles(actors))
-        return {name: self._probe.measure(scene, body, actors, returns[name]) for name, body in bodies.items()}
+        return {
+            name: self._probes[body.kind].measure(scene, body, actors, returns[name]) for name, body in bodies.items()
+        }
 
     def close(self) -> None:
         if self._rig is not None:
@@ -164,13 +177,13 @@ class Simulation(FrameSource):
         self, actors: Actors, bodies: Mapping[str, AgentBody]
     ) -> tuple[dict[str, dict[str, Sweep]], dict[str, Ints]]:
         """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
-        if not self._lidars:
+        if not self.lidars:
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
         scene = RayScene(self._geometry.triangles(actors))
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
 
         def sweep(body: AgentBody) -> tuple[dict[str, Sweep], Ints]:
-            own = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._lidars}
+            own = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self.lidars}
             return own, count_returns(own, actors.id)
 
         sensed = run_all([partial(sweep, body) for body in bodies.values()], self._threads, "agents")
@@ -180,7 +193,7 @@ class Simulation(FrameSource):
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
         """A sweep that ends now, of an agent that was at `before` a frame ago."""
-        lidar, now, rng = self._lidars[sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
+        lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
         start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
         return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
 
@@ -194,7 +207,7 @@ class Simulation(FrameSource):
 
     def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
         at = body.world_SE3_base.apply(self._imagined.base_SE3_sensor(body.height_m).translation)
-        return self._sight.expected_returns(at, actors, body.actor_id)
+        return self._sights[body.kind].expected_returns(at, actors, body.actor_id)
 
     def _perceive(
         self,
@@ -231,7 +244,7 @@ class Simulation(FrameSource):
             shapes: list[tuple[float, Model | None]]
             shapes = [(float(model.size_m[2]), model) for model in models if model.label in label]
             for height_m, shape in shapes or [(body.height_m, None)]:
-                for sensor, lidar in self._lidars.items():
+                for sensor, lidar in self._lidars[body.kind].items():
                     require_free_mount(sensor, lidar.config, height_m, shape)
 
     def _drives(self, body: AgentBody) -> bool:

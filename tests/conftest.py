@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 import coopsim
+from coopsim.world.scenario import SCENARIOS
 
 SMALL: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 12}
 """Quick to sense, and still with agents that hear each other."""
 
-SIMULATED = ("crossing", "highway")
+SIMULATED = SCENARIOS.names()
 
 
 @pytest.fixture

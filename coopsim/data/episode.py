@@ -52,7 +52,7 @@ class EpisodeAgent:
     """What stays the same about an agent; see `AgentBody`."""
 
     name: str
-    kind: Literal["cav", "rsu"]
+    kind: Literal["cav", "rsu", "drone"]
     actor_id: int | None
     height_m: float
 

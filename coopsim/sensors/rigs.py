@@ -16,6 +16,11 @@ RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[C
 UNIT_PITCH_RAD = np.radians(20.0)
 """How far the named rigs of a roadside unit look down."""
 
+DRONE_PITCH_RAD = np.radians(45.0)
+"""The same for a drone."""
+
+_PITCH_RAD = {"cav": 0.0, "rsu": UNIT_PITCH_RAD, "drone": DRONE_PITCH_RAD}
+
 _HEADINGS_RAD = {
     "front": {"front": 0.0},
     "surround": {"front": 0.0, "left": np.pi / 2, "rear": np.pi, "right": -np.pi / 2},
@@ -51,7 +56,7 @@ def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
 
     Args:
         option: a `RigOption`.
-        kinds: "cav" or "rsu", by agent.
+        kinds: "cav", "rsu" or "drone", by agent.
 
     Raises:
         UnknownNameError: no rig or agent is called that.
@@ -78,7 +83,7 @@ def check_rig(option: object) -> None:
 
 
 def rig(option: object, kind: str = "cav") -> Rig:
-    """The cameras that an option says, on an agent of a kind ("cav" or "rsu").
+    """The cameras that an option says, on an agent of a kind ("cav", "rsu" or "drone").
 
     Raises:
         UnknownNameError: no rig is called that.
@@ -87,7 +92,7 @@ def rig(option: object, kind: str = "cav") -> Rig:
     if option is False or option is True:
         option = "surround" if option else ()
     if isinstance(option, str):
-        return named_rig(option, pitch_rad=UNIT_PITCH_RAD if kind == "rsu" else 0.0)
+        return named_rig(option, pitch_rad=_PITCH_RAD[kind])
     accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent"
     listed = tuple(option) if isinstance(option, Iterable) and not isinstance(option, np.ndarray) else (None,)
     if not all(isinstance(camera, Camera) for camera in listed):

@@ -117,7 +117,7 @@ class TownDriver(Driver):
     or in a bend it sees too little.
     """
 
-    junction: Junction
+    junction: Junction | None = None
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
         self.leader, self.leader_m = self._look_ahead()
@@ -140,7 +140,7 @@ class TownDriver(Driver):
         accelerations = [np.inf]
         if self.leader is not None:
             accelerations.append(self._behind(self.leader, self.leader_m))
-        line_m = self.junction.line_m(self)
+        line_m = None if self.junction is None else self.junction.line_m(self)
         if line_m is not None:
             accelerations.append(self._behind(_Line(self.road, self.position), line_m + STOP_MARGIN_M))
         return min(accelerations)
@@ -209,3 +209,13 @@ class Chauffeured(SizedVehicle, MDPVehicle):  # type: ignore[misc]
         self.target_speeds = np.array(speeds_m_s)
         self.speed_index = self.speed_to_index(self.speed)
         self.target_speed = self.index_to_speed(self.speed_index)
+
+
+class Parked(SizedVehicle):
+    """Stands where it is, and asks for nothing."""
+
+    def act(self, action: dict[str, float] | str | None = None) -> None:
+        self.action = {"steering": 0.0, "acceleration": 0.0}
+
+    def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
+        return []

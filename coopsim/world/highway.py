@@ -1,6 +1,11 @@
-"""The layout `highway`: two carriageways of three lanes, straight; traffic is kept up around the connected cars."""
+"""The layouts `highway` and `platoon`: two straight carriageways of three lanes.
+
+Traffic is kept up around the connected cars; in a platoon, these follow each other closely in one lane.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from highway_env.road.lane import StraightLane
@@ -10,19 +15,20 @@ from coopsim.geometry.se3 import SE3
 from coopsim.world.layout import (
     ASPHALT,
     GROUND,
+    LANE_M,
     MARKING,
     STEEL,
     Layout,
     Slot,
     box_part,
     flat_part,
+    flights_around,
     mast_part,
     rectangle,
 )
 from coopsim.world.snapshot import RoadMap
 
 LANES = 3
-LANE_M = 4.0
 MEDIAN_M = 4.0
 START_M, END_M = -2_000.0, 120_000.0  # an hour at 33 m/s
 SCENERY_M = 12_000.0  # scenery ends here: far from most episodes' end
@@ -31,6 +37,11 @@ SPREAD_M = 170.0
 WINDOW_M = 220.0
 SPEED_M_S = 28.0
 CRUISE_M_S = 25.0  # below every lane's limit
+PLATOON_GAP_S = 0.4
+PLATOON_SPEED_M_S = 22.0  # well below the lane's limit: who may go faster closes up
+PLATOON_CARS = 6
+PLATOON_LANE = 1  # others pass on both sides
+PLATOON_HEAD_M = 60.0  # its first car starts behind this
 RSU_Y_M = -18.5
 RSU_HEIGHT_M = 6.0
 
@@ -80,6 +91,29 @@ def make_highway() -> Layout:
         RoadMap(tuple(shown), (), (), ()),
         window_m=WINDOW_M,
         cruise_m_s=CRUISE_M_S,
+        flights=flights_around(np.zeros(2), drift_m_s=(CRUISE_M_S, 0.0)),
+    )
+
+
+def make_platoon() -> Layout:
+    """The same road, on which the cars that may be connected keep to one lane, at `PLATOON_GAP_S`."""
+    highway = make_highway()
+
+    def rank(index: int) -> tuple[bool, bool, float]:
+        slot = highway.slots[index]
+        ahead_m = slot.along_m + START_M - PLATOON_HEAD_M
+        in_lane = slot.lane == ("east_start", "east_end", PLATOON_LANE)
+        return (not in_lane, ahead_m > 0, abs(ahead_m))
+
+    order = tuple(sorted(range(len(highway.slots)), key=rank))
+    return replace(
+        highway,
+        connected_first=order,
+        cars_first=PLATOON_CARS,
+        convoy_gap_s=PLATOON_GAP_S,
+        cruise_m_s=PLATOON_SPEED_M_S,
+        speeds_m_s=(PLATOON_SPEED_M_S - 5.0, PLATOON_SPEED_M_S, PLATOON_SPEED_M_S + 5.0),
+        flights=flights_around(np.zeros(2), drift_m_s=(PLATOON_SPEED_M_S, 0.0)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from highway_env.road.lane import AbstractLane
 from highway_env.road.road import RoadNetwork
+from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 
@@ -24,6 +25,13 @@ SLOW_M_S = 3.0
 """Who leaves the exit faster than this makes room in time."""
 
 EXIT_HALF_WIDTH_M = 2.5
+
+COMMIT_M = 10.0
+"""Who gives way to a movement with priority can still stop if it is farther than this from the line."""
+
+FIRST, USUAL, YIELDS = 1, 0, -1
+"""Roles of movements. Users of the first wait only for who is on their way already, and the usual go as they come; who
+yields loses the grant to the first, up to where one commits oneself."""
 
 _CLEARANCE_M = 4.2  # middle lines of two movements closer than this: vehicles on both would touch
 
@@ -49,11 +57,13 @@ class Junction:
     Args:
         network: the roads.
         roads: the movements over the junction, each from a stop line to an exit.
+        priority: those of them to which others give way.
     """
 
-    def __init__(self, network: RoadNetwork, roads: Sequence[Road]) -> None:
+    def __init__(self, network: RoadNetwork, roads: Sequence[Road], priority: Sequence[Road] = ()) -> None:
         self._roads = {road: k for k, road in enumerate(roads)}
         self._clear_m = clearances(network, roads)
+        self._role = roles(self._clear_m, [road in priority for road in roads])
         self._queue: dict[Traveller, int] = {}  # in the order of asking
         self._granted: dict[Traveller, int] = {}
 
@@ -61,29 +71,35 @@ class Junction:
         """Renew the grants; `commanded` vehicles obey nobody, so what they are about to do counts as granted."""
         asking: dict[Traveller, int] = {}
         tail_m: dict[Traveller, float] = {}  # along its movement
-        leaving: set[Traveller] = set()
+        going: set[Traveller] = set()
         for vehicle in vehicles:
             movement, distance_m = self._movement(vehicle)
             if movement is None:
                 continue
-            if distance_m <= 0:
-                leaving.add(vehicle)
             if distance_m < REQUEST_M:
+                if distance_m <= 0:
+                    going.add(vehicle)
+                elif self._role[movement] == YIELDS and distance_m > COMMIT_M:
+                    self._granted.pop(vehicle, None)
                 asking[vehicle] = movement
                 tail_m[vehicle] = -distance_m - vehicle.LENGTH / 2
         self._granted = {
             vehicle: movement for vehicle, movement in self._granted.items() if asking.get(vehicle) == movement
         }
         # Whoever is on the junction already is a fact, however it got there.
-        self._granted |= {vehicle: asking[vehicle] for vehicle in leaving}
+        self._granted |= {vehicle: asking[vehicle] for vehicle in going}
         self._granted |= {vehicle: asking[vehicle] for vehicle in commanded if vehicle in asking}
         order = [*(vehicle for vehicle in self._queue if vehicle in asking), *asking]
         self._queue = {vehicle: asking[vehicle] for vehicle in order if vehicle not in self._granted}
         barring = dict(self._granted)
         for vehicle, movement in list(self._queue.items()):
-            barred = any(tail_m[other] < self._clear_m[movement, way] for other, way in barring.items())
+            first = self._role[movement] == FIRST
+            ahead = self._granted if first else barring
+            barred = any(tail_m[other] < self._clear_m[movement, way] for other, way in ahead.items())
             barring[vehicle] = movement
-            if not barred and self._room(vehicle, vehicles):
+            if self._role[movement] == YIELDS:
+                barred |= any(self._passes(other, movement) for other in vehicles if self._goes(other))
+            if not barred and (first or self._room(vehicle, vehicles)):
                 self._granted[vehicle] = movement
                 del self._queue[vehicle]
 
@@ -97,6 +113,19 @@ class Junction:
             if road in self._roads:
                 return self._roads[road], distance_m
         return None, np.inf
+
+    def _goes(self, vehicle: Traveller) -> bool:
+        """Whether a vehicle does not have to give way at its next line."""
+        return vehicle not in self._queue or self._role[self._queue[vehicle]] == FIRST
+
+    def _passes(self, vehicle: Traveller, yielding: int) -> bool:
+        """Whether a vehicle comes to a movement with priority over another, and is not past it yet."""
+        for road, _, distance_m in vehicle.upcoming():
+            movement = self._roads.get(road)
+            first = movement is not None and distance_m < REQUEST_M and self._role[movement] == FIRST
+            if first and -distance_m - vehicle.LENGTH / 2 < self._clear_m[yielding, movement]:
+                return True
+        return False
 
     def _room(self, vehicle: Traveller, vehicles: Sequence[Traveller]) -> bool:
         """Whether the exit that a vehicle wants has room for it."""
@@ -112,6 +141,14 @@ class Junction:
             if -2.0 < along < ROOM_M + (vehicle.LENGTH + other.LENGTH) / 2 and abs(aside) < EXIT_HALF_WIDTH_M:
                 return False
         return True
+
+
+def roles(clear_m: Floats, first: Sequence[bool]) -> NDArray[np.int64]:
+    """(K,) the roles of movements of which `first` have priority, by their clearances (K, K)."""
+    has_priority = np.array(first, dtype=np.bool_)
+    yields = (np.isfinite(clear_m) & has_priority).any(axis=1)
+    role: NDArray[np.int64] = np.where(has_priority, FIRST, np.where(yields, YIELDS, USUAL))
+    return role
 
 
 def clearances(network: RoadNetwork, roads: Sequence[Road]) -> Floats:

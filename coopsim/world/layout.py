@@ -10,9 +10,12 @@ from highway_env.road.lane import AbstractLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.taxonomy import ObjectClass
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 LaneIndex = tuple[str, str, int]
+
+LANE_M = 4.0
 
 GROUND = (96, 110, 84)
 ASPHALT = (70, 71, 74)
@@ -32,6 +35,57 @@ class Slot:
 
     lane: LaneIndex
     along_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bay:
+    """A place where a vehicle stands parked.
+
+    Attributes:
+        x_m: of its middle.
+        y_m: of its middle.
+        heading_rad: of the vehicle.
+        label: its class; None: a car or, now and then, a van.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    label: ObjectClass | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A drone's way: a circle, always looking at its middle, which may itself move.
+
+    Attributes:
+        centre_m: of the circle, x and y, at the start.
+        radius_m: of the circle.
+        phase_rad: where on it the drone starts.
+        speed_m_s: along the circle, counter-clockwise.
+        drift_m_s: velocity of the circle's middle, x and y.
+        height_m: over the ground.
+    """
+
+    centre_m: tuple[float, float]
+    radius_m: float = 25.0
+    phase_rad: float = 0.0
+    speed_m_s: float = 2.0
+    drift_m_s: tuple[float, float] = (0.0, 0.0)
+    height_m: float = 40.0
+
+    def world_SE3_base(self, time_s: float) -> SE3:
+        """Where the drone is: the origin is on the ground under it, x towards the circle's middle."""
+        angle = self.phase_rad + self.speed_m_s / self.radius_m * time_s
+        x, y = (start + drift * time_s for start, drift in zip(self.centre_m, self.drift_m_s, strict=True))
+        spot = [x + self.radius_m * np.cos(angle), y + self.radius_m * np.sin(angle), 0.0]
+        return SE3.from_xyz_yaw(spot, float(angle + np.pi))
+
+
+def flights_around(centre_m: Floats, drift_m_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Flight, ...]:
+    """Four on one circle, of which every next one is on the far side or between."""
+    x, y = centre_m.tolist()
+    return tuple(Flight((x, y), phase_rad=phase, drift_m_s=drift_m_s) for phase in np.pi * np.array([-0.5, 0.5, 0, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +128,13 @@ class Layout:
         static: meshes.
         road_map: outlines.
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
+        priority: movements to which others give way.
         window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
+        cars_first: how many of the slots `connected_first` have cars, whatever else is drawn.
+        convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
         cycleways: where people ride, as along the right edge of lanes; None: on the footways.
+        bays: where vehicles may stand parked; those that have a class of their own are taken first.
+        flights: ways of possible drones, in order.
         cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
     """
 
@@ -89,9 +148,14 @@ class Layout:
     static: tuple[StaticPart, ...]
     road_map: RoadMap
     movements: tuple[tuple[str, str], ...] = ()
+    priority: tuple[tuple[str, str], ...] = ()
     window_m: float | None = None
     cruise_m_s: float | None = None
+    cars_first: int = 0
+    convoy_gap_s: float | None = None
     cycleways: Footways | None = None
+    bays: tuple[Bay, ...] = ()
+    flights: tuple[Flight, ...] = ()
 
 
 def box_part(

@@ -7,13 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from coopsim.checks import require_count, require_probability
+from coopsim.checks import require_count, require_non_negative, require_probability
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
 from coopsim.taxonomy import ObjectClass
-from coopsim.world.crossing import make_crossing
-from coopsim.world.highway import make_highway
+from coopsim.world.crossing import make_crossing, make_t_junction
+from coopsim.world.grid import make_urban_grid
+from coopsim.world.highway import make_highway, make_platoon
 from coopsim.world.layout import Layout
+from coopsim.world.merge import make_merge
+from coopsim.world.roundabout import make_roundabout
+from coopsim.world.street import make_occluded_crossing, make_parking_street
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +36,8 @@ class Population:
         bicycles: where the place has room for them: on the edge of lanes, or with pedestrians.
         scooters: as bicycles.
         children: on foot.
+        drones: agents in the air, each with sensors that look down.
+        parked: vehicles at the kerb, where the place has bays.
         penetration: share of the cars that are connected, in [0, 1], in the place of `connected_cars`.
     """
 
@@ -46,6 +52,8 @@ class Population:
     bicycles: int = 0
     scooters: int = 0
     children: int = 0
+    drones: int = 0
+    parked: int = 0
     penetration: float | None = None
 
     def __post_init__(self) -> None:
@@ -59,8 +67,8 @@ class Population:
                 f"connected_cars must be at most the number of cars, which is {self.cars} "
                 f"({self.vehicles} vehicles less {self.trucks} trucks), got {self.connected_cars}"
             )
-        if self.connected + self.rsus == 0:
-            raise InvalidValueError("there must be at least one agent: connected_cars + rsus >= 1, got 0")
+        if self.connected + self.rsus + self.drones == 0:
+            raise InvalidValueError("there must be at least one agent: connected_cars + rsus + drones >= 1, got 0")
 
     @property
     def trucks(self) -> int:
@@ -141,11 +149,15 @@ class Scenario:
         feet, wheels = ("pedestrians", "children"), ("bicycles", "scooters")
         ways, cycleways = self.layout.footways, self.layout.cycleways
         self._require_at_most(len(self.layout.rsus), "rsus")
+        self._require_at_most(len(self.layout.flights), "drones")
+        if not self.layout.bays:
+            self._require_at_most(0, "parked")
         if ways is None:
             self._require_at_most(0, *feet)
         if ways is None and cycleways is None:
             self._require_at_most(0, *wheels)
         fitting = self.population.within(len(self.layout.slots), "vehicles", "vans", "buses", "motorcycles")
+        fitting = fitting.within(len(self.layout.bays), "parked")
         if ways is not None:
             fitting = fitting.within(ways.room, *feet, *(() if cycleways else wheels))
         if cycleways is not None:
@@ -160,6 +172,19 @@ class Scenario:
                 )
 
 
+_DENSE = (
+    "vehicles",
+    "vans",
+    "buses",
+    "motorcycles",
+    "parked",
+    "pedestrians",
+    "children",
+    "bicycles",
+    "scooters",
+)
+
+
 @dataclass(frozen=True, slots=True)
 class _Recipe:
     make_layout: Callable[[], Layout]
@@ -168,11 +193,24 @@ class _Recipe:
 
 SCENARIOS: Registry[_Recipe] = Registry("scenario")
 SCENARIOS.register("crossing")(_Recipe(make_crossing, Population()))
+SCENARIOS.register("t_junction")(_Recipe(make_t_junction, Population(vehicles=18)))
+_STREET = Population(vehicles=14, truck_share=0.1, connected_cars=2)
+SCENARIOS.register("parking_street")(_Recipe(make_parking_street, replace(_STREET, pedestrians=16, parked=40)))
+SCENARIOS.register("occluded_crossing")(_Recipe(make_occluded_crossing, replace(_STREET, parked=12)))
+SCENARIOS.register("roundabout")(_Recipe(make_roundabout, Population(vehicles=24)))
+SCENARIOS.register("merge")(_Recipe(make_merge, Population(vehicles=24, pedestrians=0)))
+SCENARIOS.register("urban_grid")(_Recipe(make_urban_grid, Population(vehicles=40, pedestrians=20, rsus=2)))
 SCENARIOS.register("highway")(_Recipe(make_highway, Population(pedestrians=0)))
+SCENARIOS.register("platoon")(_Recipe(make_platoon, Population(pedestrians=0, connected_cars=4, rsus=0)))
 
 
-def make_scenario(name: str, **numbers: Any) -> Scenario:
+def make_scenario(name: str, *, density: float = 1.0, **numbers: Any) -> Scenario:
     """The scenario called `name`, with its own population except for `numbers` (fields of `Population`).
+
+    Args:
+        name: as it is registered.
+        density: a factor on the numbers of vehicles and people, of all that are not agents.
+        **numbers: fields of `Population`.
 
     Raises:
         UnknownNameError: no such scenario or number.
@@ -187,4 +225,12 @@ def make_scenario(name: str, **numbers: Any) -> Scenario:
         if number not in known:
             raise UnknownNameError(f"number of scenario {name!r}", number, known)
     usual = {field: getattr(recipe.population, field) for field in known}
-    return Scenario(name, recipe.make_layout(), Population(**(usual | numbers)))
+    require_non_negative(density=density)
+    wanted = usual | numbers
+    dense = {field: round(density * wanted[field]) if _is_count(wanted[field]) else wanted[field] for field in _DENSE}
+    return Scenario(name, recipe.make_layout(), Population(**(wanted | dense)))
+
+
+def _is_count(value: object) -> bool:
+    """What is none is refused by `Population`, in the user's words."""
+    return isinstance(value, int) and not isinstance(value, bool)

@@ -99,15 +99,15 @@ class AgentBody:
     """A connected agent's true place in the world.
 
     Attributes:
-        name: as `cav_0`, `rsu_0`.
-        kind: "cav" or "rsu".
-        actor_id: the actor it rides on; None for a roadside unit.
+        name: as `cav_0`, `rsu_0`, `drone_0`.
+        kind: "cav", "rsu" or "drone".
+        actor_id: the actor it rides on; None for a roadside unit or a drone.
         world_SE3_base: true pose of the base frame (origin on the ground under the agent).
-        height_m: of the agent's body; sensors are mounted on top.
+        height_m: of the agent's body, or of a drone over the ground; sensors are mounted on top.
     """
 
     name: str
-    kind: Literal["cav", "rsu"]
+    kind: Literal["cav", "rsu", "drone"]
     actor_id: int | None
     world_SE3_base: SE3
     height_m: float

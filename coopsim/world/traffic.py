@@ -12,7 +12,7 @@ from coopsim.checks import require_choice
 from coopsim.rng import stream
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.engine.arrays import ArrayEngine, closest_speed
-from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, TOWN, VEHICLE, Fleet
+from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
 from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
 from coopsim.world.engine.routes import ROUTE_AHEAD
@@ -26,9 +26,13 @@ _COMPANY = 6
 
 _GAIN_1_S = 0.1  # how much faster per metre behind the others
 _HASTE_M_S = 4.0  # at most
+_CLOSING_M_S = 9.0  # how much faster than its first car those of a convoy would like to go
 _SLOW, _FAST = (0.8, 0.95), (1.1, 1.3)  # shares of the cruising speed
 _ENTRY_M = 30.0  # free road that a new vehicle needs ahead and behind, next to what it takes to adapt its speed
 _EASY_BRAKING_M_S2 = 2.0
+
+_PARKING_M = 0.15  # how far from the middle of its bay somebody stands, at most
+_PARKED_VANS = 0.15  # share of them, where a bay has no class of its own
 
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and nobody could pass;
 # with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
@@ -42,7 +46,9 @@ class Engine(Protocol):
         """Advance by `dt_s` among people (M,) `BODY`; `told` are numbers into `MANEUVERS` by row."""
 
 
-ENGINES: dict[str, Callable[[Network, Sequence[tuple[str, str]], Sequence[float]], Engine]] = {
+_Roads = Sequence[tuple[str, str]]
+
+ENGINES: dict[str, Callable[[Network, _Roads, Sequence[float], _Roads], Engine]] = {
     "arrays": ArrayEngine,
     "highway-env": ReferenceEngine,
 }
@@ -74,11 +80,12 @@ class Traffic:
         self._layout, self._models = layout, models
         self._rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
         self._network = Network(layout.network)
-        self._engine = ENGINES[engine](self._network, layout.movements, layout.speeds_m_s)
-        self._usual_driver = TOWN if layout.movements else HIGHWAY
+        self._engine = ENGINES[engine](self._network, layout.movements, layout.speeds_m_s, layout.priority)
+        self._usual_driver = TOWN if layout.window_m is None else HIGHWAY
         self._next_id = 1
         slots = self._choose_slots(population)
         labels = self._rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
+        labels = self._with_cars_first(slots, labels)
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
         # Not the connected cars alone, unless a policy drives them: one more of them shall not change the traffic.
@@ -86,10 +93,16 @@ class Traffic:
         if not self.connected or layout.cruise_m_s is None:
             company = []
         self._cruise_m_s = layout.cruise_m_s or 0.0
-        self.fleet = Fleet(np.zeros(len(slots), VEHICLE), np.zeros((len(slots), ROUTE_AHEAD, 2), np.int64))
+        count = len(slots) + population.parked
+        self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, ROUTE_AHEAD, 2), np.int64))
         for k, (slot, label) in enumerate(zip(slots, labels, strict=True)):
             driver = CHAUFFEURED if policy_control and k in self.connected else self._usual_driver
+            if driver == HIGHWAY and k in company and layout.convoy_gap_s is not None:
+                driver = TOWN  # who changes no lane
             self._spawn(k, driver, layout.slots[slot], label, layout.cruise_m_s if k in company else None)
+        if layout.convoy_gap_s is not None:
+            self.fleet.rows["time_wanted"][company] = layout.convoy_gap_s
+        self._park(len(slots), population.parked, seed)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
     def step(self, dt_s: float, maneuvers: Mapping[int, int], people: NDArray[Any]) -> None:
@@ -119,6 +132,15 @@ class Traffic:
         order = [place[slot] for slot in self._layout.connected_first if slot in place]
         return [k for k in order if labels[k] == ObjectClass.CAR]
 
+    def _with_cars_first(self, slots: list[int], labels: list[int]) -> list[int]:
+        """The same classes in another order: as many of the first slots as the layout asks for have cars."""
+        first = self._layout.connected_first
+        order = sorted(range(len(slots)), key=lambda k: first.index(slots[k]))
+        cars = [k for k in order if labels[k] == ObjectClass.CAR][: self._layout.cars_first]
+        donors = cars + [k for k in order if k not in cars]
+        given = dict(zip(order, (labels[k] for k in donors), strict=True))
+        return [given[k] for k in range(len(labels))]
+
     def _spawn(self, k: int, driver: int, slot: Slot, label: int, speed: float | None = None) -> None:
         """Put a new vehicle into row `k`."""
         lane = self._layout.network.get_lane(slot.lane)
@@ -143,6 +165,23 @@ class Traffic:
         row["turn_key"] = self._turns_rng.integers(2**63)
         row["movement"] = row["ticket"] = -1
 
+    def _park(self, first: int, count: int, seed: int) -> None:
+        """Put vehicles into the rows from `first` on: into bays that have a class of their own, then into any."""
+        rng, bays = stream(seed, "parking"), self._layout.bays
+        chosen = sorted(rng.permutation(len(bays)).tolist(), key=lambda k: bays[k].label is None)[:count]
+        for k, bay in enumerate((bays[number] for number in sorted(chosen)), start=first):
+            drawn = ObjectClass.VAN if rng.random() < _PARKED_VANS else ObjectClass.CAR
+            fitting = models_of(self._models, drawn if bay.label is None else bay.label)
+            row = self.fleet.rows[k]
+            row["id"], row["driver"], row["model"] = self._next_id, PARKED, fitting[rng.integers(len(fitting))]
+            self._next_id += 1
+            row["x"] = bay.x_m + rng.uniform(-_PARKING_M, _PARKING_M)
+            row["y"], row["heading"] = bay.y_m, bay.heading_rad
+            row["length"], row["width"] = self._models[row["model"]].size_m[:2]
+            lane = self._layout.network.get_closest_lane_index(np.array([bay.x_m, bay.y_m]), bay.heading_rad)
+            row["lane"] = row["target_lane"] = self._network.lane_number[lane]
+            row["movement"] = row["ticket"] = -1
+
     def _keep_together(self) -> None:
         """Who is behind the company's middle goes a little faster, who is ahead a little slower."""
         rows = self.fleet.rows[self._company]
@@ -150,6 +189,8 @@ class Traffic:
         if len(driving):
             along_m = self.fleet.rows["x"][driving]
             haste_m_s = np.clip(_GAIN_1_S * (along_m.mean() - along_m), -_HASTE_M_S, _HASTE_M_S)
+            if self._layout.convoy_gap_s is not None:  # all close up to the first
+                haste_m_s = np.where(along_m == along_m.max(), 0.0, _CLOSING_M_S)
             self.fleet.rows["target_speed"][driving] = self._cruise_m_s + haste_m_s
 
     def _renew(self, window_m: float) -> None:

@@ -56,6 +56,8 @@ class World:
         self._people = [
             People(ways[label], population.people[label], label, self.models, seed, taken) for label in MANNERS
         ]
+        self._time_s = 0.0
+        self._flights = layout.flights[: population.drones]
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
 
@@ -68,6 +70,7 @@ class World:
         """
         told = (maneuvers or {}) if self._policy_control else {}
         numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
+        self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
             everybody = np.concatenate([people.bodies for people in self._people])
@@ -103,7 +106,7 @@ class World:
         return self._drawn
 
     def agents(self) -> dict[str, AgentBody]:
-        """Connected cars, then roadside units."""
+        """Connected cars, then roadside units, then drones."""
         bodies: dict[str, AgentBody] = {}
         for k, row in enumerate(self._traffic.fleet.rows[list(self._traffic.connected)]):
             pose = SE3.from_xyz_yaw([row["x"], row["y"], 0.0], row["heading"])
@@ -111,6 +114,9 @@ class World:
             bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", int(row["id"]), pose, height_m)
         for k, unit in enumerate(self._units):
             bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
+        for k, flight in enumerate(self._flights):
+            pose = flight.world_SE3_base(self._time_s)
+            bodies[f"drone_{k}"] = AgentBody(f"drone_{k}", "drone", None, pose, flight.height_m)
         return bodies
 
     def crashed(self) -> tuple[int, ...]:

@@ -15,13 +15,13 @@ from coopsim.world.drivers import MANEUVERS
 from coopsim.world.engine import town
 from coopsim.world.engine.car_following import ACC_MAX, change_lane, follow, is_reachable
 from coopsim.world.engine.collisions import collide
-from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, TOWN, Fleet, Vehicle, bodies_of
+from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet, Vehicle, bodies_of
 from coopsim.world.engine.lanes import LaneArrays, Network
 from coopsim.world.engine.motion import SPEED_GAIN_1_S, move, steer
 from coopsim.world.engine.neighbours import LaneLists, list_along_lanes
 from coopsim.world.engine.right_of_way import GRANTED, grant, line_ahead
 from coopsim.world.engine.routes import follow_road, plan_ahead
-from coopsim.world.junction import Road, clearances
+from coopsim.world.junction import Road, clearances, roles
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -35,15 +35,23 @@ class ArrayEngine:
         network: the roads.
         movements: roads over a junction; none where roads do not meet.
         speeds_m_s: what a policy can choose from, evenly spaced.
+        priority: movements to which others give way.
     """
 
-    def __init__(self, network: Network, movements: Sequence[Road] = (), speeds_m_s: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        network: Network,
+        movements: Sequence[Road] = (),
+        speeds_m_s: Sequence[float] = (),
+        priority: Sequence[Road] = (),
+    ) -> None:
         self._network = network.arrays
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
         self._movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
         for k, road in enumerate(movements):
             self._movement_of[network.road_number[road]] = k
         self._clear_m = clearances(network.source, movements)
+        self._role = roles(self._clear_m, [road in priority for road in movements])
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
         """Advance a fleet by `dt_s`.
@@ -57,7 +65,7 @@ class ArrayEngine:
         for row, maneuver in told.items():
             _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
         if len(self._clear_m):
-            grant(self._network, fleet.rows, fleet.routes, self._movement_of, self._clear_m)
+            grant(self._network, fleet.rows, fleet.routes, self._movement_of, (self._clear_m, self._role))
         _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movement_of)
         move(self._network.lanes, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
@@ -100,7 +108,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
             vehicle.acceleration = SPEED_GAIN_1_S * (vehicle.target_speed - vehicle.speed)
-        elif vehicle.crashed:
+        elif vehicle.crashed or vehicle.driver == PARKED:
             continue
         elif vehicle.driver == TOWN:
             acceleration = _drive_in_town(network, vehicle, route, bodies, len(rows), lists, me, movement_of)

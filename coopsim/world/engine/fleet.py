@@ -12,8 +12,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.engine.records import dtype_of
 
-PLAIN, HIGHWAY, TOWN, CHAUFFEURED = range(4)
-"""Who drives: highway-env's `IDMVehicle` as it is, or one of `coopsim.world.drivers`."""
+PLAIN, HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(5)
+"""Who drives: highway-env's `IDMVehicle` as it is, one of `coopsim.world.drivers`, or nobody."""
 
 
 class Vehicle(Protocol):

@@ -10,13 +10,18 @@ from highway_env.road.road import Road
 from highway_env.vehicle.objects import RoadObject
 from numpy.typing import NDArray
 
-from coopsim.world.drivers import MANEUVERS, Chauffeured, Driver, HighwayDriver, SizedVehicle, TownDriver
-from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, TOWN, Fleet
+from coopsim.world.drivers import MANEUVERS, Chauffeured, Driver, HighwayDriver, Parked, SizedVehicle, TownDriver
+from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.engine.lanes import Network
 from coopsim.world.junction import Junction
 from coopsim.world.junction import Road as RoadIndex
 
-_DRIVERS: dict[int, type[SizedVehicle]] = {HIGHWAY: HighwayDriver, TOWN: TownDriver, CHAUFFEURED: Chauffeured}
+_DRIVERS: dict[int, type[SizedVehicle]] = {
+    HIGHWAY: HighwayDriver,
+    TOWN: TownDriver,
+    CHAUFFEURED: Chauffeured,
+    PARKED: Parked,
+}
 
 
 class _Body(RoadObject):  # type: ignore[misc]
@@ -31,10 +36,16 @@ class _Body(RoadObject):  # type: ignore[misc]
 class ReferenceEngine:
     """As `ArrayEngine`, with the same arguments."""
 
-    def __init__(self, network: Network, movements: Sequence[RoadIndex] = (), speeds_m_s: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        network: Network,
+        movements: Sequence[RoadIndex] = (),
+        speeds_m_s: Sequence[float] = (),
+        priority: Sequence[RoadIndex] = (),
+    ) -> None:
         self._network, self._speeds = network, tuple(speeds_m_s)
         self._road = Road(network.source)
-        self._junction = Junction(network.source, movements) if movements else None
+        self._junction = Junction(network.source, movements, priority) if movements else None
         self._ids: list[int] = []
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
@@ -83,6 +94,8 @@ class ReferenceEngine:
             target_speed=row["target_speed"],
         )
         vehicle.fit(float(row["length"]), float(row["width"]), int(row["turn_key"]))
+        if isinstance(vehicle, Driver):
+            vehicle.TIME_WANTED = float(row["time_wanted"])
         if isinstance(vehicle, TownDriver) and self._junction is not None:
             vehicle.junction = self._junction
         if isinstance(vehicle, Chauffeured):

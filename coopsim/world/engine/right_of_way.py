@@ -10,18 +10,24 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
-from coopsim.world.engine.fleet import CHAUFFEURED, Vehicle
+from coopsim.world.engine.fleet import CHAUFFEURED, PARKED, Vehicle
 from coopsim.world.engine.lanes import LaneArrays, local_coordinates
 from coopsim.world.engine.routes import lane_of_route, plan_ahead
 from coopsim.world.engine.town import start_of_route
-from coopsim.world.junction import EXIT_HALF_WIDTH_M, REQUEST_M, ROOM_M, SLOW_M_S
+from coopsim.world.junction import COMMIT_M, EXIT_HALF_WIDTH_M, FIRST, REQUEST_M, ROOM_M, SLOW_M_S, YIELDS
 
 GRANTED = 0
 """The ticket of who may go. Who waits has one > 0, in the order of asking; -1: does not ask."""
 
 
 @njit(cache=True, nogil=True)
-def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movement_of: Ints, clear_m: Floats) -> None:
+def grant(
+    network: LaneArrays,
+    rows: NDArray[Any],
+    routes: Ints,
+    movement_of: Ints,
+    rule: tuple[Floats, Ints],
+) -> None:
     """Renew `movement` and `ticket` of everybody.
 
     Args:
@@ -29,19 +35,23 @@ def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movement_of: In
         rows: the fleet.
         routes: the fleet's.
         movement_of: (R,) number of the movement that a road is, -1 for none.
-        clear_m: (K, K), see `coopsim.world.junction.clearances`.
+        rule: the clearances (K, K) m and roles (K,) of the movements, see `coopsim.world.junction`.
     """
+    clear_m, role = rule
     tail_m = np.empty(len(rows))
     for i in range(len(rows)):
         plan_ahead(network, rows[i], routes[i])
-        tail_m[i] = _ask(network, rows[i], routes[i], movement_of)
+        tail_m[i] = _ask(network, rows[i], routes[i], movement_of, role)
     _number_new_askers(rows)
     waiting = _in_order(rows)
     before = [i for i in range(len(rows)) if rows[i].ticket == GRANTED]
     for i in waiting:
-        barred = _is_barred(rows, before, tail_m, clear_m[rows[i].movement])
+        first = role[rows[i].movement] == FIRST
+        barred = _is_barred(rows, before, tail_m, clear_m[rows[i].movement], first)
         before.append(i)
-        if not barred and _room(network, rows, routes, movement_of, i):
+        if role[rows[i].movement] == YIELDS:
+            barred |= _is_passed(network, rows, routes, movement_of, role, clear_m[rows[i].movement])
+        if not barred and (first or _room(network, rows, routes, movement_of, i)):
             rows[i].ticket = GRANTED
 
 
@@ -57,8 +67,10 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
 
 
 @njit(cache=True, nogil=True)
-def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> float:
+def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, role: Ints) -> float:
     """Note what a vehicle asks for, and what needs no asking; returns how far along its movement its tail is, m."""
+    if vehicle.driver == PARKED:
+        return np.inf
     k, distance_m = line_ahead(network, vehicle, route, movement_of)
     if k < 0 or distance_m >= REQUEST_M:
         vehicle.movement, vehicle.ticket = -1, -1
@@ -67,6 +79,8 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) 
     if movement != vehicle.movement:
         vehicle.movement, vehicle.ticket = movement, -1
     # Whoever is on the junction already is a fact, however it got there; who is told what to do obeys nobody.
+    if role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
+        vehicle.ticket = -1
     if distance_m <= 0 or vehicle.driver == CHAUFFEURED:
         vehicle.ticket = GRANTED
     return -distance_m - vehicle.length / 2
@@ -97,12 +111,33 @@ def _in_order(rows: NDArray[Any]) -> list[int]:
 
 
 @njit(cache=True, nogil=True)
-def _is_barred(rows: NDArray[Any], before: list[int], tail_m: Floats, clear_m: Floats) -> bool:
-    """Whether somebody who may go or asked before is not yet past where the two ways come close."""
+def _is_barred(rows: NDArray[Any], before: list[int], tail_m: Floats, clear_m: Floats, first: bool) -> bool:
+    """Whether somebody who may go, or asked before one who is not `first`, is not past where the ways come close."""
     barred = False
     for other in before:
+        if first and rows[other].ticket > GRANTED:
+            continue
         barred |= tail_m[other] < clear_m[rows[other].movement]
     return barred
+
+
+@njit(cache=True, nogil=True)
+def _is_passed(
+    network: LaneArrays, rows: NDArray[Any], routes: Ints, movement_of: Ints, role: Ints, clear_m: Floats
+) -> bool:
+    """Whether somebody comes to a movement with priority, over whichever other one, and is not past it yet."""
+    for other in range(len(rows)):
+        vehicle, route = rows[other], routes[other]
+        if vehicle.driver == PARKED or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST):
+            continue
+        distance_m = start_of_route(network, vehicle, route)
+        for k in range(vehicle.route_length):
+            movement = movement_of[route[k, 0]]
+            first = movement >= 0 and distance_m < REQUEST_M and role[movement] == FIRST
+            if first and -distance_m - vehicle.length / 2 < clear_m[movement]:
+                return True
+            distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
+    return False
 
 
 @njit(cache=True, nogil=True)

@@ -30,8 +30,8 @@ BESIDE_M = 0.4
 STANDING_M_S = 0.5
 """Who is slower than this stands."""
 
-STOP_MARGIN_M = 5.0
-"""IDM keeps five metres between bumpers; half of that is enough at a line."""
+STOP_MARGIN_M = 0.0
+"""How much nearer to a line than IDM to a vehicle one stops: buses that leave a bend swing out beyond the line."""
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import pytest
 
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.sensors.camera import Camera
-from coopsim.sensors.rigs import RIG_NAMES, UNIT_PITCH_RAD, agent_rigs, check_rig, named_rig, rig
+from coopsim.sensors.rigs import DRONE_PITCH_RAD, RIG_NAMES, UNIT_PITCH_RAD, agent_rigs, check_rig, named_rig, rig
 
 KINDS = {"cav_0": "cav", "cav_1": "cav", "rsu_0": "rsu"}
 
@@ -62,3 +62,7 @@ def test_what_is_no_rig_is_refused(bad: Any, error: type[CoopsimError], match: s
 def test_an_unknown_agent_is_named() -> None:
     with pytest.raises(UnknownNameError, match="unknown cameras of agent 'cav_7'"):
         agent_rigs({"cav_7": True}, KINDS)
+
+
+def test_a_drones_cameras_look_down_all_around() -> None:
+    assert {camera.pitch_rad for camera in agent_rigs(True, {"drone_0": "drone"})["drone_0"]} == {DRONE_PITCH_RAD}

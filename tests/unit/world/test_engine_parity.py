@@ -65,7 +65,16 @@ def test_trajectories_are_highway_envs(place: str) -> None:
     assert changed >= 5 and crashed >= 2  # so this compares changes of lanes, ways on from a lane, and collisions
 
 
-@pytest.mark.parametrize(("name", "numbers"), [("crossing", {"vehicles": 20}), ("highway", {"vehicles": 30})])
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("crossing", {"vehicles": 20}),
+        ("highway", {"vehicles": 30}),
+        ("roundabout", {}),
+        ("platoon", {}),
+        ("occluded_crossing", {}),
+    ],
+)
 @pytest.mark.parametrize("policy_control", [False, True])
 def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, int], policy_control: bool) -> None:
     worlds = [

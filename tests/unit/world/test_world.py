@@ -1,4 +1,4 @@
-"""Both places: repeatable, free of overlaps and crashes, moving, and honest about velocities."""
+"""All places: repeatable, free of overlaps and crashes, moving, and honest about velocities."""
 
 from itertools import pairwise
 
@@ -19,7 +19,9 @@ def test_same_seed_same_bits_and_another_seed_another_world(name: str) -> None:
     assert not np.isin(places, others).any()
 
 
-@pytest.mark.parametrize(("name", "steps"), [("crossing", 60), ("highway", 250)])
+@pytest.mark.parametrize(
+    ("name", "steps"), [("crossing", 60), ("highway", 250), ("platoon", 60), ("occluded_crossing", 60)]
+)
 @pytest.mark.parametrize("more", [{"connected_cars": 3}, {"rsus": 2}])
 def test_one_agent_more_leaves_traffic_and_people_as_they_were(name: str, steps: int, more: dict[str, int]) -> None:
     # On the highway long enough that many are replaced: this must not depend on who is connected either.
@@ -35,10 +37,11 @@ def test_one_agent_more_leaves_traffic_and_people_as_they_were(name: str, steps:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("full", [False, True])
 def test_nobody_starts_inside_a_vehicle(name: str, seed: int, full: bool) -> None:
-    room = len(make_scenario(name).layout.slots) if full else 30
-    actors = make_world(name, seed, vehicles=room).actors()
+    layout = make_scenario(name).layout
+    numbers = {"vehicles": len(layout.slots), "parked": len(layout.bays)} if full else {"vehicles": 20}
+    actors = make_world(name, seed, **numbers).actors()
     overlap = iou_bev(vehicles(actors).boxes.array, actors.boxes.array)
-    assert (overlap > 0).sum() == room  # each with itself
+    assert (overlap > 0).sum() == len(vehicles(actors))  # each with itself
 
 
 @pytest.mark.parametrize(("name", "least_m_s"), [("crossing", 3.0), ("highway", 20.0)])
@@ -47,16 +50,16 @@ def test_traffic_keeps_moving_without_crashes(name: str, least_m_s: float, seed:
     world = make_world(name, seed, vehicles=18)
     speeds = [np.linalg.norm(vehicles(actors).velocity, axis=1).mean() for actors in frames(world, 300)]
     assert world.crashed() == ()
-    # Measured over the last 5 s: 5.4 and 4.4 m/s at the crossing, 24.2 and 23.2 on the highway.
+    # Measured over the last 5 s: 4.7 and 3.7 m/s at the crossing, 23.3 and 23.7 on the highway.
     assert np.mean(speeds[-50:]) > least_m_s
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-@pytest.mark.parametrize("seed", range(5))
-def test_a_hundred_seconds_without_a_crash_an_overlap_or_a_jump(name: str, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(3))
+def test_a_minute_without_a_crash_an_overlap_or_a_jump(name: str, seed: int) -> None:
     world = make_world(name, seed)
     before = world.actors()
-    for step in range(1000):
+    for step in range(600):
         world.step(DT_S)
         after = world.actors()
         _, old, new = np.intersect1d(before.id, after.id, return_indices=True)

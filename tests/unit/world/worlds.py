@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.taxonomy import ObjectClass
+from coopsim.world.scenario import SCENARIOS as REGISTERED
 from coopsim.world.scenario import make_scenario
 from coopsim.world.snapshot import Actors
 from coopsim.world.world import World
 
 DT_S = 0.1
-SCENARIOS = ("crossing", "highway")
+SCENARIOS = REGISTERED.names()
 
 
 def make_world(name: str, seed: int = 0, *, policy_control: bool = False, **numbers: Any) -> World:
