@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_between, require_count, require_probability
+from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.trust import Doubt, trust_likelier
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
@@ -28,13 +29,14 @@ DOUBT = Doubt(
     gap=-0.2208,
     gap_away=0.0087,
 )
-LIKELIHOOD = Likelihood(0.2, 10, bias=-5.0692, mean=4.3701, latest=6.8399, missed=0.7506, frames=0.2836)
+CALIBRATION = Calibration(bias=-4.7562, score=9.0323, away=-0.0385, volume=0.843)
+LIKELIHOOD = Likelihood(bias=-3.7591, mean=4.4977, latest=4.0284)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 
 @dataclass(frozen=True, slots=True)
 class _SeenAgainOrSure:
-    """Reported once seen again, or at once if the first score is high; dropped by age."""
+    """Reported once seen again, or at once if the first detection is likely right; dropped by age."""
 
     hits: int
     sure: float
@@ -51,17 +53,18 @@ class _SeenAgainOrSure:
 class CoopFuse(TrackingPolicy):
     """Of several boxes on an object the likelier one weighs more; a track's score is how likely it is on an object.
 
-    Which agent is right about a box (`Doubt`) and how likely a track is real (`Likelihood`) were learned from labels;
-    the rest is AB3DMOT's.
+    Which agent is right about a box (`Doubt`), how likely the box then is right (`Calibration`) and how likely a track
+    is real (`Likelihood`) were learned from labels; the rest is AB3DMOT's.
 
     Args:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
         gate: smallest 3D GIoU of a track and a box, in [-1, 1].
         hits: frames with a detection until a track is reported.
-        sure: score of a first detection with which it is reported at once, in [0, 1].
+        sure: how likely a first detection must be right to be reported at once, in [0, 1].
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
         doubt: which of two agents' boxes to believe.
+        calibration: how likely a box is on an object.
         likelihood: how likely a track is on an object.
     """
 
@@ -72,16 +75,18 @@ class CoopFuse(TrackingPolicy):
         merge_gate: float = MERGE_GATE,
         gate: float = -0.2,
         hits: int = 2,
-        sure: float = 0.6,
+        sure: float = 0.3,
         age: int = 2,
         late: str = "predict",
         doubt: Doubt = DOUBT,
+        calibration: Calibration = CALIBRATION,
         likelihood: Likelihood = LIKELIHOOD,
     ) -> None:
         require_between(-1, 1, merge_gate=merge_gate, gate=gate)
         require_probability(sure=sure)
         require_count(1, hits=hits, age=age)
-        self._merge_gate, self._doubt, self._likelihood = merge_gate, doubt, likelihood
+        self._merge_gate, self._doubt = merge_gate, doubt
+        self._calibration, self._likelihood = calibration, likelihood
         self._settings = (gate, hits, sure, age)
         super().__init__(late)
 
@@ -91,4 +96,5 @@ class CoopFuse(TrackingPolicy):
         return Tracker(ConstantVelocity(), stages, _SeenAgainOrSure(hits, sure, age), scoring=self._likelihood)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        return [trust_likelier(groups, self._merge_gate, self._doubt)]
+        found, away_m = trust_likelier(groups, self._merge_gate, self._doubt)
+        return [replace(found, score=self._calibration.of(found, away_m))]

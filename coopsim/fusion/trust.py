@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from coopsim.checks import require_between
 from coopsim.geometry.boxes import Boxes3D
@@ -57,8 +58,8 @@ class Doubt:
     def of_own(self, features: Floats) -> Floats:
         """Probability (N,) that the other box is right rather than the own one; `features` as `pair_features`."""
         weights = [self.own_score, self.other_score, self.own_away, self.other_away, self.gap, self.gap_away]
-        odds: Floats = 1.0 / (1.0 + np.exp(-(self.bias + features @ np.array(weights))))
-        return odds
+        probability: Floats = expit(self.bias + features @ np.array(weights))
+        return probability
 
 
 def pair_features(
@@ -79,7 +80,7 @@ def away_from_middle(detections: Detections) -> Floats:
     return distance
 
 
-def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> Detections:
+def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> tuple[Detections, Floats]:
     """One box per object: the mean of the agents' boxes, weighted by how likely each is the right one.
 
     Each group is matched to what the groups before left (Hungarian on the BEV GIoU, per class), and what is new is
@@ -92,11 +93,13 @@ def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> D
         doubt: what makes a box doubtful.
 
     Returns:
-        (K,) detections. Boxes that are not finite or have no size are left out.
+        (K,) detections, and how far (K,) m each is from the middle of what the nearest of the agents that see it sees
+        clearly. Boxes that are not finite or have no size are left out.
     """
     require_between(-1, 1, gate=gate)
     fused = Detections.empty()
     held, away = np.zeros(0), np.zeros(0)  # of the likelier box; `fused` has the best score of all agents
+    nearest = np.zeros(0)
     for group in map(sane, groups):
         group_away = away_from_middle(group)
         affinity = giou_bev(fused.boxes.array, group.boxes.array)
@@ -108,6 +111,8 @@ def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> D
         new = np.setdiff1d(np.arange(len(group)), theirs)
         score = np.concatenate([fused.score, group.score[new]])
         score[mine] = np.maximum(score[mine], group.score[theirs])
+        nearest = np.concatenate([nearest, group_away[new]])
+        nearest[mine] = np.minimum(nearest[mine], group_away[theirs])
         # Whose box is the likelier: rows of the fused ones, then of the group's.
         likelier = np.concatenate([np.arange(len(fused)), len(fused) + new])
         likelier[mine] = np.where(share > 0.5, len(fused) + theirs, mine)
@@ -116,7 +121,7 @@ def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> D
         boxes = joined.boxes.array.copy()
         boxes[mine, :6] = _between(own, other, share)
         fused = replace(joined, boxes=Boxes3D.from_array(boxes), score=score)
-    return fused
+    return fused, nearest
 
 
 def _between(own: Boxes3D, other: Boxes3D, share: Floats) -> Floats:
@@ -134,7 +139,7 @@ def _bottoms(own: Floats, other: Floats, share: Floats) -> Floats:
     gap = other - own
 
     def reached(distance_m: Floats) -> Floats:
-        chance: Floats = 1.0 / (1.0 + np.exp((np.abs(distance_m) - _REACH_M) / _BLUR_M))
+        chance: Floats = expit((_REACH_M - np.abs(distance_m)) / _BLUR_M)
         return chance
 
     chance = (1 - share) * reached(_SHARES * gap) + share * reached((1 - _SHARES) * gap)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.special import expit
 
 from coopsim.checks import require_positive, require_probability
 from coopsim.geometry.se3 import Floats
@@ -79,30 +80,24 @@ class ShrunkMean:
 
 @dataclass(frozen=True, slots=True)
 class Likelihood(ShrunkMean):
-    """How likely a track is on an object: log odds linear in its shrunk mean score and what else its life shows.
+    """How likely a track is on an object: log odds linear in its shrunk mean score and in the score of this frame.
 
     Attributes:
         bias: log odds with everything else 0.
         mean: per unit of the shrunk mean score.
-        latest: per unit of the score of this frame's detection.
-        missed: without a detection in this frame.
-        frames: per unit of the logarithm of the number of frames since birth, that one included.
+        latest: per unit of the score of this frame's detection; without one, that is 0.
     """
 
     bias: float = 0.0
     mean: float = 1.0
     latest: float = 0.0
-    missed: float = 0.0
-    frames: float = 0.0
 
     def reported(self, tracks: Tracked) -> Floats:
-        weights = np.array([self.mean, self.latest, self.missed, self.frames])
-        odds: Floats = 1.0 / (1.0 + np.exp(-(self.bias + self.features(tracks) @ weights)))
-        return odds
+        weights = np.array([self.mean, self.latest])
+        probability: Floats = expit(self.bias + self.features(tracks) @ weights)
+        return probability
 
     @staticmethod
     def features(tracks: Tracked) -> Floats:
-        """What the weights after the bias are for, (N, 4)."""
-        missed = tracks.misses > 0
-        latest = np.where(missed, 0.0, tracks.latest)
-        return np.stack([tracks.score, latest, missed, np.log(tracks.age + 1.0)], axis=1)
+        """What the weights after the bias are for, (N, 2)."""
+        return np.stack([tracks.score, np.where(tracks.misses > 0, 0.0, tracks.latest)], axis=1)

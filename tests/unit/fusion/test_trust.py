@@ -23,7 +23,7 @@ def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) 
 
 
 def fused(*groups: Detections, doubt: Doubt = BY_SCORE) -> list[tuple[float, float]]:
-    kept = trust_likelier(groups, gate=0.1, doubt=doubt)
+    kept, _ = trust_likelier(groups, gate=0.1, doubt=doubt)
     return sorted(zip(kept.boxes.center[:, 0].tolist(), kept.score.tolist(), strict=True))
 
 
@@ -40,14 +40,14 @@ def test_between_equals_lies_the_mean() -> None:
 
 @pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.2, -1.2])
 def test_a_height_that_both_reach_where_there_is_one(gap_m: float) -> None:
-    kept = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED)
+    kept, _ = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED)
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
 
 
 def test_else_the_height_of_the_likelier() -> None:
     for own, expected in ((0.6, 0.0), (0.4, 3.0)):
         groups = [found((0, own)), found((0, 0.5), bottom_m=3.0)]
-        kept = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30))
+        kept, _ = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30))
         assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(expected)
 
 
@@ -56,6 +56,16 @@ def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
     np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)
     assert len(away_from_middle(found())) == 0
     assert np.isfinite(away_from_middle(found((0, 0.0), (10, -3.0)))).all()
+
+
+def test_how_far_a_fused_box_is_from_what_the_nearest_agent_sees_clearly() -> None:
+    near_first, near_last = found((0, 0.9), (40, 0.01)), found((0, 0.01), (40, 0.9), (70, 0.01))
+    kept, away = trust_likelier([near_first, near_last], gate=0.1, doubt=BY_SCORE)
+    assert kept.boxes.center[:, 0].tolist() == [0, 40, 70]
+    np.testing.assert_allclose(away, [0, 0, 30], atol=0.01)
+    swapped, swapped_away = trust_likelier([near_last, near_first], gate=0.1, doubt=BY_SCORE)
+    assert swapped.boxes.center[:, 0].tolist() == [0, 40, 70]
+    np.testing.assert_allclose(swapped_away, away)
 
 
 def test_every_weight_is_of_its_own_feature() -> None:
@@ -97,7 +107,7 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
         replace(found((0.4, 0.9), (30.4, 0.4)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
         replace(found((60, 0.4)), covariance=5 * np.eye(7)[None], embedding=[[5, 0]]),
     ]
-    kept = trust_likelier(groups, gate=0.1, doubt=BY_SCORE)
+    kept, _ = trust_likelier(groups, gate=0.1, doubt=BY_SCORE)
     np.testing.assert_allclose(kept.boxes.center[:, 0], [0.4, 30, 60])
     assert kept.covariance is not None and kept.covariance[:, 0, 0].tolist() == [3, 2, 5]
     assert kept.embedding is not None and kept.embedding[:, 0].tolist() == [3, 2, 5]
@@ -106,4 +116,4 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
 def test_embeddings_that_only_one_has_or_of_another_width_raise_nothing() -> None:
     groups = [found((0, 0.5)), replace(found((30, 0.5)), embedding=[[1, 2]]), replace(found((60, 1)), embedding=[[1]])]
     nan = [np.nan, np.nan]
-    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE).embedding, [nan, [1, 2], nan])
+    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE)[0].embedding, [nan, [1, 2], nan])

@@ -169,7 +169,7 @@ def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
 
 def test_a_track_is_as_likely_as_its_life_says() -> None:
     def odds(*scores: float) -> float:
-        stages, scoring = Cascade([Stage(giou_3d, hungarian, -0.2)]), Likelihood(bias=-2, mean=4, latest=1, missed=-3)
+        stages, scoring = Cascade([Stage(giou_3d, hungarian, -0.2)]), Likelihood(bias=-2, mean=4, latest=1)
         tracker = Tracker(ConstantVelocity(), stages, HitsAndAge(1, 9, coast=9), scoring=scoring)
         for k, score in enumerate(scores):
             tracks = tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k * FRAME_NS)
@@ -177,5 +177,5 @@ def test_a_track_is_as_likely_as_its_life_says() -> None:
 
     assert odds(0.6) == pytest.approx(-2 + 4 * (2 + 0.6) / 11 + 0.6)
     assert odds(0.6, 0.9) == pytest.approx(-2 + 4 * (2 + 1.5) / 12 + 0.9)
-    assert odds(0.6, 0.9, 0.0) == pytest.approx(-2 + 4 * (2 + 1.5) / 13 - 3)
+    assert odds(0.6, 0.9, 0.0) == pytest.approx(-2 + 4 * (2 + 1.5) / 13)
     assert odds(0.6, 0.9, 0.0, 0.9) > odds(0.6, 0.9, 0.0)
