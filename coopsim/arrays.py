@@ -51,7 +51,8 @@ def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: b
         raise InvalidValueError(f"{what} must be {kind} in rows of the same length: {error}") from error
     if array.dtype == wanted:
         return array
-    if whole_floats and array.dtype.kind == "f" and (np.isfinite(array) & (array == np.rint(array))).all():
+    # Finite first: rounding a signalling NaN warns.
+    if whole_floats and array.dtype.kind == "f" and np.isfinite(array).all() and (array == np.rint(array)).all():
         accepted = "iuf"
     if array.size and array.dtype.kind not in accepted:
         raise InvalidValueError(f"{what} must be {kind}, got {_described(array)}")

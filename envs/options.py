@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, Literal
 
 from coopsim.checks import (
@@ -15,7 +16,8 @@ from coopsim.checks import (
     require_positive,
     require_threshold,
 )
-from coopsim.comms.channel import ChannelConfig
+from coopsim.comms.config import ChannelConfig
+from coopsim.comms.config_files import channel_config
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
@@ -24,6 +26,8 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
+
+_CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,8 @@ class CommonOptions:
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].
         communication_range_m: farther apart than this, nothing arrives.
+        channel: a whole channel in the place of the four options above: a `ChannelConfig`, its mapping, or the path of
+            a YAML file with that.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
@@ -47,6 +53,7 @@ class CommonOptions:
     latency_jitter_s: float = 0.0
     loss: float = 0.0
     communication_range_m: float = 300.0
+    channel: ChannelConfig | Mapping[str, Any] | str | Path | None = None
     match_iou: float = 0.25
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
@@ -58,11 +65,18 @@ class CommonOptions:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
-        self.channel  # noqa: B018  (its own checks run now, not at the first message)
+        if self.channel is not None:
+            for field in fields(self):
+                if field.name in _CHANNEL_OPTIONS and getattr(self, field.name) != field.default:
+                    raise InvalidValueError(f"{field.name} is not an option beside channel, which says so itself")
+            object.__setattr__(self, "channel", channel_config(self.channel))
+        self.channel_config  # noqa: B018  (its own checks run now, not at the first message)
 
     @property
-    def channel(self) -> ChannelConfig:
+    def channel_config(self) -> ChannelConfig:
         """The channel's part."""
+        if isinstance(self.channel, ChannelConfig):
+            return self.channel
         latency = GaussianLatency(self.latency_s, self.latency_jitter_s)
         return ChannelConfig(latency, BernoulliLoss(self.loss), self.communication_range_m)
 

@@ -23,6 +23,7 @@ from pettingzoo import ParallelEnv
 
 from coopsim.checks import require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
+from coopsim.comms.sight import Surroundings
 from coopsim.comms.uplink import UPLINKS, Uplink
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
@@ -138,7 +139,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        self._channel = Channel(self._options.channel, seed)
+        self._channel = Channel(self._options.channel_config, seed)
         self._uplinks = {name: self._make_uplink() for name in self.possible_agents}
         self._scorer = Scorer(
             tuple(self.possible_agents),
@@ -307,10 +308,14 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _exchange(self, frame: Frame) -> dict[str, Packed]:
         """Send every agent's message, deliver what is due, and pack the observations."""
         positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
+        around = None
+        if self._options.channel_config.radio is not None:
+            bodies = {name: agent.body for name, agent in frame.agents.items()}
+            around = Surroundings.of(bodies, frame.actors, self._source.road_map.buildings)
         for name, agent in frame.agents.items():
             message = self._uplinks[name].message(name, agent.observation)
             if message is not None:
-                self._channel.send(message, frame.time_ns, positions)
+                self._channel.send(message, frame.time_ns, positions, around)
         arrived = self._channel.deliver(frame.time_ns)
         heard = {
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))

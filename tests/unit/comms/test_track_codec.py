@@ -159,4 +159,4 @@ def test_too_many_tracks_are_refused() -> None:
 
 def test_what_a_message_weighs() -> None:
     payload = TracksCodec().encode(estimates(10))
-    assert len(encode_message(message(payload))) == 46 + len("cav_0") + len("tracks") + 2 + 85 * 10
+    assert len(encode_message(message(payload))) == 50 + len("cav_0") + len("tracks") + 2 + 85 * 10
