@@ -61,7 +61,8 @@ def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: b
         for extreme in (array.min(), array.max()):
             if not limits.min <= int(extreme) <= limits.max:
                 raise InvalidValueError(f"{what} must be in {limits.min}..{limits.max}, got {extreme}")
-    return array.astype(wanted)
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        return array.astype(wanted)
 
 
 def _described(array: NDArray[Any]) -> str:
