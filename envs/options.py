@@ -24,10 +24,12 @@ from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
+from coopsim.pose_noise import PoseNoise
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 
 _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
+_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +68,7 @@ class CommonOptions:
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
         if self.channel is not None:
-            for field in fields(self):
-                if field.name in _CHANNEL_OPTIONS and getattr(self, field.name) != field.default:
-                    raise InvalidValueError(f"{field.name} is not an option beside channel, which says so itself")
+            _refuse_beside(self, _CHANNEL_OPTIONS, "channel")
             object.__setattr__(self, "channel", channel_config(self.channel))
         self.channel_config  # noqa: B018  (its own checks run now, not at the first message)
 
@@ -99,6 +99,8 @@ class SimulationOptions:
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.
         odometry_heading_noise_rad: of the turn in a frame.
+        localization: in the place of the four options above: a `LocalizationConfig` for all agents, or one by agent
+            (whoever is not named has what the four options say).
         detector: the detector; None is `SimulatedDetector()`.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
@@ -119,6 +121,7 @@ class SimulationOptions:
     heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
+    localization: LocalizationConfig | Mapping[str, LocalizationConfig] | None = None
     detector: Detector | None = None
     traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
@@ -138,7 +141,7 @@ class SimulationOptions:
         require_instance(Detector, detector=self.detector)
         require_instance(Weather, weather=self.weather)
         lidars = self.lidars
-        self.localization  # noqa: B018  (its own checks run now)
+        self._check_localization()
         if not lidars and self.detector is not None and self.detector.needs_sweeps:
             raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
 
@@ -147,15 +150,36 @@ class SimulationOptions:
         """The LiDARs' part, by name."""
         return lidar_configs(self.lidar, self.lidar_columns, self.lidar_range_m)
 
-    @property
-    def localization(self) -> LocalizationConfig:
-        """The localization's part."""
+    def localization_of(self, agent: str) -> LocalizationConfig:
+        """An agent's localization."""
+        if isinstance(self.localization, LocalizationConfig):
+            return self.localization
+        if self.localization is not None and agent in self.localization:
+            return self.localization[agent]
         return LocalizationConfig(
-            self.position_noise_m,
-            self.heading_noise_rad,
+            PoseNoise(self.position_noise_m, self.heading_noise_rad),
             self.odometry_noise_m,
             self.odometry_heading_noise_rad,
         )
+
+    def _check_localization(self) -> None:
+        by_agent = self.localization
+        if by_agent is not None and not isinstance(by_agent, Mapping):
+            require_instance(LocalizationConfig, localization=by_agent)
+            _refuse_beside(self, _LOCALIZATION_OPTIONS, "localization")
+        elif by_agent is not None:
+            for name, config in by_agent.items():
+                if not isinstance(config, LocalizationConfig):
+                    raise InvalidValueError(f"localization of {name} must be a LocalizationConfig, got {config!r}")
+        self.localization_of("")  # its own checks run now, not at the first episode
+
+
+def _refuse_beside(options: object, names: Iterable[str], whole: str) -> None:
+    """Raise `InvalidValueError` if any of these fields is set beside the one that stands in their place."""
+    defaults = {field.name: field.default for field in fields(options)}  # type: ignore[arg-type]
+    for name in names:
+        if getattr(options, name) != defaults[name]:
+            raise InvalidValueError(f"{name} is not an option beside {whole}, which says so itself")
 
 
 def require_frame_time(dt_s: object) -> None:

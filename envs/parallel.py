@@ -21,7 +21,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopsim.checks import require_instance
+from coopsim.checks import require_choice, require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
 from coopsim.comms.sight import Surroundings
 from coopsim.comms.uplink import UPLINKS, Uplink
@@ -67,6 +67,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = UPLINKS.get(options.uplink)
+        clocks = options.channel_config.clocks
+        for agent in clocks if isinstance(clocks, Mapping) else ():
+            require_choice("agent in clocks", agent, source.specs)
         require_instance(Reward, reward=reward)
         self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)

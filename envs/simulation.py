@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.checks import require_choice
 from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
@@ -54,6 +55,9 @@ class Simulation(FrameSource):
         self.capacity = len(self._world.actors())
         self.lidars = tuple(self._lidars)
         self._require_free_mounts()
+        if isinstance(options.localization, Mapping):
+            for agent in options.localization:
+                require_choice("agent in localization", agent, self.specs)
 
     def _make_world(self, seed: int) -> World:
         policy_control = self._options.control == "policy"
@@ -68,9 +72,9 @@ class Simulation(FrameSource):
         self._time_ns, self._cycle, self._world = 0, 0, world
         self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
-        localization = self._options.localization
         self._localizers = {
-            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
+            name: Localizer(self._options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")
+            for name, spec in self.specs.items()
         }
         self._lidar_rngs = {
             (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self._lidars
