@@ -14,6 +14,7 @@ import numpy as np
 from coopsim.checks import require_instance, require_non_negative, require_positive
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.pose_covariance import PoseCovariance
 from coopsim.pose_noise import PoseError, PoseNoise
 from coopsim.rng import stream
 from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw
@@ -29,6 +30,8 @@ class LocalizationConfig:
         odometry_heading_noise_rad: of the turn, in each frame.
         odometry_scale: of the share by which all distances are measured too long, which is drawn for each episode.
         odometry_drift_rad_s: of the turn that is measured where there is none (a gyroscope's bias), drawn likewise.
+        covariance_scale: the agent states the covariance of its pose times this number: 1 is honest, less is
+            overconfident. None: it states none.
     """
 
     pose: PoseNoise = field(default_factory=PoseNoise)
@@ -36,6 +39,7 @@ class LocalizationConfig:
     odometry_heading_noise_rad: float = 0.0002
     odometry_scale: float = 0.0
     odometry_drift_rad_s: float = 0.0
+    covariance_scale: float | None = None
 
     def __post_init__(self) -> None:
         if self.pose is None:
@@ -47,6 +51,8 @@ class LocalizationConfig:
             odometry_scale=self.odometry_scale,
             odometry_drift_rad_s=self.odometry_drift_rad_s,
         )
+        if self.covariance_scale is not None:
+            require_positive(covariance_scale=self.covariance_scale)
 
 
 class Localizer:
@@ -71,6 +77,10 @@ class Localizer:
         scale, drift = stream(seed, "odometry bias", agent).standard_normal(2)
         self._scale = 1.0 + float(scale) * config.odometry_scale
         self._drift_rad = float(drift) * config.odometry_drift_rad_s * dt_s
+        self._covariance_scale = config.covariance_scale
+        self._covariance = PoseCovariance(
+            config.pose, self._step_sigma[[0, 1, 3]], config.odometry_scale, config.odometry_drift_rad_s * dt_s, dt_s
+        )
         self._stands = stands
         self._previous: SE3 | None = None
         self._estimate: SE3 | None = None
@@ -81,14 +91,18 @@ class Localizer:
         Without reception the pose is the last one, moved by the odometry. An episode that begins without begins
         where the agent is.
         """
+        moves = self._previous is not None and not self._stands
         motion = self._measure(world_SE3_base)
         error = self._pose_error.step()
         if error is not None:
             pose = stack_xyz_yaw(world_SE3_base) + error
+            covariance = self._covariance.received()
         else:
-            step = SE3.from_xyz_yaw(motion[:3], float(motion[3]))
-            pose = stack_xyz_yaw((self._estimate or world_SE3_base).compose(step))
-        estimate = PoseEstimate(pose)
+            before, step = self._estimate or world_SE3_base, SE3.from_xyz_yaw(motion[:3], float(motion[3]))
+            pose = stack_xyz_yaw(before.compose(step))
+            covariance = self._covariance.carried(before.yaw, motion, moves=moves)
+        scale = self._covariance_scale
+        estimate = PoseEstimate(pose, None if scale is None else covariance * scale)
         self._estimate = estimate.world_SE3_base
         return estimate, Odometry(motion)
 

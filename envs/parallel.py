@@ -83,7 +83,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {
-            name: observation_space(self.possible_agents, source.lidars, source.cameras, source.embedding_dim)
+            name: observation_space(
+                self.possible_agents,
+                source.lidars,
+                source.cameras,
+                source.embedding_dim,
+                covariances=source.covariances,
+            )
             for name in self.possible_agents
         }
         self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
@@ -324,8 +330,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
-        dim = self._source.embedding_dim
-        return {name: pack_observation(each, self.possible_agents, dim) for name, each in heard.items()}
+        dim, covariances = self._source.embedding_dim, self._source.covariances
+        return {
+            name: pack_observation(each, self.possible_agents, dim, covariances=covariances)
+            for name, each in heard.items()
+        }
 
     def _truth(self, agent: AgentFrame) -> dict[str, Any]:
         if not self._options.expose_ground_truth:

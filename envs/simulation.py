@@ -55,6 +55,7 @@ class Simulation(FrameSource):
         self.capacity = len(self._world.actors())
         self.lidars = tuple(self._lidars)
         self._require_free_mounts()
+        self.covariances = any(options.localization_of(name).covariance_scale is not None for name in self.specs)
         if isinstance(options.localization, Mapping):
             for agent in options.localization:
                 require_choice("agent in localization", agent, self.specs)

@@ -24,6 +24,9 @@ from coopsim.types import Detections, Message, PoseEstimate
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""
 
+_COVARIANCE = struct.Struct("<6f")
+"""Of x, y and heading, the upper triangle row by row; between names and payload, where the sender states one."""
+
 _CHECKSUM = struct.Struct("<I")
 """CRC-32 (ISO 3309, as in Ethernet) of everything after it."""
 
@@ -114,7 +117,7 @@ def encode_message(message: Message) -> bytes:
     if max(len(sender), len(codec)) > 0xFF:
         raise CodecError(f"names of sender and codec take at most 255 bytes, got {message.sender!r}")
     head = _ENVELOPE.pack(len(sender), len(codec), message.captured_ns, *message.pose.xyz_yaw, len(message.payload))
-    content = b"".join((head, sender, codec, message.payload))
+    content = b"".join((head, sender, codec, _pack_covariance(message.pose.covariance), message.payload))
     return _CHECKSUM.pack(zlib.crc32(content)) + content
 
 
@@ -127,7 +130,8 @@ def decode_message(wire: bytes) -> Message:
         raise CodecError(f"the checksum is not that of the {len(wire)} bytes that came")
     sender_length, codec_length, captured_ns, *pose, payload_length = _ENVELOPE.unpack_from(wire, _CHECKSUM.size)
     names_end = least + sender_length + codec_length
-    if len(wire) != names_end + payload_length:
+    stated = len(wire) == names_end + _COVARIANCE.size + payload_length
+    if not stated and len(wire) != names_end + payload_length:
         raise CodecError(f"the envelope announces another length than the {len(wire)} bytes that came")
     try:
         sender = wire[least : least + sender_length].decode()
@@ -136,7 +140,25 @@ def decode_message(wire: bytes) -> Message:
         raise CodecError(f"the names in the envelope are not UTF-8: {error}") from error
     if not np.isfinite(pose).all():
         raise CodecError(f"the sender's pose must be finite, got {pose}")
-    return Message(sender, captured_ns, PoseEstimate(np.array(pose)), wire[names_end:], codec)
+    covariance = _unpack_covariance(_COVARIANCE.unpack_from(wire, names_end)) if stated else None
+    payload = wire[len(wire) - payload_length :]
+    return Message(sender, captured_ns, PoseEstimate(np.array(pose), covariance), payload, codec)
+
+
+def _pack_covariance(covariance: Floats | None) -> bytes:
+    if covariance is None:
+        return b""
+    most = float(np.finfo(np.float32).max)
+    return _COVARIANCE.pack(*np.clip(covariance[np.triu_indices(3)], -most, most))
+
+
+def _unpack_covariance(upper: tuple[float, ...]) -> Floats:
+    covariance = np.zeros((3, 3))
+    covariance[np.triu_indices(3)] = upper
+    covariance = np.triu(covariance) + np.triu(covariance, 1).T
+    if not np.isfinite(covariance).all() or np.diagonal(covariance).min() < 0:
+        raise CodecError(f"the covariance of the sender's pose must be finite and not negative, got {upper}")
+    return covariance
 
 
 def decode_detections(message: Message) -> Detections:

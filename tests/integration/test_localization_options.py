@@ -9,6 +9,7 @@ import pytest
 import coopsim
 from coopsim.comms.channel import ChannelConfig
 from coopsim.comms.clock import AgentClock
+from coopsim.envs.spaces import unpack_observation
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization import LocalizationConfig
 from coopsim.pose_noise import PoseNoise
@@ -32,6 +33,27 @@ def test_one_by_agent_leaves_the_others_alone(make_small: Make) -> None:
     truth = poses(make_small(lidar=None))
     got = poses(make_small(lidar=None, localization={"cav_1": noisy}))
     assert {name for name in truth if not np.array_equal(truth[name], got[name])} == {"cav_1"}
+
+
+def test_a_stated_covariance_reaches_who_hears_it(make_small: Make) -> None:
+    honest = LocalizationConfig(PoseNoise(0.3, 0.01), covariance_scale=1.0)
+    env = make_small(lidar=None, localization={"cav_1": honest})
+    observations, _ = env.reset(seed=5)
+    seen = {
+        name: unpack_observation(packed, env.possible_agents, env.agent_specs[name])
+        for name, packed in observations.items()
+    }
+    wanted = np.diag([0.09, 0.09, 0.0001])
+    assert seen["cav_0"].pose.covariance is None
+    np.testing.assert_allclose(seen["cav_1"].pose.covariance, wanted)
+    for name, packed in observations.items():
+        assert env.observation_space(name).contains(packed)
+        for message in seen[name].inbox:
+            if message.sender == "cav_1":
+                np.testing.assert_allclose(message.pose.covariance, wanted, rtol=1e-6)
+            else:
+                assert message.pose.covariance is None
+    assert any(message.sender == "cav_1" for message in seen["cav_0"].inbox)
 
 
 def test_every_error_at_once_runs_and_is_the_same_again() -> None:

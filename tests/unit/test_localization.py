@@ -135,6 +135,44 @@ def test_other_errors_leave_the_white_noise_alone() -> None:
     assert np.ptp(biased - plain, axis=0).max() < 1e-9
 
 
+@pytest.mark.parametrize("outage", [False, True])
+def test_an_honest_covariance_is_that_of_the_errors(outage: bool) -> None:
+    """Over many seeds; in an outage of 100 frames all errors of the odometry have added up."""
+    noise = PoseNoise(0.3, 0.02, "laplace", 1.0, 0.2, 0.01, 1.0, 0.1)
+    config = LocalizationConfig(noise, 0.02, 0.002, 0.01, 0.002, covariance_scale=1.0)
+    truth = [SE3.from_xyz_yaw([0.8 * k, 0.1 * k, 0], 0.005 * k) for k in range(101)]
+    found, stated = [], []
+    for seed in range(600):
+        localizer = Localizer(config, seed, "cav_0")
+        for k, pose in enumerate(truth):
+            if outage and k == 1:
+                localizer._pose_error.step = lambda: None  # type: ignore[method-assign]
+            estimate, _ = localizer.localize(pose)
+        error = estimate.xyz_yaw - np.append(truth[-1].translation, truth[-1].yaw)
+        found.append(error[[0, 1, 3]])
+        stated.append(estimate.covariance)
+    got, mean_stated = np.cov(np.array(found).T), np.mean(stated, axis=0)
+    sigma = np.sqrt(np.diagonal(mean_stated))
+    np.testing.assert_allclose(got / np.outer(sigma, sigma), mean_stated / np.outer(sigma, sigma), atol=0.15)
+
+
+def test_overconfidence_is_a_factor_and_none_is_none() -> None:
+    def stated(scale: float | None) -> np.ndarray | None:
+        config = LocalizationConfig(PoseNoise(0.3, 0.02), covariance_scale=scale)
+        return Localizer(config, 0, "cav_0").localize(POSES[0])[0].covariance
+
+    assert stated(None) is None
+    np.testing.assert_allclose(stated(1.0), np.diag([0.09, 0.09, 0.0004]))
+    np.testing.assert_allclose(stated(0.25), np.diag([0.09, 0.09, 0.0004]) / 4)
+
+
+def test_a_standing_unit_grows_no_less_certain() -> None:
+    config = LocalizationConfig(PoseNoise(0.3, outage_s=1e6, outages_per_s=1e6), 0.1, covariance_scale=1.0)
+    localizer = Localizer(config, 0, "rsu_0", stands=True)
+    for _ in range(5):
+        np.testing.assert_array_equal(localizer.localize(SE3.identity())[0].covariance, 0)
+
+
 @pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
 @pytest.mark.parametrize("name", ["heading_noise_rad", "correlation_s", "position_bias_m"])
 def test_bad_noise(name: str, value: float) -> None:
@@ -151,6 +189,7 @@ def test_bad_noise(name: str, value: float) -> None:
         (lambda: LocalizationConfig(odometry_scale=-1), "odometry_scale must be a finite number >= 0"),
         (lambda: LocalizationConfig(0.5), "pose must be a coopsim PoseNoise or None, got 0.5"),
         (lambda: LocalizationConfig(None), "pose must be a coopsim PoseNoise, got None"),
+        (lambda: LocalizationConfig(covariance_scale=0), "covariance_scale must be a finite number > 0, got 0"),
         (lambda: Localizer(LocalizationConfig(), 0, "cav_0", 0.0), "dt_s must be a finite number > 0"),
     ],
 )
