@@ -56,6 +56,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras=True` |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
+    | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and
     `maneuver` (see `MANEUVERS`) for a car that the action drives. `coopsim.Policy` packs and unpacks these.
