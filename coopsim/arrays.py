@@ -66,7 +66,8 @@ def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: b
         raise InvalidValueError(f"{what} must be {kind} in rows of the same length: {error}") from error
     if array.dtype == wanted:
         return array
-    if whole_floats and array.dtype.kind == "f" and (np.isfinite(array) & (array == np.rint(array))).all():
+    # Finite first: rounding a signalling NaN warns.
+    if whole_floats and array.dtype.kind == "f" and np.isfinite(array).all() and (array == np.rint(array)).all():
         accepted = "iuf"
     if array.size and array.dtype.kind not in accepted:
         raise InvalidValueError(f"{what} must be {kind}, got {_described(array)}")
@@ -75,7 +76,8 @@ def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: b
         for extreme in (array.min(), array.max()):
             if not limits.min <= int(extreme) <= limits.max:
                 raise InvalidValueError(f"{what} must be in {limits.min}..{limits.max}, got {extreme}")
-    return array.astype(wanted)
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        return array.astype(wanted)
 
 
 def _described(array: NDArray[Any]) -> str:

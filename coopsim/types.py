@@ -275,12 +275,17 @@ class PoseEstimate:
 
     Attributes:
         xyz_yaw: (4,): x, y, z m and heading rad, in the world frame.
+        covariance: (3, 3) of x, y and heading as the agent states it, which need not be right; None: it states none.
     """
 
     xyz_yaw: Floats
+    covariance: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+        if self.covariance is not None:
+            covariance = frozen(self.covariance, (3, 3), np.float64, "covariance")
+            object.__setattr__(self, "covariance", covariance)
 
     @property
     def world_SE3_base(self) -> SE3:

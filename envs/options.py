@@ -17,7 +17,8 @@ from coopsim.checks import (
     require_positive,
     require_threshold,
 )
-from coopsim.comms.channel import ChannelConfig
+from coopsim.comms.config import ChannelConfig
+from coopsim.comms.config_files import channel_config
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
@@ -25,6 +26,7 @@ from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
+from coopsim.pose_noise import PoseNoise
 from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import as_daylight
 from coopsim.sensors.daylight import Daylight, Illumination
@@ -32,6 +34,9 @@ from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
 from coopsim.sensors.renderers import RENDERERS
 from coopsim.sensors.rigs import RigOption, check_rig
+
+_CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
+_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,8 @@ class CommonOptions:
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].
         communication_range_m: farther apart than this, nothing arrives.
+        channel: a whole channel in the place of the four options above: a `ChannelConfig`, its mapping, or the path of
+            a YAML file with that.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
@@ -55,6 +62,7 @@ class CommonOptions:
     latency_jitter_s: float = 0.0
     loss: float = 0.0
     communication_range_m: float = 300.0
+    channel: ChannelConfig | Mapping[str, Any] | str | Path | None = None
     match_iou: float = 0.25
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
@@ -66,11 +74,16 @@ class CommonOptions:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
-        self.channel  # noqa: B018  (its own checks run now, not at the first message)
+        if self.channel is not None:
+            _refuse_beside(self, _CHANNEL_OPTIONS, "channel")
+            object.__setattr__(self, "channel", channel_config(self.channel))
+        self.channel_config  # noqa: B018  (its own checks run now, not at the first message)
 
     @property
-    def channel(self) -> ChannelConfig:
+    def channel_config(self) -> ChannelConfig:
         """The channel's part."""
+        if isinstance(self.channel, ChannelConfig):
+            return self.channel
         latency = GaussianLatency(self.latency_s, self.latency_jitter_s)
         return ChannelConfig(latency, BernoulliLoss(self.loss), self.communication_range_m)
 
@@ -99,6 +112,8 @@ class SimulationOptions:
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: of the motion in a frame, x and y.
         odometry_heading_noise_rad: of the turn in a frame.
+        localization: in the place of the four options above: a `LocalizationConfig` for all agents, or one by agent
+            (whoever is not named has what the four options say).
         detector: the detector; None is `SimulatedDetector()`.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
@@ -126,6 +141,7 @@ class SimulationOptions:
     heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
+    localization: LocalizationConfig | Mapping[str, LocalizationConfig] | None = None
     detector: Detector | None = None
     traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
@@ -151,7 +167,7 @@ class SimulationOptions:
         self._check_files()
         lidars = self.lidars
         self.illumination  # noqa: B018  (its own checks run now)
-        self.localization  # noqa: B018  (its own checks run now)
+        self._check_localization()
         if not lidars and self.detector is not None and self.detector.needs_sweeps:
             raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
 
@@ -188,15 +204,36 @@ class SimulationOptions:
         """What cameras see by."""
         return Illumination(as_daylight(self.time_of_day), self.weather)
 
-    @property
-    def localization(self) -> LocalizationConfig:
-        """The localization's part."""
+    def localization_of(self, agent: str) -> LocalizationConfig:
+        """An agent's localization."""
+        if isinstance(self.localization, LocalizationConfig):
+            return self.localization
+        if self.localization is not None and agent in self.localization:
+            return self.localization[agent]
         return LocalizationConfig(
-            self.position_noise_m,
-            self.heading_noise_rad,
+            PoseNoise(self.position_noise_m, self.heading_noise_rad),
             self.odometry_noise_m,
             self.odometry_heading_noise_rad,
         )
+
+    def _check_localization(self) -> None:
+        by_agent = self.localization
+        if by_agent is not None and not isinstance(by_agent, Mapping):
+            require_instance(LocalizationConfig, localization=by_agent)
+            _refuse_beside(self, _LOCALIZATION_OPTIONS, "localization")
+        elif by_agent is not None:
+            for name, config in by_agent.items():
+                if not isinstance(config, LocalizationConfig):
+                    raise InvalidValueError(f"localization of {name} must be a LocalizationConfig, got {config!r}")
+        self.localization_of("")  # its own checks run now, not at the first episode
+
+
+def _refuse_beside(options: object, names: Iterable[str], whole: str) -> None:
+    """Raise `InvalidValueError` if any of these fields is set beside the one that stands in their place."""
+    defaults = {field.name: field.default for field in fields(options)}  # type: ignore[arg-type]
+    for name in names:
+        if getattr(options, name) != defaults[name]:
+            raise InvalidValueError(f"{name} is not an option beside {whole}, which says so itself")
 
 
 def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:

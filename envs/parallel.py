@@ -21,8 +21,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopsim.checks import require_instance
+from coopsim.checks import require_choice, require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
+from coopsim.comms.sight import Surroundings
 from coopsim.comms.uplink import UPLINKS, Uplink
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
@@ -57,6 +58,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras` says which |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
+    | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and
     `maneuver` (see `MANEUVERS`) for a car that the action drives. `coopsim.Policy` packs and unpacks these.
@@ -68,6 +70,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = UPLINKS.get(options.uplink)
+        clocks = options.channel_config.clocks
+        for agent in clocks if isinstance(clocks, Mapping) else ():
+            require_choice("agent in clocks", agent, source.specs)
         require_instance(Reward, reward=reward)
         self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)
@@ -82,7 +87,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         }
         self._observation_spaces = {
             name: observation_space(
-                self.possible_agents, source.lidars, spec.cameras, source.camera_modes, source.embedding_dim
+                self.possible_agents,
+                source.lidars,
+                spec.cameras,
+                source.camera_modes,
+                source.embedding_dim,
+                covariances=source.covariances,
             )
             for name, spec in source.specs.items()
         }
@@ -145,7 +155,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        self._channel = Channel(self._options.channel, seed)
+        self._channel = Channel(self._options.channel_config, seed)
         self._uplinks = {name: self._make_uplink() for name in self.possible_agents}
         self._scorer = Scorer(
             tuple(self.possible_agents),
@@ -316,17 +326,24 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _exchange(self, frame: Frame) -> dict[str, Packed]:
         """Send every agent's message, deliver what is due, and pack the observations."""
         positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
+        around = None
+        if self._options.channel_config.radio is not None:
+            bodies = {name: agent.body for name, agent in frame.agents.items()}
+            around = Surroundings.of(bodies, frame.actors, self._source.road_map.buildings)
         for name, agent in frame.agents.items():
             message = self._uplinks[name].message(name, agent.observation)
             if message is not None:
-                self._channel.send(message, frame.time_ns, positions)
+                self._channel.send(message, frame.time_ns, positions, around)
         arrived = self._channel.deliver(frame.time_ns)
         heard = {
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
-        dim = self._source.embedding_dim
-        return {name: pack_observation(each, self.possible_agents, dim) for name, each in heard.items()}
+        dim, covariances = self._source.embedding_dim, self._source.covariances
+        return {
+            name: pack_observation(each, self.possible_agents, dim, covariances=covariances)
+            for name, each in heard.items()
+        }
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
         """What is true around each agent, where the environment was made to tell."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.checks import require_choice
 from coopsim.data.episode import Episode
 from coopsim.detection.simulated import SimulatedDetector, count_returns
 from coopsim.envs.options import SimulationOptions
@@ -80,6 +81,10 @@ class Simulation(FrameSource):
         self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
         self.lidars = tuple(options.lidars)
         self._require_free_mounts()
+        self.covariances = any(options.localization_of(name).covariance_scale is not None for name in self.specs)
+        if isinstance(options.localization, Mapping):
+            for agent in options.localization:
+                require_choice("agent in localization", agent, self.specs)
 
     def _make_world(self, seed: int) -> WorldSource:
         if self._episode is not None:
@@ -109,9 +114,9 @@ class Simulation(FrameSource):
         self.specs = self._specify(world.agents())
         self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
-        localization = self._options.localization
         self._localizers = {
-            name: Localizer(localization, seed, name, stands=spec.kind == "rsu") for name, spec in self.specs.items()
+            name: Localizer(self._options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")
+            for name, spec in self.specs.items()
         }
         self._lidar_rngs = {
             (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self.lidars

@@ -69,6 +69,7 @@ class FrameSource(ABC):
         capacity: the largest number of actors in a frame.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
         embedding_dim: length of the embeddings of detections; 0: they have none.
+        covariances: whether some agent states the covariance of its pose.
     """
 
     name: str
@@ -79,6 +80,7 @@ class FrameSource(ABC):
     capacity: int
     region_m: tuple[float, float] | None
     embedding_dim: int = 0
+    covariances: bool = False
 
     @abstractmethod
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:

@@ -58,6 +58,8 @@ def observation_space(
     cameras: Mapping[str, CameraCalibration],
     camera_modes: Sequence[str] = OBSERVED_MODES,
     embedding_dim: int = 0,
+    *,
+    covariances: bool = False,
 ) -> spaces.Dict:
     """The space of one agent's observations.
 
@@ -67,7 +69,10 @@ def observation_space(
         cameras: the agent's cameras.
         camera_modes: what their pictures consist of; what is truth is left out.
         embedding_dim: length of the embeddings of detections; 0: they have none.
+        covariances: whether some agent states the covariance of its pose.
     """
+    stated: dict[str, Any] = {"pose_covariance": _reals(3, 3)} if covariances else {}
+    heard: dict[str, Any] = {"pose_covariance": _reals(3, 3)} if covariances else {}
     found = {"box": _box(), "score": _reals(1), "label": spaces.Discrete(len(CLASS_NAMES))}
     if embedding_dim:
         found["embedding"] = _reals(embedding_dim, dtype=np.float32)
@@ -77,6 +82,7 @@ def observation_space(
     return spaces.Dict(
         time_ns=spaces.Discrete(_COUNTER),
         pose=_reals(4),
+        **stated,
         odometry=_reals(4),
         detections=_rows(**found),
         sweeps=spaces.Dict({name: spaces.Sequence(_reals(5, dtype=np.float32), stack=True) for name in sensors}),
@@ -85,6 +91,7 @@ def observation_space(
             sender=spaces.Discrete(len(agents)),
             captured_ns=spaces.Discrete(_COUNTER),
             pose=_reals(4),
+            **heard,
             payload_bytes=spaces.Discrete(2**32),
         ),
         # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
@@ -115,7 +122,9 @@ def action_space(*, drives: bool) -> spaces.Dict:
     return spaces.Dict(parts)
 
 
-def pack_observation(observation: Observation, agents: Sequence[str], embedding_dim: int = 0) -> dict[str, Any]:
+def pack_observation(
+    observation: Observation, agents: Sequence[str], embedding_dim: int = 0, *, covariances: bool = False
+) -> dict[str, Any]:
     """An observation as its space's dict of arrays; `agents` numbers the senders.
 
     Raises:
@@ -123,7 +132,7 @@ def pack_observation(observation: Observation, agents: Sequence[str], embedding_
     """
     inbox = observation.inbox
     payload = b"".join(message.payload for message in inbox)
-    return {
+    packed: dict[str, Any] = {
         "time_ns": np.int64(observation.time_ns),
         "pose": observation.pose.xyz_yaw,
         "odometry": observation.odometry.xyz_yaw,
@@ -138,6 +147,10 @@ def pack_observation(observation: Observation, agents: Sequence[str], embedding_
         },
         "inbox_payload": np.frombuffer(payload, dtype=np.uint8)[:, None],
     }
+    if covariances:
+        packed["pose_covariance"] = _pack_covariances([observation.pose])[0]
+        packed["inbox"]["pose_covariance"] = _pack_covariances([message.pose for message in inbox])
+    return packed
 
 
 def pack_image(image: CameraImage, modes: Sequence[str]) -> dict[str, Any]:
@@ -151,7 +164,7 @@ def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: A
     boxes = Boxes3D.from_array(found["box"])
     return Observation(
         time_ns=int(packed["time_ns"]),
-        pose=PoseEstimate(packed["pose"]),
+        pose=_unpack_pose(packed["pose"], packed.get("pose_covariance")),
         odometry=Odometry(packed["odometry"]),
         detections=Detections(boxes, np.reshape(found["score"], -1), found["label"], embedding=found.get("embedding")),
         sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
@@ -232,11 +245,22 @@ def _unpack_sweep(points: np.ndarray[Any, np.dtype[np.float32]]) -> Sweep:
 
 def _unpack_inbox(packed: Mapping[str, Any], agents: Sequence[str], codec: str) -> tuple[Message, ...]:
     heads, heap = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8).tobytes()
+    covariances = heads.get("pose_covariance", np.zeros((len(heads["sender"]), 3, 3)))
     ends = np.cumsum(heads["payload_bytes"])
     starts = ends - heads["payload_bytes"]
     return tuple(
-        Message(agents[sender], int(captured_ns), PoseEstimate(pose), heap[start:end], codec)
-        for sender, captured_ns, pose, start, end in zip(
-            heads["sender"], heads["captured_ns"], heads["pose"], starts, ends, strict=True
+        Message(agents[sender], int(captured_ns), _unpack_pose(pose, stated), heap[start:end], codec)
+        for sender, captured_ns, pose, stated, start, end in zip(
+            heads["sender"], heads["captured_ns"], heads["pose"], covariances, starts, ends, strict=True
         )
     )
+
+
+def _pack_covariances(poses: Sequence[PoseEstimate]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(N, 3, 3), zeros where a pose states none."""
+    stated = [np.zeros((3, 3)) if pose.covariance is None else pose.covariance for pose in poses]
+    return np.array(stated).reshape(-1, 3, 3)
+
+
+def _unpack_pose(xyz_yaw: Any, covariance: Any) -> PoseEstimate:
+    return PoseEstimate(xyz_yaw, None if covariance is None or not np.any(covariance) else covariance)

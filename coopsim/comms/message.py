@@ -1,12 +1,13 @@
 """Codecs: the only way from content to bytes and back, and so the only place where bytes are counted.
 
-A message on the air is an envelope (who, when, where) around a payload, whose layout is its codec's.
+A message on the air is an envelope (who, when, where, and a checksum) around a payload, whose layout is its codec's.
 All numbers are little-endian.
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
@@ -22,6 +23,12 @@ from coopsim.types import Detections, Message, PoseEstimate
 
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""
+
+_COVARIANCE = struct.Struct("<6f")
+"""Of x, y and heading, the upper triangle row by row; between names and payload, where the sender states one."""
+
+_CHECKSUM = struct.Struct("<I")
+"""CRC-32 (ISO 3309, as in Ethernet) of everything after it."""
 
 _COUNT = struct.Struct("<H")
 _MOST_ROWS = 0xFFFF
@@ -110,26 +117,48 @@ def encode_message(message: Message) -> bytes:
     if max(len(sender), len(codec)) > 0xFF:
         raise CodecError(f"names of sender and codec take at most 255 bytes, got {message.sender!r}")
     head = _ENVELOPE.pack(len(sender), len(codec), message.captured_ns, *message.pose.xyz_yaw, len(message.payload))
-    return head + sender + codec + message.payload
+    content = b"".join((head, sender, codec, _pack_covariance(message.pose.covariance), message.payload))
+    return _CHECKSUM.pack(zlib.crc32(content)) + content
 
 
 def decode_message(wire: bytes) -> Message:
     """The message that `encode_message` was given; raises `CodecError` on anything else."""
-    if len(wire) < _ENVELOPE.size:
-        raise CodecError(f"a message has at least {_ENVELOPE.size} bytes, got {len(wire)}")
-    sender_length, codec_length, captured_ns, *pose, payload_length = _ENVELOPE.unpack_from(wire)
-    body = wire[_ENVELOPE.size :]
-    if len(body) != sender_length + codec_length + payload_length:
+    least = _CHECKSUM.size + _ENVELOPE.size
+    if len(wire) < least:
+        raise CodecError(f"a message has at least {least} bytes, got {len(wire)}")
+    if zlib.crc32(memoryview(wire)[_CHECKSUM.size :]) != _CHECKSUM.unpack_from(wire)[0]:
+        raise CodecError(f"the checksum is not that of the {len(wire)} bytes that came")
+    sender_length, codec_length, captured_ns, *pose, payload_length = _ENVELOPE.unpack_from(wire, _CHECKSUM.size)
+    names_end = least + sender_length + codec_length
+    stated = len(wire) == names_end + _COVARIANCE.size + payload_length
+    if not stated and len(wire) != names_end + payload_length:
         raise CodecError(f"the envelope announces another length than the {len(wire)} bytes that came")
     try:
-        sender = body[:sender_length].decode()
-        codec = body[sender_length : sender_length + codec_length].decode()
+        sender = wire[least : least + sender_length].decode()
+        codec = wire[least + sender_length : names_end].decode()
     except UnicodeDecodeError as error:
         raise CodecError(f"the names in the envelope are not UTF-8: {error}") from error
     if not np.isfinite(pose).all():
         raise CodecError(f"the sender's pose must be finite, got {pose}")
-    payload = body[sender_length + codec_length :]
-    return Message(sender, captured_ns, PoseEstimate(np.array(pose)), payload, codec)
+    covariance = _unpack_covariance(_COVARIANCE.unpack_from(wire, names_end)) if stated else None
+    payload = wire[len(wire) - payload_length :]
+    return Message(sender, captured_ns, PoseEstimate(np.array(pose), covariance), payload, codec)
+
+
+def _pack_covariance(covariance: Floats | None) -> bytes:
+    if covariance is None:
+        return b""
+    most = float(np.finfo(np.float32).max)
+    return _COVARIANCE.pack(*np.clip(covariance[np.triu_indices(3)], -most, most))
+
+
+def _unpack_covariance(upper: tuple[float, ...]) -> Floats:
+    covariance = np.zeros((3, 3))
+    covariance[np.triu_indices(3)] = upper
+    covariance = np.triu(covariance) + np.triu(covariance, 1).T
+    if not np.isfinite(covariance).all() or np.diagonal(covariance).min() < 0:
+        raise CodecError(f"the covariance of the sender's pose must be finite and not negative, got {upper}")
+    return covariance
 
 
 def decode_detections(message: Message) -> Detections:

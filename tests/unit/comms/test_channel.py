@@ -1,15 +1,20 @@
 """The channel delivers on time, loses what it should, and forgets nothing."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from coopsim.comms.bandwidth import Bandwidth
 from coopsim.comms.channel import Channel, ChannelConfig
+from coopsim.comms.clock import AgentClock
 from coopsim.comms.latency import GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
-from coopsim.comms.message import encode_message
-from coopsim.errors import InvalidValueError
+from coopsim.comms.message import decode_message, encode_message
+from coopsim.comms.radio import Radio
+from coopsim.errors import CodecError, InvalidValueError
 from coopsim.types import Message, PoseEstimate
 
 FRAME_NS = 100_000_000
@@ -71,6 +76,81 @@ def test_bytes_are_those_of_the_encoded_message_once_per_broadcast() -> None:
     assert channel.broadcast_bytes("nobody") == 0
 
 
+def test_a_flipped_bit_is_found_and_counted_as_lost() -> None:
+    channel, log = run(ChannelConfig(bit_error_rate=1e-3), 200)
+    bits = 8 * len(encode_message(message("a", 0)))
+    assert 1 - channel.counts.corrupted / 1200 == pytest.approx((1 - 1e-3) ** bits, abs=0.04)
+    assert channel.counts.lost == channel.counts.corrupted == 1200 - len(log)
+
+
+@given(bit=st.integers(0, 8 * len(encode_message(message("a", 123))) - 1))
+def test_any_flipped_bit_is_refused(bit: int) -> None:
+    wire = bytearray(encode_message(message("a", 123)))
+    wire[bit // 8] ^= 1 << (bit % 8)
+    with pytest.raises(CodecError):
+        decode_message(bytes(wire))
+
+
+def test_a_duplicate_is_the_same_message_at_another_time_and_counted_apart() -> None:
+    channel, log = run(ChannelConfig(GaussianLatency(0.2, 0.1), duplication=0.25), 200)
+    channel.deliver(10**15)
+    counts = channel.counts
+    assert counts.duplicates == pytest.approx(0.25 * 1200, rel=0.15)
+    assert counts.sent == counts.delivered == 1200
+    whole = Counter((receiver, sender, captured) for _, receiver, sender, captured in log)
+    assert max(whole.values()) == 2
+
+
+def test_messages_may_overtake_each_other() -> None:
+    _, log = run(ChannelConfig(GaussianLatency(0.5, 0.3)), 50)
+    captured = [k for _, receiver, sender, k in log if (receiver, sender) == ("a", "b")]
+    assert captured != sorted(captured)
+
+
+def test_processing_comes_before_the_medium() -> None:
+    config = ChannelConfig(processing_s=0.15, bandwidth=Bandwidth(8e3, "link"))
+    _, log = run(config, 6)
+    assert {now - captured for now, _, _, captured in log} == {3}
+    airtime_ns = config.bandwidth.airtime_ns(len(encode_message(message("a", 0))))
+    first = Channel(config, 0)
+    first.send(message("a", 0), 0, NEAR)
+    assert not first.deliver(150_000_000 + airtime_ns - 10) and len(first.deliver(150_000_000 + airtime_ns)) == 2
+
+
+def test_a_shared_medium_is_slower_than_links_of_the_same_rate() -> None:
+    shared, _ = run(ChannelConfig(bandwidth=Bandwidth(8e3, "shared")), 20)
+    link, _ = run(ChannelConfig(bandwidth=Bandwidth(8e3, "link")), 20)
+    assert shared.counts.delivered < link.counts.delivered and shared.counts.lost == 0
+
+
+def test_a_full_medium_with_the_newest_first_delivers_fresher_messages() -> None:
+    age = {}
+    for order in ("in_order", "newest_first"):
+        _, log = run(ChannelConfig(bandwidth=Bandwidth(4e3, "shared", order)), 60)  # type: ignore[arg-type]
+        age[order] = np.mean([now - captured for now, _, _, captured in log])
+    assert age["newest_first"] < age["in_order"]
+
+
+def test_clocks_decide_who_speaks_and_what_is_stamped() -> None:
+    clocks = {"b": AgentClock(5.0, phase_s=0.1, offset_s=0.2)}
+    channel, log = run(ChannelConfig(clocks=clocks), 6)
+    assert {(now, captured - now) for now, _, sender, captured in log if sender == "b"} == {(1, 2), (3, 2), (5, 2)}
+    assert {now for now, _, sender, _ in log if sender == "a"} == set(range(6))
+    assert channel.link_counts["b", "a"].sent == 3 and channel.link_counts["a", "b"].sent == 6
+
+
+def test_radio_delivers_what_is_near_and_is_the_same_in_both_directions() -> None:
+    places = {"a": np.zeros(3), "b": np.array([50.0, 0, 0]), "c": np.array([0, 200_000.0, 0])}
+    channel, _ = run(ChannelConfig(radio=Radio()), 100, agents=places)
+    assert channel.link_counts["a", "b"].delivered == channel.link_counts["b", "a"].delivered == 100
+    assert channel.link_counts["a", "c"].delivered == channel.link_counts["c", "b"].delivered == 0
+    # Where chances are neither 0 nor 1, shadowing decides for both directions alike.
+    for seed in range(20):
+        sharp = ChannelConfig(radio=Radio(power_dbm=-25.0, snr_slope_db=1e-3))
+        channel, _ = run(sharp, 5, seed, {"a": np.zeros(3), "b": np.array([200.0, 0, 0])})
+        assert channel.link_counts["a", "b"] == channel.link_counts["b", "a"]
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     latency_s=st.floats(0, 1),
@@ -97,6 +177,13 @@ def test_messages_are_conserved(latency_s: float, jitter_s: float, loss: float, 
         (lambda: BernoulliLoss(1.5), r"loss must be in \[0, 1\], got 1.5"),
         (lambda: BernoulliLoss(float("nan")), "loss"),
         (lambda: ChannelConfig(range_m=-1), "communication_range_m must be >= 0"),
+        (lambda: ChannelConfig(processing_s=-1), r"processing_s must be in \[0, 3600\], got -1"),
+        (lambda: ChannelConfig(duplication=2), "duplication must be in"),
+        (lambda: ChannelConfig(bit_error_rate=0.6), r"bit_error_rate must be in \[0, 0.5\], got 0.6"),
+        (lambda: ChannelConfig(latency=0.1), "latency must be a coopsim Latency or None, got 0.1"),
+        (lambda: ChannelConfig(loss=None), "latency and loss must be models, got None"),
+        (lambda: ChannelConfig(radio=Radio), r"radio must be a coopsim Radio or None.*write Radio\(\)"),
+        (lambda: ChannelConfig(clocks={"a": 5.0}), "clocks must be an AgentClock, or one by agent; got 5.0 for 'a'"),
     ],
 )
 def test_bad_settings(make, match: str) -> None:  # type: ignore[no-untyped-def]

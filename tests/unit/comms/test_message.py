@@ -127,3 +127,22 @@ def test_random_bytes_after_detections_are_refused_or_finite(noise: bytes, count
     with contextlib.suppress(CodecError):
         got = DetectionsCodec().decode(DetectionsCodec().encode(detections(count)) + noise)
         assert got.embedding is None or np.isfinite(got.embedding).all()
+
+
+def test_a_covariance_is_24_bytes_more_and_comes_back() -> None:
+    covariance = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.0], [0.1, 0.0, 0.25]])
+    plain = Message("cav_0", 1, PoseEstimate(np.zeros(4)), b"payload", "detections")
+    stated = Message("cav_0", 1, PoseEstimate(np.zeros(4), covariance), b"payload", "detections")
+    assert len(encode_message(plain)) == 50 + len("cav_0") + len("detections") + len(b"payload")
+    assert len(encode_message(stated)) == len(encode_message(plain)) + 24
+    got = decode_message(encode_message(stated))
+    assert got.payload == b"payload"
+    np.testing.assert_allclose(got.pose.covariance, covariance, rtol=1e-6)
+    assert decode_message(encode_message(plain)).pose.covariance is None
+
+
+@pytest.mark.parametrize("wrong", [np.nan, -1.0])
+def test_a_covariance_that_is_none_is_refused(wrong: float) -> None:
+    broken = Message("cav_0", 1, PoseEstimate(np.zeros(4), np.diag([wrong, 1.0, 1.0])), b"", "detections")
+    with pytest.raises(CodecError, match="covariance of the sender's pose must be finite and not negative"):
+        decode_message(encode_message(broken))

@@ -1,0 +1,100 @@
+"""The time that bytes take on the air, and the queue in front of it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+
+from coopsim.checks import require_choice, require_number, require_positive
+from coopsim.types import NS_PER_S, seconds_to_ns
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Bandwidth:
+    """What can be sent per second.
+
+    Attributes:
+        rate_bit_s: bits per second, above the envelope: a message of B bytes takes `8 B / rate_bit_s`.
+        medium: "shared" (all agents send one after another, and a broadcast is sent once), or "link" (each sender to
+            each receiver has the rate for itself).
+        order: which waiting message is sent next: "in_order" (who waited longest) or "newest_first".
+        max_wait_s: a message that has waited longer when its turn comes is dropped, and counted as lost; inf: none is.
+    """
+
+    rate_bit_s: float
+    medium: Literal["shared", "link"] = "shared"
+    order: Literal["in_order", "newest_first"] = "in_order"
+    max_wait_s: float = np.inf
+
+    def __post_init__(self) -> None:
+        require_positive(rate_bit_s=self.rate_bit_s)
+        # Slower than a bit per second is a slip, and an airtime that might not fit the clock.
+        require_number(">= 1", lambda rate: rate >= 1, rate_bit_s=self.rate_bit_s)
+        require_choice("medium", self.medium, ("shared", "link"))
+        require_choice("order", self.order, ("in_order", "newest_first"))
+        require_number(">= 0 (inf: no limit)", lambda wait: wait >= 0, max_wait_s=self.max_wait_s)
+
+    def airtime_ns(self, size_bytes: int) -> int:
+        """How long a message of that size occupies the medium, ns."""
+        return round(8 * size_bytes / self.rate_bit_s * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting(Generic[T]):
+    since_ns: int
+    airtime_ns: int
+    content: T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Departure(Generic[T]):
+    """What left a queue.
+
+    Attributes:
+        content: what was put in.
+        sent_ns: when its last bit was on the air; None: it was dropped.
+    """
+
+    content: T
+    sent_ns: int | None
+
+
+class Medium(Generic[T]):
+    """One server and its queue; a message that is being sent is never interrupted.
+
+    What is put in must come in order of time, and after everything before it has been taken out by `departures`.
+    """
+
+    def __init__(self, bandwidth: Bandwidth) -> None:
+        self._bandwidth = bandwidth
+        self._max_wait_ns = seconds_to_ns(min(bandwidth.max_wait_s, 1e9))
+        self._queue: deque[_Waiting[T]] = deque()
+        self._free_ns = 0
+
+    def put(self, content: T, size_bytes: int, now_ns: int) -> None:
+        """Something wants to be sent."""
+        self._queue.append(_Waiting(now_ns, self._bandwidth.airtime_ns(size_bytes), content))
+
+    def departures(self, before_ns: int) -> Iterator[Departure[T]]:
+        """Whose turn comes before that moment: take it out, sent or dropped."""
+        while self._queue:
+            start_ns = max(self._free_ns, self._queue[0].since_ns)
+            if start_ns >= before_ns:
+                return
+            if start_ns - self._queue[0].since_ns > self._max_wait_ns:
+                yield Departure(self._queue.popleft().content, None)
+                continue
+            waiting = self._queue.pop() if self._bandwidth.order == "newest_first" else self._queue.popleft()
+            self._free_ns = start_ns + waiting.airtime_ns
+            yield Departure(waiting.content, self._free_ns)
+
+    @property
+    def waiting(self) -> Iterator[T]:
+        """What has not been sent yet."""
+        return (waiting.content for waiting in self._queue)

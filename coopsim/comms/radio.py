@@ -1,0 +1,120 @@
+"""How much of a signal arrives over a distance, and what chance a message then has.
+
+Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1; shadowing is correlated over the
+way that the two ends move (Gudmundson 1991). The report's text was not at hand: the constants are as public
+implementations of it state them. It calls the blockage log-normal; here it is normal in dB and not below 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from scipy.special import expit
+
+from coopsim.checks import require_choice, require_finite_number, require_positive
+from coopsim.comms.sight import Sight
+from coopsim.geometry.se3 import Floats
+
+_NEAREST_M = 1.0  # the formulas are for antennas that are apart
+_SHADOWING_DB = {"LOS": 3.0, "NLOSv": 3.0, "NLOS": 4.0}
+_BLOCKAGE_DB = {0: (9.0, 4.5), 1: (5.0, 4.0)}
+"""Mean and deviation by how many of the antennas are above the vehicles in the way; with both above there is none."""
+_DECORRELATION_M = {"urban": 10.0, "highway": 25.0}
+_THERMAL_DBM_HZ = -174.0
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """Transmitter, receiver and surroundings of every link.
+
+    Attributes:
+        scene: "urban" or "highway".
+        carrier_ghz: the carrier's frequency.
+        power_dbm: transmitted.
+        gain_dbi: of each of the two antennas.
+        width_mhz: of the channel, over which the receiver gathers noise.
+        noise_figure_db: of the receiver.
+        snr_half_db: where half of the messages are received. This and the next describe a modem, whose own curve
+            depends on coding and size: the defaults are ours, and from no standard.
+        snr_slope_db: the chance is logistic in SNR, and goes from 27% to 73% over two of these.
+    """
+
+    scene: Literal["urban", "highway"] = "urban"
+    carrier_ghz: float = 5.9
+    power_dbm: float = 23.0
+    gain_dbi: float = 3.0
+    width_mhz: float = 10.0
+    noise_figure_db: float = 9.0
+    snr_half_db: float = 5.0
+    snr_slope_db: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_choice("scene", self.scene, ("urban", "highway"))
+        require_positive(carrier_ghz=self.carrier_ghz, width_mhz=self.width_mhz, snr_slope_db=self.snr_slope_db)
+        require_finite_number(
+            power_dbm=self.power_dbm,
+            gain_dbi=self.gain_dbi,
+            noise_figure_db=self.noise_figure_db,
+            snr_half_db=self.snr_half_db,
+        )
+
+    def path_loss_db(self, distance_m: float, sight: Sight) -> float:
+        """Mean path loss over the distance between the antennas, without blockage by vehicles (table 6.2.1-1)."""
+        far, carrier = math.log10(max(distance_m, _NEAREST_M)), math.log10(self.carrier_ghz)
+        if sight.state == "NLOS":
+            return 36.85 + 30.0 * far + 18.9 * carrier
+        if self.scene == "highway":
+            return 32.4 + 20.0 * far + 20.0 * carrier
+        return 38.77 + 16.7 * far + 18.2 * carrier
+
+    def snr_db(self, distance_m: float, sight: Sight, fading: Floats) -> float:
+        """Signal to noise at the receiver; `fading` (2,) are the link's standard normal shadowing and blockage."""
+        loss_db = self.path_loss_db(distance_m, sight) + _SHADOWING_DB[sight.state] * float(fading[0])
+        if sight.state == "NLOSv" and sight.above in _BLOCKAGE_DB:
+            mean_db, sigma_db = _BLOCKAGE_DB[sight.above]
+            mean_db += max(0.0, 15.0 * math.log10(max(distance_m, _NEAREST_M)) - 41.0)
+            loss_db += max(0.0, mean_db + sigma_db * float(fading[1]))
+        noise_dbm = _THERMAL_DBM_HZ + 10 * math.log10(self.width_mhz * 1e6) + self.noise_figure_db
+        return self.power_dbm + 2 * self.gain_dbi - loss_db - noise_dbm
+
+    def reception(self, snr_db: float) -> float:
+        """The chance that a message is received at that SNR, in [0, 1]."""
+        return float(expit((snr_db - self.snr_half_db) / self.snr_slope_db))
+
+    @property
+    def decorrelation_m(self) -> float:
+        """The way over which shadowing keeps 1/e of its correlation."""
+        return _DECORRELATION_M[self.scene]
+
+
+@dataclass(slots=True, eq=False)
+class Fading:
+    """Shadowing and blockage of one pair of agents, the same in both directions.
+
+    Attributes:
+        rng: the pair's stream.
+        decorrelation_m: of both.
+    """
+
+    rng: np.random.Generator
+    decorrelation_m: float
+    _ends: Floats | None = field(default=None, init=False)
+    _value: Floats = field(default_factory=lambda: np.zeros(2), init=False)
+
+    def at(self, ends_m: Floats) -> Floats:
+        """(2,) standard normal shadowing and blockage where the two ends are at (2, 3) m, in the same order each time.
+
+        The way is what both ends have moved since the last call, added up.
+        """
+        if self._ends is None:
+            self._value = self.rng.standard_normal(2)
+        else:
+            moved_m = float(np.linalg.norm(ends_m - self._ends, axis=1).sum())
+            if moved_m > 0:
+                kept = math.exp(-moved_m / self.decorrelation_m)
+                self._value = kept * self._value + math.sqrt(1 - kept**2) * self.rng.standard_normal(2)
+        self._ends = ends_m
+        return self._value

@@ -1,0 +1,42 @@
+"""How fast the channel is: large messages, and many of them.
+
+Run by `make bench`. Nothing here fails by time; the figures are printed.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+from coopsim.comms.bandwidth import Bandwidth
+from coopsim.comms.channel import Channel, ChannelConfig
+from coopsim.comms.latency import GammaLatency
+from coopsim.comms.loss import GilbertElliottLoss
+from coopsim.comms.radio import Radio
+from coopsim.types import Message, PoseEstimate
+
+FULL = ChannelConfig(
+    latency=GammaLatency(0.1, 0.03),
+    loss=GilbertElliottLoss(0.02, 0.3),
+    bandwidth=Bandwidth(1e9, order="newest_first", max_wait_s=0.2),
+    radio=Radio(),
+    duplication=0.01,
+    bit_error_rate=1e-8,
+)
+
+
+@pytest.mark.parametrize(("name", "config"), [("ideal", ChannelConfig()), ("everything on", FULL)])
+@pytest.mark.parametrize(("agents", "frames"), [(2, 5000), (5, 500)])
+def test_ten_thousand_messages_of_100_kb(name: str, config: ChannelConfig, agents: int, frames: int) -> None:
+    channel, payload = Channel(config, 0), bytes(range(256)) * 391
+    positions = {f"cav_{k}": np.array([20.0 * k, 0.0, 0.0]) for k in range(agents)}
+    start = time.perf_counter()
+    for frame in range(frames):
+        for sender in positions:
+            message = Message(sender, frame * 10**8, PoseEstimate(np.zeros(4)), payload, "detections")
+            channel.send(message, frame * 10**8, positions)
+        channel.deliver(frame * 10**8)
+    spent_s = time.perf_counter() - start
+    counts = channel.counts
+    print(f"\nchannel, {name}, {agents} agents: {counts.sent} messages of 100 kB in {spent_s:.2f} s; {counts}")
+    assert counts.sent == 10_000
