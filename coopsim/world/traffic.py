@@ -134,8 +134,8 @@ class Traffic:
 
     def _with_cars_first(self, slots: list[int], labels: list[int]) -> list[int]:
         """The same classes in another order: as many of the first slots as the layout asks for have cars."""
-        first = self._layout.connected_first
-        order = sorted(range(len(slots)), key=lambda k: first.index(slots[k]))
+        rank = {slot: place for place, slot in enumerate(self._layout.connected_first)}
+        order = sorted(range(len(slots)), key=lambda k: rank.get(slots[k], len(rank)))
         cars = [k for k in order if labels[k] == ObjectClass.CAR][: self._layout.cars_first]
         donors = cars + [k for k in order if k not in cars]
         given = dict(zip(order, (labels[k] for k in donors), strict=True))

@@ -1,5 +1,6 @@
 """The highway: connected cars stay in company, traffic is renewed around them and passes, policies can drive."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,10 @@ import pytest
 from worlds import DT_S, frames, make_world, place_of, speed_of
 
 from coopsim.world.drivers import MANEUVERS
+from coopsim.world.highway import make_highway
+from coopsim.world.models import make_models
+from coopsim.world.scenario import Population
+from coopsim.world.traffic import Traffic
 from coopsim.world.world import World
 
 CARS = ("cav_0", "cav_1", "cav_2")
@@ -109,3 +114,9 @@ def test_a_car_that_is_driven_into_another_stays_as_an_obstacle() -> None:
     assert speed_of(world, "cav_0") < 0.01
     np.testing.assert_allclose(place_of(world, "cav_0"), place, atol=0.05)
     assert set(wrecks) <= set(world.crashed()) <= set(world.actors().id.tolist())
+
+
+def test_a_layout_need_not_rank_all_of_its_slots() -> None:
+    layout = replace(make_highway(), connected_first=(0,))
+    traffic = Traffic(layout, Population(vehicles=12, connected_cars=1, pedestrians=0), make_models(), 0)
+    assert len(traffic.fleet.rows) == 12 and len(traffic.connected) == 1
