@@ -61,8 +61,8 @@ class GaussianLatency(Latency):
 
 
 @dataclass(frozen=True, slots=True)
-class LogNormalLatency(Latency):
-    """A log-normal delay: never negative, with a long tail.
+class _ByMoments(Latency):
+    """A positive delay that two numbers describe.
 
     Attributes:
         mean_s: its mean, in [1e-9, `MOST_S`].
@@ -74,6 +74,11 @@ class LogNormalLatency(Latency):
 
     def __post_init__(self) -> None:
         _require_moments(self.mean_s, self.jitter_s)
+
+
+@dataclass(frozen=True, slots=True)
+class LogNormalLatency(_ByMoments):
+    """A log-normal delay, by its mean (s) and standard deviation (s): never negative, with a long tail."""
 
     def delay_s(self, normal: float) -> float:
         variance = 2 * math.log(math.hypot(1.0, self.jitter_s / self.mean_s))  # of the logarithm
@@ -82,19 +87,10 @@ class LogNormalLatency(Latency):
 
 
 @dataclass(frozen=True, slots=True)
-class GammaLatency(Latency):
-    """A gamma-distributed delay: never negative, with a lighter tail than `LogNormalLatency`.
-
-    Attributes:
-        mean_s: its mean, in [1e-9, `MOST_S`].
-        jitter_s: its standard deviation, in [0, `MOST_S`].
+class GammaLatency(_ByMoments):
+    """A gamma-distributed delay, by its mean (s) and standard deviation (s): never negative, with a lighter tail than
+    `LogNormalLatency`.
     """
-
-    mean_s: float
-    jitter_s: float
-
-    def __post_init__(self) -> None:
-        _require_moments(self.mean_s, self.jitter_s)
 
     def delay_s(self, normal: float) -> float:
         ratio = self.jitter_s / self.mean_s

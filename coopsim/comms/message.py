@@ -161,12 +161,17 @@ def _unpack_covariance(upper: tuple[float, ...]) -> Floats:
     return covariance
 
 
+def payload_of(message: Message, codec: str) -> bytes:
+    """The payload of a message of that codec; raises `CodecError` if it carries something else."""
+    if message.codec != codec:
+        raise CodecError(f"the message from {message.sender} carries {message.codec!r}, not {codec!r}")
+    return message.payload
+
+
 def decode_detections(message: Message) -> Detections:
     """The detections in a message, in the sender's base frame at the time of capture.
 
     Raises:
         CodecError: the payload is broken, or the message carries something else.
     """
-    if message.codec != "detections":
-        raise CodecError(f"the message from {message.sender} carries {message.codec!r}, not 'detections'")
-    return _DETECTIONS.decode(message.payload)
+    return _DETECTIONS.decode(payload_of(message, "detections"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.comms.message import Codec, pack_rows, unpack_rows
+from coopsim.comms.message import Codec, pack_rows, payload_of, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.taxonomy import CLASS_NAMES
@@ -96,6 +96,4 @@ def decode_tracks(message: Message) -> TrackEstimates:
     Raises:
         CodecError: the payload is broken, or the message carries something else.
     """
-    if message.codec != "tracks":
-        raise CodecError(f"the message from {message.sender} carries {message.codec!r}, not 'tracks'")
-    return _TRACKS.decode(message.payload)
+    return _TRACKS.decode(payload_of(message, "tracks"))
