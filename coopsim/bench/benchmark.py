@@ -94,9 +94,9 @@ def benchmark(
 ) -> list[CellResult]:
     """Run every cell of a grid that is not in the store yet, and return the results of all.
 
-    Policies, scenarios and options are looked up and tried before the first cell runs. Each cell is stored as soon as it
-    is finished, so whatever interrupts this, the same call goes on from there and ends in the same results. A cell whose
-    policy raises has a traceback in the place of values, and the others go on.
+    Policies, scenarios and options are looked up and tried before the first cell runs. Each cell is stored as soon as
+    it is finished, so whatever interrupts this, the same call goes on from there and ends in the same results. A cell
+    whose policy raises has a traceback in the place of values, and the others go on.
 
     Args:
         grid: what to run.
@@ -157,9 +157,7 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
     return specs
 
 
-def _stored(
-    store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]
-) -> dict[Cell, CellResult]:
+def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:
     """What is in the store already."""
     found = {}
     for job in jobs:

@@ -58,7 +58,7 @@ def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
     """The whole channel as a mapping: the condition's latency, loss and rate, and what `options` say beside them."""
     condition, given = cell.condition, options.get("channel") or {}
     if not isinstance(given, Mapping):
-        raise InvalidValueError(f"channel must be a mapping in a grid, which has its own latency and loss; got {given!r}")
+        raise InvalidValueError(f"channel must be a mapping in a grid, which has its own latency, got {given!r}")
     medium = given.get("bandwidth") or {}
     for name in ("latency", "loss"):
         if name in given:

@@ -1,4 +1,4 @@
-"""What decides a cell's result, as text: the same text, the same result, on whatever machine and in whatever process."""
+"""What decides a cell's result, as text: where the text is the same, the result is."""
 
 from __future__ import annotations
 

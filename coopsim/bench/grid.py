@@ -81,8 +81,8 @@ class Grid:
         require_choice("pose", self.pose, ("product", "together"))
         if self.pose == "together" and len(self.position_noises_m) != len(self.heading_noises_deg):
             raise InvalidValueError(
-                "pose must be 'product' where position_noises_m and heading_noises_deg differ in length, got 'together' "
-                f"with {len(self.position_noises_m)} and {len(self.heading_noises_deg)}"
+                "pose must be 'product' where position_noises_m and heading_noises_deg differ in length, got "
+                f"'together' with {len(self.position_noises_m)} and {len(self.heading_noises_deg)}"
             )
         for name in set(LISTS) - {"position_noises_m", "heading_noises_deg"}:
             _require_distinct(name, getattr(self, name))

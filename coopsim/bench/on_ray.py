@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Generator, Iterator
 from itertools import islice
@@ -26,10 +27,7 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
         MissingDependencyError: Ray is not installed.
         InvalidValueError: there is no cluster of that address.
     """
-    try:
-        import ray
-    except ImportError as error:
-        raise MissingDependencyError("the engine ray needs the package ray: pip install 'coopsim[ray]'") from error
+    ray = _import_ray()
     ours = not ray.is_initialized()
     if ours:
         _start(ray, workers, address)
@@ -49,6 +47,13 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
     finally:
         if ours:
             ray.shutdown()
+
+
+def _import_ray() -> Any:
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise MissingDependencyError("the engine ray needs the package ray: pip install 'coopsim[ray]'") from error
 
 
 def _start(ray: Any, workers: int | None, address: str | None) -> None:

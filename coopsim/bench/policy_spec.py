@@ -81,9 +81,13 @@ class PolicySpec:
         module = _import(place) if self.source is None else _execute(place, self.source)
         found = getattr(module, name, None)
         if found is None:
-            raise UnknownNameError(f"policy in {place}", name, [each for each in vars(module) if _is_policy(module, each)])
+            raise UnknownNameError(
+                f"policy in {place}", name, [each for each in vars(module) if _is_policy(module, each)]
+            )
         if not (isinstance(found, type) and issubclass(found, coopsim.Policy)):
-            raise InvalidValueError(f"policy {self.target!r} must be a class derived from coopsim.Policy, got {found!r}")
+            raise InvalidValueError(
+                f"policy {self.target!r} must be a class derived from coopsim.Policy, got {found!r}"
+            )
         return found
 
     def make(self) -> Policy:
@@ -133,8 +137,8 @@ def _parameters(text: str, given: str) -> dict[str, Any]:
         return {str(keyword.arg): _value(keyword.value) for keyword in call.keywords}
     except (SyntaxError, ValueError) as error:
         raise InvalidValueError(
-            f"policy {text!r}: parameters must be name=value with commas between them, the values numbers, True, False, "
-            f"None, texts or lists of these, got {given!r}"
+            f"policy {text!r}: parameters must be name=value with commas between them, the values numbers, True, "
+            f"False, None, texts or lists of these, got {given!r}"
         ) from error
 
 

@@ -1,8 +1,8 @@
 """Where a benchmark's results lie: a folder with one Parquet file for each finished cell.
 
-It is a cache: a file's name is made from all that decides its content, so any number of grids, versions and commands may
-share a folder. Results hold nothing that differs between two runs; seconds, versions and the like stand in a JSON file
-beside each.
+It is a cache: a file's name is made from all that decides its content, so any number of grids, versions and commands
+may share a folder. Results hold nothing that differs between two runs; seconds, versions and the like stand in a JSON
+file beside each.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 
 class Parser(argparse.ArgumentParser):
     """Suggests the option that was probably meant; takes no abbreviations, which hide typos."""
@@ -67,12 +69,35 @@ def names(text: str) -> tuple[str, ...]:
     return named
 
 
-def milliseconds(text: str) -> tuple[float, ...]:
+def numbers(text: str) -> tuple[float, ...]:
     """Numbers with commas between them."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be numbers with commas between them, got {text!r}") from None
+
+
+def seeds(text: str) -> tuple[int, ...]:
+    """Integers >= 0 with commas between them; `0-4` is five of them."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        ends = first, last or first
+        if not all(end.strip().isdecimal() for end in ends) or int(ends[1]) < int(ends[0]):
+            raise argparse.ArgumentTypeError(f"must be integers >= 0 with commas between them, or 0-4, got {text!r}")
+        found += range(int(ends[0]), int(ends[1]) + 1)
+    return tuple(found)
+
+
+def named_value(text: str) -> tuple[str, Any]:
+    """`name=value`, the value as YAML has it."""
+    name, equals, value = text.partition("=")
+    try:
+        if not (name and equals):
+            raise ValueError
+        return name.strip(), yaml.safe_load(value)
+    except (ValueError, yaml.YAMLError):
+        raise argparse.ArgumentTypeError(f"must be name=value, the value as YAML has it, got {text!r}") from None
 
 
 def count_or_zero(text: str) -> int:

@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from coopsim.cli.arguments import add_population, as_json, count, count_or_zero, milliseconds, names, population
+from coopsim.cli.arguments import add_population, as_json, count, count_or_zero, names, numbers, population
 from coopsim.cli.status import INTERRUPTED
 from coopsim.errors import InvalidValueError
 from coopsim.files import require_writable, write_whole
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
     add("--policies", type=names, default=("no_fusion", "late_fusion"), metavar="A,B", help="see `list`")
-    add("--latencies-ms", type=milliseconds, default=(0.0, 300.0), metavar="0,300")
+    add("--latencies-ms", type=numbers, default=(0.0, 300.0), metavar="0,300")
     add("--frames", type=count, help="length of each run (default: 100, or all that FILE has)")
     add("--seed", type=count_or_zero, help="default: 0, or FILE's own")
     add_population(parser)
