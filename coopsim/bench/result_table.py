@@ -90,7 +90,8 @@ class ResultTable:
     @property
     def finished(self) -> NDArray[np.bool_]:
         """(P, C, S) whether the cell was run and did not fail."""
-        return self._filled([float(not result.failed) for result in self.results]) == 1
+        finished: NDArray[np.bool_] = self._filled([float(not result.failed) for result in self.results]) == 1
+        return finished
 
     def values(self, metric: str) -> Floats:
         """(P, C, S) values of a metric; NaN where a cell failed, is missing, or has no such value.
