@@ -49,6 +49,7 @@ class ResultTable:
         metrics: names of all values that there are, those of `METRICS` first.
         frames: length of each run.
         results: the results themselves, by cell.
+        places: where in the arrays each of them is.
     """
 
     policies: tuple[str, ...]
@@ -57,6 +58,7 @@ class ResultTable:
     metrics: tuple[str, ...]
     frames: int
     results: tuple[CellResult, ...]
+    places: tuple[tuple[int, int, int], ...]
 
     @classmethod
     def of(cls, results: Sequence[CellResult]) -> ResultTable:
@@ -78,13 +80,17 @@ class ResultTable:
             raise InvalidValueError(f"each cell must be there once, got two of {twice}")
         names = {name for result in ordered for name in result.values}
         known = [name for name in METRICS if name in names]
+        policies = {name: k for k, name in enumerate(sorted({cell.policy for cell in cells}))}
+        conditions = {each: k for k, each in enumerate(sorted({cell.condition for cell in cells}))}
+        seeds = {seed: k for k, seed in enumerate(sorted({cell.seed for cell in cells}))}
         return cls(
-            tuple(sorted({cell.policy for cell in cells})),
-            tuple(sorted({cell.condition for cell in cells})),
-            tuple(sorted({cell.seed for cell in cells})),
+            tuple(policies),
+            tuple(conditions),
+            tuple(seeds),
             (*known, *sorted(names.difference(known))),
             lengths[0],
             ordered,
+            tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
         )
 
     @property
@@ -125,10 +131,7 @@ class ResultTable:
         return self.finished.size - len(self.results)
 
     def _filled(self, numbers: Sequence[float]) -> Floats:
-        places = [{name: k for k, name in enumerate(names)} for names in (self.policies, self.conditions, self.seeds)]
-        table = np.full([len(place) for place in places], np.nan)
-        for result, number in zip(self.results, numbers, strict=True):
-            cell = result.cell
-            policy, condition, seed = places
-            table[policy[cell.policy], condition[cell.condition], seed[cell.seed]] = number
-        return table
+        filled = np.full((len(self.policies), len(self.conditions), len(self.seeds)), np.nan)
+        for place, number in zip(self.places, numbers, strict=True):
+            filled[place] = number
+        return filled
