@@ -13,7 +13,7 @@ from coopsim.bench.bev_data import frame_data, home_of, map_data, thinned, track
 from coopsim.bench.cell import Cell, CellResult
 from coopsim.bench.moments import Moment
 from coopsim.bench.runner import OnFrame
-from coopsim.types import Tracks
+from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
@@ -142,12 +142,12 @@ def _cut(moment: Moment, worst: _Film | str, best: _Film | str) -> Clip | str:
     if isinstance(worst, str) or isinstance(best, str):
         return worst if isinstance(worst, str) else str(best)
     shown, rival = (film.frames[moment.first : moment.last] for film in (worst, best))
-    agent = moment.agent if moment.agent in shown[0].agents else next(iter(shown[0].agents))
+    present = tuple(shown[0].agents)
+    agent = next((name for name in present if name == moment.agent), present[0])
     return Clip(
         moment,
         agent,
-        # A frame is seen after its step: the first one at dt.
-        start_s=moment.first * worst.dt_s,
+        start_s=shown[0].time_ns / NS_PER_S,
         dt_s=worst.dt_s,
         road_map=worst.road_map,
         frames=shown,

@@ -1,4 +1,4 @@
-"""Where policies did worst: the windows of time in which one fell far behind the best in the same condition and seed."""
+"""Where policies did worst: windows in which one fell far behind the best in the same condition and seed."""
 
 from __future__ import annotations
 
