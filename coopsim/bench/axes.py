@@ -34,9 +34,8 @@ class Axis:
         value = self.value(condition)
         return f"{value:g} {self.unit}" if math.isfinite(value) else "no limit"
 
-    def harm(self, condition: Condition) -> float:
+    def harm(self, value: float) -> float:
         """Larger where agents are worse off: less bandwidth, more of anything else."""
-        value = self.value(condition)
         return -value if self.field == "bandwidth_bit_s" else value
 
 
@@ -65,5 +64,5 @@ def label(condition: Condition, conditions: Sequence[Condition]) -> str:
 def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
     """Those that are mildest on every axis at once, one per scenario; none where the grid has no such corner."""
     axes = varying_axes(conditions)
-    least = [min(axis.harm(each) for each in conditions) for axis in axes]
-    return tuple(each for each in conditions if [axis.harm(each) for axis in axes] == least)
+    least = [min((axis.value(each) for each in conditions), key=axis.harm) for axis in axes]
+    return tuple(each for each in conditions if [axis.value(each) for axis in axes] == least)

@@ -63,7 +63,8 @@ def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FR
     require_count(1, window_frames=window_frames)
     length = min(window_frames, table.frames)
     rewards, runs = _rewards(table)
-    best = _argmax_known(rewards.mean(axis=3))
+    means = rewards.mean(axis=3)
+    best = np.where(np.isnan(means), -np.inf, means).argmax(axis=0)
     leading = np.take_along_axis(rewards, best[None, :, :, None], axis=0)
     gaps = sliding_window_view(leading - rewards, length, axis=3).mean(axis=4)
     weights = np.nan_to_num(gaps, nan=-1.0)
@@ -90,8 +91,3 @@ def _rewards(table: ResultTable) -> tuple[Floats, dict[tuple[int, int, int], Cel
         if not result.failed and len(result.rewards) == table.frames:
             rewards[place], runs[place] = result.rewards, result
     return rewards, runs
-
-
-def _argmax_known(means: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
-    """Along the first axis, where NaN is never the largest."""
-    return np.where(np.isnan(means), -np.inf, means).argmax(axis=0)

@@ -147,7 +147,7 @@ def _method(comparison: Comparison) -> list[str]:
     elif most < needed:
         lines.append(
             f"With {most} seed{'s' * (most > 1)} no p can be below {smallest_p_value(most):.3g}, however large a "
-            f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for any of these {len(rows)}."
+            f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for {len(rows)} of them."
         )
     return lines
 
