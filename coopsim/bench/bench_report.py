@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.axes import label, varying_axes
+from coopsim.bench.axes import Axis, label, varying_axes
 from coopsim.bench.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.bev_data import DRAWING
 from coopsim.bench.clips import Clip
@@ -139,8 +139,9 @@ def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
         "axes": [
             {
                 "title": axis.title,
-                "unit": axis.unit,
+                "label": axis.label,
                 "values": [_json(value) for value in each],
+                "texts": [_text(axis, value, table) for value in each],
                 "mildest": each.index(min(each, key=axis.harm)),
             }
             for axis, each in zip(axes, values, strict=True)
@@ -157,6 +158,10 @@ def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
         "drawing": dict(DRAWING),
         "clips": [clip.data() for clip in clips],
     }
+
+
+def _text(axis: Axis, value: float, table: ResultTable) -> str:
+    return next(axis.text(each) for each in table.conditions if axis.value(each) == value)
 
 
 def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:

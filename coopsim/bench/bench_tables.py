@@ -20,8 +20,7 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     """Standings in one metric, sortable; the strip has the mean with its interval, and hollow the worst condition."""
     entries = standings(table, metric)
     several, calm = len(table.conditions) > 1, any(not math.isnan(entry.undisturbed) for entry in entries)
-    known = [value for entry in entries for value in (entry.mean.mean, entry.worst) if not math.isnan(value)]
-    low, high = (min(known), max(known)) if known else (0.0, 0.0)
+    low, high = _span(entries)
     heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
     if several:
         heads += [("undisturbed", "")] * calm + [("worst", ""), ("in", "about")]
@@ -103,13 +102,24 @@ def _state(entry: Standing, cells: int) -> str:
     return _cell(f"{done} of {cells}{', ' * bool(faults)}{', '.join(faults)}", done, "failed" * bool(faults))
 
 
+def _span(entries: Sequence[Standing]) -> tuple[float, float]:
+    """What strips show: all means and worst conditions, and intervals as far as they do not dwarf these."""
+    known = [value for entry in entries for value in (entry.mean.mean, entry.worst) if not math.isnan(value)]
+    if not known:
+        return 0.0, 0.0
+    low, high = min(known), max(known)
+    room = (high - low) / 3
+    ends = [end for entry in entries for end in (entry.mean.low, entry.mean.high) if not math.isnan(end)]
+    return max(low - room, min([low, *ends])), min(high + room, max([high, *ends]))
+
+
 def _strip(entry: Standing, low: float, high: float, several: bool) -> str:
     width, height = _STRIP_PX
     middle, reach = height / 2, width - 12
 
     def place(value: float) -> str:
         share = 0.5 if high <= low else (value - low) / (high - low)
-        return f"{6 + reach * min(max(share, -0.04), 1.04):.1f}"
+        return f"{6 + reach * min(max(share, 0.0), 1.0):.1f}"
 
     parts = []
     if not math.isnan(entry.mean.half_width):

@@ -3,7 +3,6 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const state = { metric: data.metrics[0], at: data.axes.map((axis) => axis.mildest), hidden: new Set() };
 const visible = () => data.policies.map((_, k) => k).filter((k) => !state.hidden.has(k));
-const valueText = (axis, value) => (value === null ? "no limit" : `${value} ${axis.unit}`);
 
 const make = (name, attributes = {}, text = null) => {
   const made = document.createElement(name);
@@ -22,7 +21,7 @@ function pointAt(policy, condition) {
 const conditions = data.conditions.map((condition, k) => ({ ...condition, k }));
 const held = (condition, free) => condition.at.every((value, axis) => axis === free || value === state.at[axis]);
 const whereText = (condition) =>
-  data.axes.map((axis, k) => `${axis.title} ${valueText(axis, axis.values[condition.at[k]])}`).join(", ");
+  data.axes.map((axis, k) => `${axis.title} ${axis.texts[condition.at[k]]}`).join(", ");
 
 function told(output, point) {
   const { policy, condition, mean, low, high, rate } = point;
@@ -31,18 +30,19 @@ function told(output, point) {
   output.value = `${parts.filter((part) => part).join(", ")}: ${+mean.toPrecision(4)}${interval}`;
 }
 
-/** A row of panels, one per scenario, all with the same vertical scale. */
-function row(title, pointsOf, draw) {
+/** A panel per scenario, all with the same vertical scale; with one scenario, all plots stand in one grid. */
+function panelsOf(title, pointsOf, draw) {
   const all = data.scenarios.map((_, scenario) => pointsOf(scenario));
   if (!all.flat().length) return;
   const plots = document.getElementById("plots");
-  plots.append(make("h3", {}, title));
-  const panels = plots.appendChild(make("div", { className: "panels" }));
+  const alone = data.scenarios.length === 1;
+  if (!alone) plots.append(make("h3", {}, title));
+  const panels = (alone && plots.lastChild) || plots.appendChild(make("div", { className: "panels" }));
   const vertical = verticalScale(all.flat());
   all.forEach((points, scenario) => {
     const figure = panels.appendChild(make("figure"));
     const caption = figure.appendChild(make("figcaption"));
-    caption.append(make("b", {}, data.scenarios[scenario]));
+    caption.append(make("b", {}, alone ? title : data.scenarios[scenario]));
     const output = caption.appendChild(make("output"));
     if (points.length) figure.append(draw(points, vertical, (point) => told(output, point), data.scenarios[scenario]));
     else caption.append(make("span", { className: "dim" }, "no such cell"));
@@ -55,14 +55,13 @@ function series(svg, policy) {
 
 function curve(axis, free) {
   const horizontal = axisScale(axis);
-  const title = `${axis.title} (${axis.unit})`;
   const pointsOf = (scenario) =>
     conditions
       .filter((condition) => condition.scenario === scenario && held(condition, free))
       .flatMap((condition) => visible().map((policy) => pointAt(policy, condition.k)))
       .filter((point) => point !== null);
-  row(`${state.metric.name} against ${axis.title}`, pointsOf, (points, vertical, tell, scenario) => {
-    const svg = frameOf(horizontal, vertical, title, state.metric.name, `${state.metric.name} against ${axis.title}, ${scenario}`);
+  panelsOf(`${state.metric.name} against ${axis.title}`, pointsOf, (points, vertical, tell, scenario) => {
+    const svg = frameOf(horizontal, vertical, axis.label, state.metric.name, `${state.metric.name} against ${axis.title}, ${scenario}`);
     const shown = [...new Set(points.map((point) => point.policy))];
     shown.forEach((policy, n) => {
       // Side by side by a pixel or two, so that whiskers do not hide each other.
@@ -92,7 +91,7 @@ function againstBytes() {
   if (!everything.some((point) => point.rate > 0)) return;
   const horizontal = bytesScale(everything.map((point) => point.rate));
   const chosen = (point) => held(data.conditions[point.condition], -1);
-  row(`${state.metric.name} against bytes per second`, pointsOf, (points, vertical, tell, scenario) => {
+  panelsOf(`${state.metric.name} against bytes per second`, pointsOf, (points, vertical, tell, scenario) => {
     const description = `${state.metric.name} against bytes per second, ${scenario}`;
     const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts", state.metric.name, description);
     const front = frontOf(points.filter(chosen), state.metric.less);
@@ -152,7 +151,7 @@ metricChoice.onchange = () => { state.metric = data.metrics[Number(metricChoice.
 
 data.axes.forEach((axis, k) => {
   const choice = make("select", { autocomplete: "off" });
-  axis.values.forEach((value, n) => choice.add(option(valueText(axis, value), n, n === state.at[k])));
+  axis.texts.forEach((text, n) => choice.add(option(text, n, n === state.at[k])));
   choice.onchange = () => { state.at[k] = Number(choice.value); draw(); };
   const label = make("label", {}, `at ${axis.title} `);
   label.append(choice);

@@ -81,22 +81,22 @@ function axisScale(axis) {
 /** Bytes per second by their logarithm; nothing sent has a place of its own on the left. */
 function bytesScale(rates) {
   const sent = rates.filter((rate) => rate > 0);
-  const none = rates.some((rate) => rate === 0);
-  const low = Math.log10(Math.min(...sent));
-  const high = Math.max(Math.log10(Math.max(...sent)), low + 0.3);
-  const start = none ? 0.18 : 0;
+  const start = rates.some((rate) => rate === 0) ? 0.15 : 0;
+  const [least, most] = [Math.min(...sent), Math.max(...sent)];
+  const digits = most / least > 200 ? [1] : [1, 2, 5];
+  const round = Array.from({ length: 15 }, (_, power) => digits.map((digit) => digit * 10 ** power)).flat();
+  const from = round.findLastIndex((rate) => rate <= least);
+  const marks = round.slice(Math.max(from, 0), round.findIndex((rate) => rate > most) + 1);
+  const [low, high] = [Math.log10(marks[0]), Math.log10(marks[marks.length - 1])];
   const place = (rate) => inner(rate > 0 ? start + ((1 - start) * (Math.log10(rate) - low)) / (high - low) : 0);
-  const marks = [];
-  for (let power = Math.floor(low); power <= high; power++) {
-    for (const digit of high - low > 2 ? [1] : [1, 2, 5]) {
-      const rate = digit * 10 ** power;
-      if (sent.length && rate >= 10 ** (low - 0.02) && rate <= 10 ** (high + 0.02)) marks.push([place(rate), metric(rate)]);
-    }
-  }
-  return { place, ticks: none ? [[place(0), "0"], ...marks] : marks };
+  const ticks = marks.map((rate) => [place(rate), short(rate)]);
+  return { place, ticks: start ? [[place(0), "0"], ...ticks] : ticks };
 }
 
-const metric = (value) => (value >= 1e6 ? `${+(value / 1e6).toPrecision(3)} M` : value >= 1e3 ? `${+(value / 1e3).toPrecision(3)} k` : `${+value.toPrecision(3)}`);
+function short(value) {
+  const [unit, size] = [["M", 1e6], ["k", 1e3], ["", 1]].find(([, size]) => Math.abs(value) >= size) ?? ["", 1];
+  return `${+(value / size).toPrecision(3)} ${unit}`.trim();
+}
 
 /** Axes, grid and labels of a plot. */
 function frameOf(horizontal, vertical, xTitle, yTitle, description) {
@@ -104,7 +104,7 @@ function frameOf(horizontal, vertical, xTitle, yTitle, description) {
   for (const value of vertical.ticks) {
     const y = vertical.place(value);
     svg.append(element("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: y, y2: y, class: "grid" }));
-    svg.append(element("text", { x: LEFT - 6, y: y + 4, "text-anchor": "end" }, metric(value)));
+    svg.append(element("text", { x: LEFT - 6, y: y + 4, "text-anchor": "end" }, short(value)));
   }
   for (const [x, text] of horizontal.ticks) {
     svg.append(element("text", { x, y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, text));
