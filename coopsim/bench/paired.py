@@ -151,7 +151,10 @@ def _by_cell(results: Sequence[CellResult]) -> dict[Cell, CellResult]:
     cells: dict[Cell, CellResult] = {}
     for result in results:
         if result.cell in cells:
-            raise InvalidValueError(f"each cell must be there once, got two of {name_of(result.cell)}")
+            raise InvalidValueError(
+                f"each cell must be there once, got two of {name_of(result.cell)}; results of two versions of a policy "
+                "or of other options need folders of their own"
+            )
         cells[result.cell] = result
     return cells
 

@@ -78,7 +78,8 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
     It is the symmetric bootstrap-t (Efron and Tibshirani 1993, section 12.5; Hall 1988): seeds are drawn with
     replacement, and what is looked up is the spread of the *studentised* mean, which for few seeds keeps its level
     where percentiles of the mean do not. Resamples of one and the same seed have no spread; if they are more than
-    one in twenty, as with three seeds or fewer, there is no such interval, and its ends are infinite.
+    one in twenty, as with three seeds or fewer, there is no such interval, and its ends are infinite. (Differences that
+    are all 0 have one of no length.)
 
     Seeds are resampled alike for every call with as many of them: all conditions of a seed go together.
 
@@ -99,7 +100,7 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
     studentised = np.abs(_ratio(means, errors))
     p_value = (1 + int((studentised >= observed * (1 - 1e-9)).sum())) / (1 + resamples)
     quantile = float(np.quantile(studentised, CONFIDENCE, method="higher"))
-    half = quantile * float(spread) if spread else (0.0 if count > 1 else math.inf)
+    half = quantile * float(spread) if spread else 0.0 if count > 3 or not values.any() else math.inf
     return Interval(mean, mean - half, mean + half, count), p_value
 
 

@@ -19,6 +19,9 @@ from coopsim.bench.parquet import decode, encode
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.files import write_durably
 
+CELLS = "cells"
+"""Where in its folder they lie."""
+
 _LEFT_BEHIND_S = 3600.0
 """Writing takes milliseconds; a file that is unfinished for as long was left by a command that was killed."""
 
@@ -32,7 +35,7 @@ class Store:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._cells = self.folder / "cells"
+        self._cells = self.folder / CELLS
         try:
             self._cells.mkdir(parents=True, exist_ok=True)
         except OSError as error:

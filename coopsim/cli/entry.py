@@ -7,12 +7,19 @@ import sys
 from collections.abc import Sequence
 
 import coopsim
-from coopsim.cli import demo, leaderboard, listing, record, replay
+from coopsim.cli import compare, demo, leaderboard, listing, record, replay
 from coopsim.cli.arguments import Parser
 from coopsim.cli.status import INTERRUPTED, USER_ERROR
 from coopsim.errors import CoopsimError
 
-_COMMANDS = {"demo": demo, "record": record, "replay": replay, "leaderboard": leaderboard, "list": listing}
+_COMMANDS = {
+    "demo": demo,
+    "record": record,
+    "replay": replay,
+    "leaderboard": leaderboard,
+    "compare": compare,
+    "list": listing,
+}
 """Modules that have a line of `HELP`, `add_arguments` and `run`."""
 
 
