@@ -116,6 +116,7 @@ def benchmark(
     policies = check(grid)
     store = Store(folder)
     jobs = [Job.of(cell, grid.options, policies[cell.policy]) for cell in grid.cells()]
+    store.begin([job.key for job in jobs])
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
     progress = Progress(len(jobs), len(results))

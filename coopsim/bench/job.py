@@ -22,7 +22,7 @@ from coopsim.bench.cell import Cell, CellResult
 from coopsim.bench.conditions import environment_options
 from coopsim.bench.fingerprint import fingerprint, key_of
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.runner import evaluate
+from coopsim.bench.runner import OnFrame, evaluate
 
 _POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -79,12 +79,12 @@ class Outcome:
         return float(self.circumstances.get("seconds", 0.0))
 
 
-def run_job(job: Job) -> Outcome:
-    """Run a cell; whatever it raises is its result."""
+def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
+    """Run a cell; whatever it raises is its result. `on_frame` is called after every step, to watch."""
     _warm_up(job)
     started = time.perf_counter()
     try:
-        result = _evaluate(job)
+        result = _evaluate(job, on_frame)
     except Exception as error:  # a user's policy may raise anything, and the other cells must not suffer
         result = CellResult(job.cell, traceback=_told(error))
     seconds = time.perf_counter() - started
@@ -96,10 +96,10 @@ def died(job: Job, how: str) -> Outcome:
     return Outcome(job, CellResult(job.cell, traceback=f"the process that ran this cell died: {how}\n"))
 
 
-def _evaluate(job: Job) -> CellResult:
+def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
-    evaluation = evaluate(job.policy.make(), cell.condition.scenario, seed=cell.seed, **options)
+    evaluation = evaluate(job.policy.make(), cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
     score = evaluation.score
     return CellResult(
         cell,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,9 @@ from coopsim.bench.fingerprint import key_of
 from coopsim.bench.parquet import decode, encode
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.files import write_durably
+
+CELLS = "cells"
+"""Where in its folder they lie."""
 
 _LEFT_BEHIND_S = 3600.0
 """Writing takes milliseconds; a file that is unfinished for as long was left by a command that was killed."""
@@ -32,7 +35,7 @@ class Store:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._cells = self.folder / "cells"
+        self._cells, self._grid = self.folder / CELLS, self.folder / "grid.json"
         try:
             self._cells.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -79,14 +82,18 @@ class Store:
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
 
+    def begin(self, keys: Sequence[str]) -> None:
+        """Note what is asked for, so that `results` are of that and not of what else has ever been run here."""
+        write_durably(self._grid, (json.dumps({"cells": list(keys)}, indent=2) + "\n").encode())
+
     def results(self) -> list[CellResult]:
-        """All that is there, of whatever grid and version, in the order of cells.
+        """What is there of the grid that was asked for last, in its order; of everything, if none was.
 
         Raises:
             StoreError: names the first file that is broken.
         """
-        found = [self.get(path.stem) for path in sorted(self._cells.glob("*.parquet"))]
-        return sorted((result for result in found if result is not None), key=lambda result: result.cell)
+        found = [self.get(key) for key in self._asked()]
+        return [result for result in found if result is not None]
 
     def circumstances(self, key: str) -> dict[str, Any]:
         """What the JSON file beside a result says; empty if it says nothing."""
@@ -95,6 +102,14 @@ class Store:
         except (OSError, ValueError):  # nothing depends on it
             return {}
         return found if isinstance(found, dict) else {}
+
+    def _asked(self) -> list[str]:
+        try:
+            return list(json.loads(self._grid.read_text(encoding="utf-8"))["cells"])
+        except FileNotFoundError:
+            return sorted(path.stem for path in self._cells.glob("*.parquet"))
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise StoreError(f"{self._grid} is broken: {error}") from error
 
     def _remove_unfinished(self) -> None:
         for path in self._cells.glob("*.tmp"):

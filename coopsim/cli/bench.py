@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import count, named_value, names, numbers, seeds
+from coopsim.cli.arguments import count, count_or_zero, named_value, names, numbers, seeds
 from coopsim.cli.status import FAILED_CELLS, INTERRUPTED
 from coopsim.errors import CoopsimError
 
@@ -48,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     how.add_argument("--retry-failed", action="store_true", help="run cells again that failed before")
+    report = parser.add_argument_group("report")
+    report.add_argument("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
+    report.add_argument("--plots", action="store_true", help="write the plots as SVG files, too")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -83,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
             )
             print("and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
-    return _conclude(grid, results, options.out)
+    return _conclude(grid, results, options)
 
 
 def _beside(options: argparse.Namespace) -> dict[str, Any]:
@@ -110,10 +113,18 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int) -> None:
     bar.update()
 
 
-def _conclude(grid: Grid, results: list[CellResult], folder: Path) -> int:
-    from coopsim.bench.summary import write_summary
+def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace) -> int:
+    from coopsim.bench.publish import about, publish
 
-    for path in write_summary(folder, results):
+    written = publish(
+        options.out,
+        results,
+        about(grid, options.typed),
+        options=grid.options,
+        clips=options.clips,
+        with_plots=options.plots,
+    )
+    for path in written:
         print(f"written: {path}")
     failed = sum(result.failed for result in results)
     if failed:

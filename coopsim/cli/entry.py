@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 
 import coopsim
-from coopsim.cli import bench, demo, leaderboard, listing, record, replay
+from coopsim.cli import bench, compare, demo, leaderboard, listing, record, replay
 from coopsim.cli.arguments import Parser
 from coopsim.cli.status import INTERRUPTED, USER_ERROR
 from coopsim.errors import CoopsimError
@@ -15,6 +16,7 @@ from coopsim.errors import CoopsimError
 _COMMANDS = {
     "demo": demo,
     "bench": bench,
+    "compare": compare,
     "record": record,
     "replay": replay,
     "leaderboard": leaderboard,
@@ -25,7 +27,9 @@ _COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status (see `coopsim.cli.status`)."""
-    options = _parser().parse_args(arguments)
+    typed = sys.argv[1:] if arguments is None else arguments
+    options = _parser().parse_args(typed)
+    options.typed = shlex.join(["coopsim", *typed])
     try:
         return int(options.command(options))
     except CoopsimError as error:
