@@ -5,6 +5,7 @@ A file has the attributes of `Grid` as its keys; `options` has those of an envir
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,6 +22,12 @@ PRESETS = tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 """Names of the grids that come along."""
 
 _KNOWN: Known = {field.name: ... if field.name == "options" else None for field in fields(Grid)}
+
+_ABOUT = {
+    "policies": r"(unknown )?(parameter of )?policy\b",
+    "scenarios": r"unknown environment\b|there is no scenario",
+}
+"""How errors begin that are about one of a key's values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +63,12 @@ class GridSource:
     def blame(self, error: CoopsimError) -> CoopsimError:
         """The error, with file and line where it is the file's fault."""
         beside = {*self.beside, *self.beside.get("options", ())}
-        return (self.file and self.file.blame(error, beside)) or error
+        if self.file is None:
+            return error
+        for key, begins in _ABOUT.items():
+            if key in self.file.lines and key not in beside and re.match(begins, str(error)):
+                return self.file.wrong(str(error), key)
+        return self.file.blame(error, beside) or error
 
 
 def find_grid(
