@@ -84,11 +84,11 @@ def test_what_is_no_grid_is_refused(given: dict[str, Any], message: str) -> None
         ("seeds: [1]\npolicies: [late_fusoin]\n", ":2: unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
         (
             "policies: [late_fusion]\nscenarios: [crosing]\n",
-            ":2: unknown environment 'crosing'. Did you mean 'crossing-v0'",
+            ":2: unknown environment 'crosing'. Did you mean",
         ),
         (
             "policies: [late_fusion]\nscenarios: [replay]\n",
-            ":2: scenarios must be simulated, got 'replay': `coopsim leaderboard` ranks",
+            ":2: scenarios must be simulated, got 'replay'",
         ),
         ("policies: [late_fusion]\noptions: {channel: {loss: 1}}\n", ":2: channel must be without loss"),
     ],
