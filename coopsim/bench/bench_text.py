@@ -30,7 +30,8 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
         UnknownNameError: there is no such metric.
     """
     chosen = tuple(metrics) or table.shown
-    parts = [f"# {_escaped(title)}", _leaderboard(table, chosen[0])]
+    parts = [f"# {_escaped(title)}"]
+    parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
     means = f"Mean over {len(table.conditions)} conditions"
     interval = f", ± half of its 95 % interval over {len(table.seeds)} seeds (Student's t)"
     parts.append(means + (interval if len(table.seeds) > 1 else " of one seed") + ".")
@@ -114,6 +115,6 @@ def _interval(interval: Interval, digits: str = "1") -> str:
 
 def _escaped(text: str) -> str:
     """Text that is no markup, and keeps to its cell and line."""
-    for letter in "\\`*_[]<>|#":
+    for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")
     return " ".join(text.split())

@@ -97,7 +97,10 @@ def film(
     notes: list[str] = []
     for number, moment in enumerate(moments):
         if clock() - started > time_limit_s:
-            notes.append(f"{len(moments) - number} clips are left out, as time was up after {time_limit_s:g} s")
+            left = len(moments) - number
+            notes.append(
+                f"{left} clip{'s are' if left > 1 else ' is'} left out, as time was up after {time_limit_s:g} s"
+            )
             break
         for result in (moment.worst, moment.best):
             if result.cell not in films:

@@ -114,10 +114,10 @@ function againstBytes() {
 }
 
 function draw() {
-  document.querySelectorAll("[data-metric]").forEach((part) => (part.hidden = part.dataset.metric !== state.metric.name));
+  document.querySelectorAll("[data-metric]").forEach((part) => (part.hidden = part.dataset.metric !== state.metric?.name));
   document.getElementById("plots").replaceChildren();
-  data.axes.forEach(curve);
-  if (data.bytes in data.values) againstBytes();
+  if (state.metric) data.axes.forEach(curve);
+  if (state.metric && data.bytes in data.values) againstBytes();
   document.getElementById("curves").hidden = !document.getElementById("plots").childElementCount;
 }
 
