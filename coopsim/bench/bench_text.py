@@ -18,18 +18,22 @@ from coopsim.bench.standings import standings
 from coopsim.bench.statistics import Interval, mean_interval
 
 
+METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
+"""As many as fit on a page."""
+
+
 def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
     """The leaderboard and a table per condition.
 
     Args:
         table: the results.
         title: of the document.
-        metrics: of the tables, the first one ranks; by default all that reports show.
+        metrics: of the tables, the first one ranks; by default those of `METRICS_SHOWN` that there are.
 
     Raises:
         UnknownNameError: there is no such metric.
     """
-    chosen = tuple(metrics) or table.shown
+    chosen = tuple(metrics) or tuple(name for name in METRICS_SHOWN if name in table.shown) or table.shown
     parts = [f"# {_escaped(title)}"]
     parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
     means = f"Mean over {len(table.conditions)} conditions"
@@ -93,7 +97,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
         ]
         for k, policy in enumerate(table.policies)
     ]
-    heads = ["policy", *names]
+    heads = ["policy", *("bytes/s" if name == BYTES else name for name in names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 

@@ -103,11 +103,16 @@ function againstBytes() {
     for (const point of [...points.filter((each) => !chosen(each)), ...points.filter(chosen)]) {
       series(svg, point.policy).append(pointOf(point.policy, horizontal.place(point.rate), point, vertical, tell, !chosen(point)));
     }
-    for (const point of front) {
-      const [x, y] = [horizontal.place(point.rate), vertical.place(point.mean)];
+    const taken = [];
+    for (const point of front.reverse()) {
+      const [x, y, name] = [horizontal.place(point.rate), vertical.place(point.mean), data.policies[point.policy]];
       const late = x > WIDTH * 0.6;
+      const [left, width] = [late ? x - 8 - 6.5 * name.length : x + 8, 6.5 * name.length];
+      // A name that would lie on another is left out; the legend has them all.
+      if (taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
+      taken.push([left, width, y]);
       const text = { x: x + (late ? -8 : 8), y: y - 7, "text-anchor": late ? "end" : "start", class: "name" };
-      svg.append(element("text", text, data.policies[point.policy]));
+      svg.append(element("text", text, name));
     }
     return svg;
   });
