@@ -11,12 +11,11 @@ from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.axes import label
+from coopsim.bench.axes import label, short_label
 from coopsim.bench.bench_tables import number
 from coopsim.bench.result_table import BYTES, ResultTable
 from coopsim.bench.standings import standings
 from coopsim.bench.statistics import Interval, mean_interval
-
 
 METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
 """As many as fit on a page."""
@@ -76,7 +75,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
     heads = ["rank", "policy", metric, *disturbed, "bytes/s", "failed", "not run"]
     rows = []
     for entry in standings(table, metric):
-        where = "-" if entry.worst_condition is None else label(entry.worst_condition, table.conditions)
+        where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
         worst = [number(entry.undisturbed), number(entry.worst), _escaped(where)] if several else []
         rank = "-" if entry.rank is None else str(entry.rank)
         rate = number(entry.bytes_per_s, "0")

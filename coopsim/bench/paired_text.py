@@ -117,8 +117,8 @@ def _findings(comparison: Comparison) -> list[str]:
         )
         line = f"{policy}, {metric}, {where}: {finding} (B - A = {change})."
         each = [row for row in rows if row.condition is not None]
-        if len(each) > 1:
-            better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
+        better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
+        if len(each) > 1 and better + worse:
             line += f" Of {len(each)} conditions, B is better in {better}, worse in {worse}."
         lines.append(line)
     return lines
