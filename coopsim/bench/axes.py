@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from coopsim.bench.cell import Condition
 
@@ -63,6 +64,11 @@ AXES = (
 
 def varying_axes(conditions: Sequence[Condition]) -> tuple[Axis, ...]:
     """The axes on which the conditions differ; those that only vary together are one."""
+    return _varying(tuple(conditions))
+
+
+@lru_cache(maxsize=8)
+def _varying(conditions: tuple[Condition, ...]) -> tuple[Axis, ...]:
     axes: list[Axis] = []
     for axis in AXES:
         count = len({axis.value(each) for each in conditions})

@@ -95,7 +95,7 @@ def _plain(value: str | float) -> str | float | None:
 
 
 def _conditions(comparison: Comparison) -> tuple[Condition, ...]:
-    return tuple({row.condition for row in comparison.differences if row.condition is not None})
+    return tuple(sorted({row.condition for row in comparison.differences if row.condition is not None}))
 
 
 def _condition(row: Difference, conditions: Sequence[Condition]) -> str:
