@@ -136,7 +136,7 @@ def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
     name = f"{cell.policy}, seed {cell.seed}"
     if again.failed:
         return f"{name}: it failed when it was run again"
-    if not np.array_equal(again.rewards, result.rewards[:frames]):
+    if not np.array_equal(again.rewards, result.rewards[:frames], equal_nan=True):
         return f"{name}: run again it gave other rewards, so something changed since"
     return film
 

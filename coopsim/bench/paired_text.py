@@ -141,12 +141,12 @@ def _method(comparison: Comparison) -> list[str]:
         f"{comparison.pairs} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. Intervals: "
         "bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; corrected by Holm.",
     ]
-    most, needed = max(seeds), seeds_needed(len(rows))
+    fewest, needed = min(seeds), seeds_needed(len(rows))
     if needed is None:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
-    elif most < needed:
+    elif fewest < needed:
         lines.append(
-            f"With {most} seed{'s' * (most > 1)} no p can be below {smallest_p_value(most):.3g}, however large a "
+            f"With {fewest} seed{'s' * (fewest > 1)} no p can be below {smallest_p_value(fewest):.3g}, however large a "
             f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for {len(rows)} of them."
         )
     return lines

@@ -125,7 +125,7 @@ def test_what_cannot_be_filmed_is_told(run: list[CellResult]) -> None:
         (), (f"{policy}, seed 3: run again it gave other rewards, so something changed since",)
     )  # fmt: skip
     lost = replace(moment, worst=replace(moment.worst, cell=replace(moment.worst.cell, policy="nobody:Nothing")))
-    clips, (note,) = film([lost], lambda cell, on_frame: failed(cell))
+    clips, (note,) = film([lost], again(OPTIONS))
     assert clips == () and note == "nobody:Nothing, seed 3: it failed when it was run again"
 
 
