@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from coopsim.bench.cell import Condition
 
@@ -63,6 +64,11 @@ AXES = (
 
 def varying_axes(conditions: Sequence[Condition]) -> tuple[Axis, ...]:
     """The axes on which the conditions differ; those that only vary together are one."""
+    return _varying(tuple(conditions))
+
+
+@lru_cache(maxsize=8)
+def _varying(conditions: tuple[Condition, ...]) -> tuple[Axis, ...]:
     axes: list[Axis] = []
     for axis in AXES:
         count = len({axis.value(each) for each in conditions})
@@ -80,10 +86,17 @@ def varying_axes(conditions: Sequence[Condition]) -> tuple[Axis, ...]:
 
 def label(condition: Condition, conditions: Sequence[Condition]) -> str:
     """A name for a condition among others: only what differs between them, or its scenario if nothing does."""
-    scenarios = {each.scenario for each in conditions}
-    axes = varying_axes(conditions)
-    parts = [condition.scenario] if len(scenarios) > 1 or not axes else []
-    return ", ".join([*parts, *(f"{axis.title} {axis.text(condition)}" for axis in axes)])
+    return _joined(condition, conditions, [f"{axis.title} {axis.text(condition)}" for axis in varying_axes(conditions)])
+
+
+def short_label(condition: Condition, conditions: Sequence[Condition]) -> str:
+    """The same without the axes' titles; each has a unit of its own."""
+    return _joined(condition, conditions, [axis.text(condition) for axis in varying_axes(conditions)])
+
+
+def _joined(condition: Condition, conditions: Sequence[Condition], parts: Sequence[str]) -> str:
+    several = len({each.scenario for each in conditions}) > 1
+    return ", ".join([*([condition.scenario] if several or not parts else []), *parts])
 
 
 def mildest_values(conditions: Sequence[Condition]) -> tuple[float, ...]:

@@ -69,7 +69,8 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
             for name in shown
-        ),
+        )
+        or '<p class="note">No cell was finished, so there is nothing to rank.</p>',
         interval=_interval_note(table),
         clips=_clips(table, clips, notes),
         tables="".join(

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.bench.axes import label
+from coopsim.bench.axes import label, short_label
 from coopsim.bench.result_table import BYTES, LESS_IS_BETTER, METRICS, ResultTable
 from coopsim.bench.standings import Standing, standings
 from coopsim.bench.statistics import Interval, mean_interval
 
-_STRIP_PX = (150, 14)
+_STRIP_PX = (110, 14)
 
 
 def leaderboard(table: ResultTable, metric: str) -> str:
@@ -23,8 +23,9 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     low, high = _span(entries)
     heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
     if several:
-        heads += [("undisturbed", "")] * calm + [("worst", ""), ("in", "about")]
+        heads += [("undisturbed", "")] * calm + [("worst", "")]
     heads += [("bytes/s", "")] * (BYTES in table.metrics) + [("cells", "")]
+    heads += [("worst in", "about")] * several
     rows = []
     for entry in entries:
         cells = [
@@ -34,12 +35,14 @@ def leaderboard(table: ResultTable, metric: str) -> str:
             _cell(_strip(entry, low, high, several), None, "about"),
         ]
         if several:
-            where = "" if entry.worst_condition is None else label(entry.worst_condition, table.conditions)
             cells += [_cell(number(entry.undisturbed), entry.undisturbed)] * calm
-            cells += [_cell(number(entry.worst), entry.worst), _cell(html.escape(where), None, "about dim")]
+            cells.append(_cell(number(entry.worst), entry.worst))
         if BYTES in table.metrics:
             cells.append(_cell(number(entry.bytes_per_s, "0"), entry.bytes_per_s))
         cells.append(_state(entry, len(table.conditions) * len(table.seeds)))
+        if several:
+            where = "" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
+            cells.append(_cell(html.escape(where), None, "about where"))
         rows.append(f"<tr>{''.join(cells)}</tr>")
     return _table(heads, rows, sortable=True)
 

@@ -11,11 +11,14 @@ from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.axes import label
+from coopsim.bench.axes import label, short_label
 from coopsim.bench.bench_tables import number
 from coopsim.bench.result_table import BYTES, ResultTable
 from coopsim.bench.standings import standings
 from coopsim.bench.statistics import Interval, mean_interval
+
+METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
+"""As many as fit on a page."""
 
 
 def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
@@ -24,13 +27,14 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     Args:
         table: the results.
         title: of the document.
-        metrics: of the tables, the first one ranks; by default all that reports show.
+        metrics: of the tables, the first one ranks; by default those of `METRICS_SHOWN` that there are.
 
     Raises:
         UnknownNameError: there is no such metric.
     """
-    chosen = tuple(metrics) or table.shown
-    parts = [f"# {_escaped(title)}", _leaderboard(table, chosen[0])]
+    chosen = tuple(metrics) or tuple(name for name in METRICS_SHOWN if name in table.shown) or table.shown
+    parts = [f"# {_escaped(title)}"]
+    parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
     means = f"Mean over {len(table.conditions)} conditions"
     interval = f", ± half of its 95 % interval over {len(table.seeds)} seeds (Student's t)"
     parts.append(means + (interval if len(table.seeds) > 1 else " of one seed") + ".")
@@ -71,7 +75,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
     heads = ["rank", "policy", metric, *disturbed, "bytes/s", "failed", "not run"]
     rows = []
     for entry in standings(table, metric):
-        where = "-" if entry.worst_condition is None else label(entry.worst_condition, table.conditions)
+        where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
         worst = [number(entry.undisturbed), number(entry.worst), _escaped(where)] if several else []
         rank = "-" if entry.rank is None else str(entry.rank)
         rate = number(entry.bytes_per_s, "0")
@@ -92,7 +96,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
         ]
         for k, policy in enumerate(table.policies)
     ]
-    heads = ["policy", *names]
+    heads = ["policy", *("bytes/s" if name == BYTES else name for name in names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 
@@ -114,6 +118,6 @@ def _interval(interval: Interval, digits: str = "1") -> str:
 
 def _escaped(text: str) -> str:
     """Text that is no markup, and keeps to its cell and line."""
-    for letter in "\\`*_[]<>|#":
+    for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")
     return " ".join(text.split())

@@ -97,7 +97,10 @@ def film(
     notes: list[str] = []
     for number, moment in enumerate(moments):
         if clock() - started > time_limit_s:
-            notes.append(f"{len(moments) - number} clips are left out, as time was up after {time_limit_s:g} s")
+            left = len(moments) - number
+            notes.append(
+                f"{left} clip{'s are' if left > 1 else ' is'} left out, as time was up after {time_limit_s:g} s"
+            )
             break
         for result in (moment.worst, moment.best):
             if result.cell not in films:
@@ -133,7 +136,7 @@ def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
     name = f"{cell.policy}, seed {cell.seed}"
     if again.failed:
         return f"{name}: it failed when it was run again"
-    if not np.array_equal(again.rewards, result.rewards[:frames]):
+    if not np.array_equal(again.rewards, result.rewards[:frames], equal_nan=True):
         return f"{name}: run again it gave other rewards, so something changed since"
     return film
 

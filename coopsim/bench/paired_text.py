@@ -95,7 +95,7 @@ def _plain(value: str | float) -> str | float | None:
 
 
 def _conditions(comparison: Comparison) -> tuple[Condition, ...]:
-    return tuple({row.condition for row in comparison.differences if row.condition is not None})
+    return tuple(sorted({row.condition for row in comparison.differences if row.condition is not None}))
 
 
 def _condition(row: Difference, conditions: Sequence[Condition]) -> str:
@@ -117,8 +117,8 @@ def _findings(comparison: Comparison) -> list[str]:
         )
         line = f"{policy}, {metric}, {where}: {finding} (B - A = {change})."
         each = [row for row in rows if row.condition is not None]
-        if len(each) > 1:
-            better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
+        better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
+        if len(each) > 1 and better + worse:
             line += f" Of {len(each)} conditions, B is better in {better}, worse in {worse}."
         lines.append(line)
     return lines
@@ -141,12 +141,12 @@ def _method(comparison: Comparison) -> list[str]:
         f"{comparison.pairs} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. Intervals: "
         "bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; corrected by Holm.",
     ]
-    most, needed = max(seeds), seeds_needed(len(rows))
+    fewest, needed = min(seeds), seeds_needed(len(rows))
     if needed is None:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
-    elif most < needed:
+    elif fewest < needed:
         lines.append(
-            f"With {most} seed{'s' * (most > 1)} no p can be below {smallest_p_value(most):.3g}, however large a "
+            f"With {fewest} seed{'s' * (fewest > 1)} no p can be below {smallest_p_value(fewest):.3g}, however large a "
             f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for {len(rows)} of them."
         )
     return lines

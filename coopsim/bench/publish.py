@@ -21,7 +21,7 @@ from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.result_table import ResultTable
 from coopsim.bench.runner import OnFrame
 from coopsim.checks import require_count, require_non_negative
-from coopsim.errors import InvalidValueError
+from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.files import write_whole
 
 _VERSIONS = ("numpy", "numba", "scipy", "highway-env")
@@ -69,8 +69,11 @@ def publish(
         except OSError as error:
             raise InvalidValueError(f"cannot make the folder {parent}: {error.strerror}") from error
     written = [write_whole(path, text) for path, text in contents.items()]
-    shown, notes = film(worst_moments(table, clips), again(options or {}), clip_time_s) if clips else ((), ())
-    return (write_bench_report(folder / "report.html", table, about, shown, notes), *written)
+    report = write_bench_report(folder / "report.html", table, about)  # there, whatever interrupts the filming
+    if clips:
+        shown, notes = film(worst_moments(table, clips), again(options or {}), clip_time_s)
+        write_bench_report(report, table, about, shown, notes)
+    return (report, *written)
 
 
 def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
@@ -102,6 +105,10 @@ def again(options: Mapping[str, Any]) -> RunCell:
     """Runs a cell as the benchmark does, and calls back after every frame (see `clips.RunCell`)."""
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
-        return run_job(Job.of(cell, options, PolicySpec.parse(cell.policy)), on_frame).result
+        try:
+            job = Job.of(cell, options, PolicySpec.parse(cell.policy))
+        except CoopsimError as error:  # what the cell was run with is not there any more
+            return CellResult(cell, traceback=str(error))
+        return run_job(job, on_frame).result
 
     return run

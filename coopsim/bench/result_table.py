@@ -100,14 +100,16 @@ class ResultTable:
         return finished
 
     def values(self, metric: str) -> Floats:
-        """(P, C, S) values of a metric; NaN where a cell failed, is missing, or has no such value.
+        """(P, C, S) values of a metric; NaN where a cell failed, is missing, or has no such finite value.
 
         Raises:
             UnknownNameError: no cell has it.
         """
         if metric not in self.metrics:
             raise UnknownNameError("metric", metric, self.metrics)
-        return self._filled([result.values.get(metric, np.nan) for result in self.results])
+        values = self._filled([result.values.get(metric, np.nan) for result in self.results])
+        values[np.isinf(values)] = np.nan  # no mean could be of it
+        return values
 
     @property
     def shown(self) -> tuple[str, ...]:

@@ -65,11 +65,8 @@ def _results(folder: Path) -> list[CellResult]:
 
     if not (folder / CELLS).is_dir():
         beside = folder.parent.iterdir() if folder.parent.is_dir() else ()
-        raise UnknownNameError(
-            "folder of results (policies need --results FOLDER)",
-            str(folder),
-            [str(path) for path in beside if (path / CELLS).is_dir()],
-        )
+        known = [path.name for path in beside if (path / CELLS).is_dir()]
+        raise UnknownNameError(f"folder of results (policies need --results) in {folder.parent}", folder.name, known)
     results = Store(folder).results()
     if not results:
         raise InvalidValueError(f"there are no results in {folder}: run `coopsim bench` first")

@@ -103,21 +103,26 @@ function againstBytes() {
     for (const point of [...points.filter((each) => !chosen(each)), ...points.filter(chosen)]) {
       series(svg, point.policy).append(pointOf(point.policy, horizontal.place(point.rate), point, vertical, tell, !chosen(point)));
     }
-    for (const point of front) {
-      const [x, y] = [horizontal.place(point.rate), vertical.place(point.mean)];
+    const taken = [];
+    for (const point of front.reverse()) {
+      const [x, y, name] = [horizontal.place(point.rate), vertical.place(point.mean), data.policies[point.policy]];
       const late = x > WIDTH * 0.6;
+      const [left, width] = [late ? x - 8 - 6.5 * name.length : x + 8, 6.5 * name.length];
+      // A name that would lie on another is left out; the legend has them all.
+      if (taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
+      taken.push([left, width, y]);
       const text = { x: x + (late ? -8 : 8), y: y - 7, "text-anchor": late ? "end" : "start", class: "name" };
-      svg.append(element("text", text, data.policies[point.policy]));
+      svg.append(element("text", text, name));
     }
     return svg;
   });
 }
 
 function draw() {
-  document.querySelectorAll("[data-metric]").forEach((part) => (part.hidden = part.dataset.metric !== state.metric.name));
+  document.querySelectorAll("[data-metric]").forEach((part) => (part.hidden = part.dataset.metric !== state.metric?.name));
   document.getElementById("plots").replaceChildren();
-  data.axes.forEach(curve);
-  if (data.bytes in data.values) againstBytes();
+  if (state.metric) data.axes.forEach(curve);
+  if (state.metric && data.bytes in data.values) againstBytes();
   document.getElementById("curves").hidden = !document.getElementById("plots").childElementCount;
 }
 
