@@ -79,12 +79,8 @@ def run(options: argparse.Namespace) -> int:
             raise source.blame(error) from error
         except KeyboardInterrupt:
             bar.close()
-            print(
-                f"coopsim: interrupted; {bar.n} of {len(grid)} cells are stored in {options.out}, ",
-                end="",
-                file=sys.stderr,
-            )
-            print("and the same command goes on from there", file=sys.stderr)
+            stored = f"{bar.n} of {len(grid)} cells are stored in {options.out}"
+            print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
     return _conclude(grid, results, options)
 

@@ -1,7 +1,7 @@
 """How long a benchmark takes: the preset `quick`, two workers against one, and Ray against processes.
 
-Run by `make bench`. Nothing here fails by time; the figures are printed, with how busy the machine was. Ratios are of runs
-that take turns, so that what else the machine does weighs on both sides.
+Run by `make bench`. Nothing here fails by time; the figures are printed, with how busy the machine was. Ratios are of
+runs that take turns, so that what else the machine does weighs on both sides.
 """
 
 from __future__ import annotations
@@ -27,13 +27,17 @@ def seconds(grid: Grid, folder: Path, engine: Engine) -> float:
     return time.perf_counter() - began
 
 
+def load() -> str:
+    return f"{os.getloadavg()[0]:.1f}"
+
+
 def test_the_preset_quick(tmp_path: Path) -> None:
     grid = find_grid("quick").grid()
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = seconds(grid, tmp_path, Engine(workers=2))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     on_cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    print(f"\nquick, {len(grid)} cells, two workers: {spent:.0f} s, {on_cpu:.0f} s of CPU; load {os.getloadavg()[0]:.1f}")
+    print(f"\nquick, {len(grid)} cells by two workers: {spent:.0f} s, {on_cpu:.0f} s of CPU; load {load()}")
 
 
 def test_two_workers_against_one(tmp_path: Path) -> None:
@@ -41,7 +45,7 @@ def test_two_workers_against_one(tmp_path: Path) -> None:
     turns = [(k, workers) for k in range(3) for workers in (1, 2)]
     spent = {turn: seconds(GRID, tmp_path / f"{turn}", Engine(workers=turn[1])) for turn in turns}
     ratios = [spent[k, 1] / spent[k, 2] for k in range(3)]
-    print(f"\none worker / two workers: {statistics.median(ratios):.2f} of {ratios}; load {os.getloadavg()[0]:.1f}")
+    print(f"\none worker / two workers: {statistics.median(ratios):.2f} of {ratios}; load {load()}")
 
 
 def test_ray_against_processes(tmp_path: Path) -> None:
@@ -51,4 +55,4 @@ def test_ray_against_processes(tmp_path: Path) -> None:
     spent = {turn: seconds(GRID, tmp_path / f"{turn}", Engine(turn[1], workers=2)) for turn in turns}
     extra = [spent[k, "ray"] - spent[k, "local"] for k in range(3)]
     print(f"\nRay, its start and end included, takes {statistics.median(extra):.1f} s more than processes ", end="")
-    print(f"({extra}; by processes {spent[2, 'local']:.1f} s); load {os.getloadavg()[0]:.1f}")
+    print(f"({extra}; by processes {spent[2, 'local']:.1f} s); load {load()}")
