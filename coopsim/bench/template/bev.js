@@ -89,8 +89,26 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   }
   context.font = "12px system-ui, sans-serif";
   const write = (text, x, y) => writeOnHalo(context, scene.colors.background, text, x, y);
+  if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write: layers.ids ? write : () => {} });
+  for (const [name, x, y, riding] of frame.agents) {
+    context.globalAlpha = name === agent ? 1 : 0.7;
+    context.fillStyle = scene.colors.agent;
+    context.beginPath();
+    context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
+    context.fill();
+    write(name, toX(x) + 8, toY(y) - 8);
+  }
+  context.globalAlpha = 1;
+  const metres = nice(60 / scale); // the scale's bar
+  context.fillStyle = scene.colors.text;
+  context.fillRect(12, height - 14, metres * scale, 3);
+  write(`${+metres.toPrecision(1)} m`, 12, height - 20);
+}
+
+/** Tracks in the colours of their ids, each with where it was in the last second. */
+function drawTracks(context, scene, index, tracks, agent, { spot, outline, write }) {
   const first = Math.max(0, index - Math.round(TRAIL_S / scene.dt_s));
-  const now = layers.tracks ? (tracks[index][agent] ?? []) : [];
+  const now = tracks[index][agent] ?? [];
   for (let k = 0; k < now.length; k += BOX) {
     const id = now[k];
     context.strokeStyle = context.fillStyle = trackColor(scene, id);
@@ -109,21 +127,8 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
     context.lineWidth = 2;
     outline(now, k, 0.15);
     const [x, y] = spot(now, k);
-    if (layers.ids) write(String(id), x + 6, y - 6);
+    write(String(id), x + 6, y - 6);
   }
-  for (const [name, x, y, riding] of frame.agents) {
-    context.globalAlpha = name === agent ? 1 : 0.7;
-    context.fillStyle = scene.colors.agent;
-    context.beginPath();
-    context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
-    context.fill();
-    write(name, toX(x) + 8, toY(y) - 8);
-  }
-  context.globalAlpha = 1;
-  const metres = nice(60 / scale); // the scale's bar
-  context.fillStyle = scene.colors.text;
-  context.fillRect(12, height - 14, metres * scale, 3);
-  write(`${+metres.toPrecision(1)} m`, 12, height - 20);
 }
 
 /** Text on a dark halo, to be read over points and boxes. */
