@@ -16,6 +16,13 @@ from coopsim.bench.paired import Comparison, Difference
 from coopsim.bench.statistics import LEVEL, seeds_needed, smallest_p_value
 
 _UNMATCHED_SHOWN = 10
+_WORDS = {
+    "better": "B is better",
+    "worse": "B is worse",
+    "identical": "A and B are identical",
+    "not significant": "no significant difference",
+    "too few seeds": "too few seeds to tell",
+}
 _HEADINGS = ("policy", "condition", "metric", "A", "B", "B - A", "95 % interval", "p", "p corrected", "verdict")
 
 
@@ -109,8 +116,7 @@ def _findings(comparison: Comparison) -> list[str]:
     for policy, metric in dict.fromkeys((row.policy, row.metric) for row in comparison.differences):
         rows = [row for row in comparison.differences if (row.policy, row.metric) == (policy, metric)]
         first = rows[0]
-        words = {"better": "B is better", "worse": "B is worse", "identical": "A and B are identical"}
-        finding = words.get(first.verdict, f"no significant difference ({first.verdict})")
+        finding = _WORDS[first.verdict]
         where = "over all conditions" if first.condition is None else _condition(first, conditions)
         change = (
             f"{first.change.mean:+.3g}, 95 % interval {_interval(first)}, corrected p {_p_value(first.p_corrected)}"
