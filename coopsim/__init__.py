@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from coopsim.agents.base import Policy as Policy
+    from coopsim.bench.benchmark import benchmark as benchmark
     from coopsim.bench.runner import Evaluation as Evaluation
     from coopsim.bench.runner import evaluate as evaluate
     from coopsim.bench.runner import evaluate_recordings as evaluate_recordings
@@ -36,6 +37,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Policy": "coopsim.agents.base",
+    "benchmark": "coopsim.bench.benchmark",
     "Evaluation": "coopsim.bench.runner",
     "evaluate": "coopsim.bench.runner",
     "evaluate_recordings": "coopsim.bench.runner",

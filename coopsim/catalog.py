@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,12 +34,19 @@ def make_policy(name: str, /, **parameters: Any) -> Policy:
         UnknownNameError: no such policy, or it has no such parameter; the message lists the close ones.
         InvalidValueError: a parameter's value is not accepted, or one that the policy needs is missing.
     """
-    policy = POLICIES.get(name)
+    return instantiate(name, POLICIES.get(name), parameters)
+
+
+def instantiate(name: str, policy: type[Policy], parameters: Mapping[str, Any]) -> Policy:
+    """A policy of that class, which the user knows as `name`; raises as `make_policy` does."""
     signature = inspect.signature(policy)
     kinds = {parameter.name: parameter.kind for parameter in signature.parameters.values()}
     if inspect.Parameter.VAR_KEYWORD not in kinds.values():
         for parameter in parameters:
             require_choice(f"parameter of policy {name!r}", parameter, kinds)
+    if inspect.isabstract(policy):
+        missing = ", ".join(sorted(policy.__abstractmethods__))
+        raise InvalidValueError(f"policy {name!r} cannot be made: its class has no {missing}")
     try:
         signature.bind(**parameters)
     except TypeError as error:

@@ -58,6 +58,14 @@ class ScenarioFileError(CoopsimError, ValueError):
     """A scenario file is missing or broken; the message names the file and, where known, the line."""
 
 
+class GridFileError(CoopsimError, ValueError):
+    """A benchmark's grid file is missing or broken; the message names the file and, where known, the line."""
+
+
+class StoreError(CoopsimError, ValueError):
+    """A file in a benchmark's store is broken; the message names it."""
+
+
 class MissingDependencyError(CoopsimError, ImportError):
     """An optional package is needed for this call; the message names what to install."""
 

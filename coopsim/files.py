@@ -31,21 +31,42 @@ def write_whole(path: str | os.PathLike[str], text: str) -> Path:
         if _is_special(target):
             target.write_text(text, encoding="utf-8")
         else:
-            _replace(target, text)
+            _replace(target, text.encode())
     except OSError as error:
         raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
     return Path(path)
+
+
+def write_durably(path: Path, content: bytes) -> None:
+    """Write a file that is there whole, whatever happens: once this returns, even if the power fails.
+
+    Raises:
+        InvalidValueError: the file cannot be written.
+    """
+    try:
+        _replace(path, content, durable=True)
+        if hasattr(os, "O_DIRECTORY"):  # the new name is in the folder, which is a file of its own
+            folder = os.open(path.parent, os.O_DIRECTORY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+    except OSError as error:
+        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _is_special(target: Path) -> bool:
     return target.exists() and not (target.is_file() or target.is_dir())
 
 
-def _replace(target: Path, text: str) -> None:
+def _replace(target: Path, content: bytes, *, durable: bool = False) -> None:
     handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".tmp")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            if durable:
+                file.flush()
+                os.fsync(handle)
         os.chmod(temporary, target.stat().st_mode if target.exists() else 0o666 & ~_umask())
         os.replace(temporary, target)
     except BaseException:

@@ -11,17 +11,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from coopsim.checks import require_choice
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError, UnknownNameError
+from coopsim.keyed_yaml import KeyedYaml, read_keyed_yaml
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.world.scenario import SCENARIOS, Population
@@ -37,26 +35,22 @@ class ScenarioFile:
     """What a file says.
 
     Attributes:
-        path: of the file.
+        file: where it says so.
         scenario: the one to start from.
         keywords: as `coopsim.parallel_env` takes them.
-        lines: where each key stands, from 1.
     """
 
-    path: Path
+    file: KeyedYaml
     scenario: str
     keywords: Mapping[str, Any]
-    lines: Mapping[str, int]
 
     def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError:
         """The same error with the file and the line of the key that it names, if that is not one of `beside`.
 
         An error that names no key of the file may be the fault of those beside, if there are any.
         """
-        for key in sorted(set(self.lines) - set(beside), key=len, reverse=True):
-            if re.match(rf"(unknown )?{key}\b", str(error)):
-                return _error(self.path, self.lines[key], str(error))
-        return error if beside else ScenarioFileError(f"{self.path}: {error}")
+        blamed = self.file.blame(error, beside)
+        return blamed or (error if beside else ScenarioFileError(f"{self.file.path}: {error}"))
 
 
 def find_scenario_file(path: str | Path) -> Path:
@@ -79,29 +73,19 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     Raises:
         ScenarioFileError: names the file and, where known, the line.
     """
-    file = find_scenario_file(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        content = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise _error(file, line, f"this is no YAML: {error.problem}") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ScenarioFileError(f"{file}: cannot be read: {error}") from error
-    lines: dict[str, int] = {}
-    sections = {"scenario": None, "density": None, "population": _names(Population), "options": _options()}
-    _check_keys(file, node, sections, lines)
+    known = {"scenario": None, "density": None, "population": _names(Population), "options": _options()}
+    file = read_keyed_yaml(find_scenario_file(path), known, ScenarioFileError, may_be_value=("lidar",))
+    content = file.content
     if "scenario" not in content:
-        raise _error(file, 1, f"scenario is missing. Accepted: {', '.join(SCENARIOS)}")
+        raise file.wrong(f"scenario is missing. Accepted: {', '.join(SCENARIOS)}")
     try:
         require_choice("scenario", content["scenario"], SCENARIOS)
     except UnknownNameError as error:
-        raise _error(file, lines["scenario"], str(error)) from error
+        raise file.wrong(str(error), "scenario") from error
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
     if "density" in content:
         keywords["density"] = content["density"]
-    loaded = ScenarioFile(file, content["scenario"], keywords, lines)
+    loaded = ScenarioFile(file, content["scenario"], keywords)
     for key, kind in (("weather", Weather), ("lidar", LidarConfig)):
         if isinstance(keywords.get(key), dict):
             try:
@@ -120,26 +104,3 @@ def _options() -> dict[str, dict[str, None] | None]:
     known = _names(CommonOptions) | _names(SimulationOptions)
     nested = {"weather": _names(Weather), "lidar": _names(LidarConfig)}
     return {name: nested.get(name) for name in known if name not in _NOT_IN_FILES}
-
-
-def _check_keys(file: Path, node: yaml.Node | None, known: Mapping[str, Any], lines: dict[str, int]) -> None:
-    """Every key must be known and come once; notes their lines."""
-    if not isinstance(node, yaml.MappingNode):
-        line = 1 if node is None else node.start_mark.line + 1
-        raise _error(file, line, f"expected keys and values. Accepted: {', '.join(sorted(known))}")
-    here: set[str] = set()
-    for key, value in node.value:
-        line, name = key.start_mark.line + 1, str(key.value)
-        if name not in known:
-            raise _error(file, line, str(UnknownNameError("key", name, known)))
-        if name in here:
-            raise _error(file, line, f"{name} is there twice")
-        here.add(name)
-        lines[name] = line
-        may_be_name = name == "lidar" and isinstance(value, yaml.ScalarNode)
-        if known[name] is not None and not may_be_name:
-            _check_keys(file, value, known[name], lines)
-
-
-def _error(file: Path, line: int, message: str) -> ScenarioFileError:
-    return ScenarioFileError(f"{file}:{line}: {message}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
+from coopsim.bench.bev_data import thinned
 from coopsim.bench.report import ReportRun, ReportScene, write_report
 from coopsim.bench.runner import Evaluation, evaluate
 from coopsim.bench.table import evaluation_row
@@ -137,10 +138,8 @@ class _SceneRecorder:
         self._road_map: RoadMap
 
     def add(self, env: CooperativeEnv, shown: BevFrame) -> None:
-        # The report shows thousands of points, not a hundred thousand: every n-th of the sweeps' order, which
-        # runs around the sensor, thins them evenly. A copy, or each frame would keep all of its points.
-        stride = max(1, -(-len(shown.points) // _POINTS_SHOWN))
-        self._frames.append(replace(shown, points=shown.points[::stride].copy(), tracks={}))
+        # The report shows thousands of points, not a hundred thousand.
+        self._frames.append(replace(shown, points=thinned(shown.points, _POINTS_SHOWN), tracks={}))
         if len(self._frames) == self._config.frames // 2 + 1:
             self._images, self._images_ns = env.photograph(), env.time_ns
         self._dt_s = next(iter(env.agent_specs.values())).dt_s

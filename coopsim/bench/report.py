@@ -5,32 +5,25 @@ from __future__ import annotations
 import base64
 import html
 import io
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from coopsim.bench.bev_data import DRAWING, frame_data, home_of, map_data, tracks_data
+from coopsim.bench.page import definitions, fill
 from coopsim.bench.table import COLUMNS, format_value
 from coopsim.errors import InvalidValueError
 from coopsim.files import write_whole
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.types import NS_PER_S, Ints, Tracks
-from coopsim.viz import palette
+from coopsim.geometry.se3 import Floats
+from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
-
-UNIT_M, TURN_RAD = 0.05, 1e-4
-"""What one step means of the integers that store lengths and headings."""
-_INT16_MAX, _IDS = 2**15 - 1, 2**31
 
 MEANING: Mapping[str, str] = {
     "sAMOTA": "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
@@ -43,13 +36,6 @@ MEANING: Mapping[str, str] = {
     "FN": "misses, at the same level",
     "bytes/s": "what an agent broadcasts per second, envelope included",
     "frames/s": "frames of environment and policy per second of wall time",
-}
-_COLORS: Mapping[str, palette.RGB] = palette.MAP | {
-    "background": palette.BACKGROUND,
-    "point": palette.POINT,
-    "truth": palette.TRUTH,
-    "agent": palette.AGENT,
-    "text": palette.TEXT,
 }
 _LESS_IS_BETTER = ("IDS", "FP", "FN", "bytes/s")
 _NOT_COMPARED = ("frames/s",)
@@ -124,28 +110,18 @@ def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:
                 f"got {len(run.tracks)} and {len(run.frame_score)}"
             )
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)} of {frames} frames ({frames * scene.dt_s:g} s)"
-    return Template(_template("report.html")).substitute(
+    return fill(
+        "report.html",
+        style=("report.css",),
+        script=("bev.js", "report.js"),
+        data=_data(scene, runs),
         title=html.escape(scene.title),
         summary=html.escape(counted + " in the same traffic" * (len(runs) > 1)),
-        style=_template("report.css"),
-        script=_template("report.js"),
         table=_table(runs),
-        meaning=_definitions(MEANING),
+        meaning=definitions(MEANING),
         cameras=_mosaic(scene),
-        settings=_definitions(scene.settings),
-        # "<" could end the script element ("</script>") or keep it from ending ("<!--<script>"), whatever string
-        # it stands in.
-        data=json.dumps(_data(scene, runs), separators=(",", ":")).replace("<", "\\u003c"),
+        settings=definitions(scene.settings),
     )
-
-
-def _definitions(texts: Mapping[str, str]) -> str:
-    items = (f"<dt>{html.escape(name)}</dt><dd>{html.escape(text)}</dd>" for name, text in texts.items())
-    return f"<dl>{''.join(items)}</dl>"
-
-
-def _template(name: str) -> str:
-    return (resources.files("coopsim.bench") / "template" / name).read_text(encoding="utf-8")
 
 
 def _table(runs: Sequence[ReportRun]) -> str:
@@ -191,63 +167,19 @@ def _jpeg(image: NDArray[np.uint8]) -> str:
 
 
 def _data(scene: ReportScene, runs: Sequence[ReportRun]) -> dict[str, Any]:
-    middles = [_middle(frame) for frame in scene.frames]
-    home = middles[len(middles) // 2]
-    road_map = scene.road_map
+    home = home_of(scene.frames)
     return {
+        **DRAWING,
         "dt_s": scene.dt_s,
-        "unit": UNIT_M,
-        "turn": TURN_RAD,
-        "colors": {name: f"rgb{color}" for name, color in _COLORS.items()},
-        "hue_step": palette.HUE_STEP,
-        "saturation": palette.SATURATION,
-        "lightness": palette.LIGHTNESS,
-        "map": {
-            name: [(polygon - home).round(2).tolist() for polygon in getattr(road_map, name)] for name in palette.MAP
-        },
-        "frames": [_frame(frame, middle, home) for frame, middle in zip(scene.frames, middles, strict=True)],
+        "map": map_data(scene.road_map, home),
+        "frames": [frame_data(frame, home) for frame in scene.frames],
         "runs": [
             {
                 "label": run.label,
                 "group": next(iter(run.about.values()), ""),
                 "score": np.round(run.frame_score, 4).tolist(),
-                "tracks": [
-                    {agent: _boxes(tracks.id, tracks.boxes, home) for agent, tracks in frame.items()}
-                    for frame in run.tracks
-                ],
+                "tracks": [tracks_data(frame, home) for frame in run.tracks],
             }
             for run in runs
         ],
     }
-
-
-def _middle(frame: BevFrame) -> Floats:
-    """Where the frame's agents are, m."""
-    places = [body.world_SE3_base.translation[:2] for body in frame.agents.values()]
-    middle: Floats = np.mean(places or [np.zeros(2)], axis=0)
-    return middle.round()
-
-
-def _frame(frame: BevFrame, middle: Floats, home: Floats) -> dict[str, Any]:
-    # Points are most of the file: two bytes each, from where the agents are now, reach 1.6 km whatever they drive.
-    points = np.round((frame.points[:, :2] - middle) / UNIT_M)
-    return {
-        "origin": (middle - home).tolist(),
-        "truth": _boxes(frame.actors.id, frame.actors.boxes, home),
-        "points": _base64(points[(np.abs(points) <= _INT16_MAX).all(axis=1)], "<i2"),
-        "agents": [
-            [name, *(body.world_SE3_base.translation[:2] - home).round(2).tolist(), body.actor_id is not None]
-            for name, body in frame.agents.items()
-        ],
-    }
-
-
-def _boxes(ids: Ints, boxes: Boxes3D, home: Floats) -> str:
-    """id, x, y, length, width, yaw by box."""
-    spots = (boxes.center[:, :2] - home) / UNIT_M
-    rows = [ids % _IDS, spots, boxes.size[:, :2] / UNIT_M, wrap_angle(boxes.yaw) / TURN_RAD]
-    return _base64(np.round(np.column_stack(rows)), "<i4")
-
-
-def _base64(values: NDArray[Any], dtype: str) -> str:
-    return base64.b64encode(values.astype(dtype).tobytes()).decode()

@@ -92,7 +92,7 @@ def evaluate(
         CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
     """
     policy = _instance(policy)
-    env = _listening_env(environment, policy, options)
+    env = listening_env(environment, policy, options)
     try:
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
         return Evaluation(env.score(), rewards, len(rewards), seconds, env.channel_counts)
@@ -123,7 +123,7 @@ def evaluate_recordings(
         CoopsimError: a name is unknown, a value not accepted, or a file broken; the message says which.
     """
     policy = _instance(policy)
-    env = _listening_env("replay", policy, options | {"path": path, "detections": detections})
+    env = listening_env("replay", policy, options | {"path": path, "detections": detections})
     logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
     sent_bytes = dict.fromkeys(logs, 0.0)
     dt_s = next(iter(env.agent_specs.values())).dt_s
@@ -187,7 +187,7 @@ def _instance(policy: Policy | str) -> Policy:
     return policy
 
 
-def _listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
+def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
     """The environment whose agents broadcast what the policy needs, and have the cameras that it needs."""
     if "uplink" in options:
         raise InvalidValueError(

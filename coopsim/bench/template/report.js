@@ -1,38 +1,20 @@
 "use strict";
 
-// Numbers come as integers in base64: `unit` metres, or `turn` radians, to the step.
-const scene = JSON.parse(document.getElementById("data").textContent);
-const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
-const boxesOf = (text) => new Int32Array(bytes(text));
-const BOX = 6; // id, x, y, length, width, yaw
-const frames = scene.frames.map((frame) => ({
-  ...frame,
-  points: new Int16Array(bytes(frame.points)), // from the frame's origin
-  truth: boxesOf(frame.truth),
-}));
-const runs = scene.runs.map((run) => ({
-  ...run,
-  tracks: run.tracks.map((frame) => Object.fromEntries(Object.entries(frame).map(([name, text]) => [name, boxesOf(text)]))),
-}));
+const scene = decodeScene(JSON.parse(document.getElementById("data").textContent));
+const { frames, runs } = scene;
 
 // Side by side: two different policies, else the first and the last run; a single run needs one panel.
 const rival = runs.findIndex((run) => run.group !== runs[0].group);
-const names = [...new Set(scene.frames.flatMap((frame) => frame.agents.map(([name]) => name)))];
+const names = [...new Set(frames.flatMap((frame) => frame.agents.map(([name]) => name)))];
 const state = { frame: 0, playing: false, agent: names[0], shown: [0, rival < 0 ? runs.length - 1 : rival], speed: 1 };
 const layers = { points: true, truth: true, tracks: true, ids: false };
 const SPAN_M = 150;
-const TRAIL_S = 1;
 const home = () => ({ x: 0, y: 0, span: SPAN_M });
 let view = home(); // of its centre: metres from the scene's home, or from the agent that it follows
 const far = (frame) => Math.hypot(...frame.origin) > SPAN_M / 4;
-let follow = scene.frames.some(far); // who drives away would soon be out of sight
-
-const percent = (share) => `${share * 100}%`;
-const trackColor = (id) =>
-  `hsl(${((id * scene.hue_step) % 1) * 360} ${percent(scene.saturation)} ${percent(scene.lightness)})`;
+let follow = frames.some(far); // who drives away would soon be out of sight
 
 // Colour says the policy, the dash which of its runs: runs of a policy that come out alike look alike.
-const COLORS = ["#2f7fc1", "#d4601c", "#2a9260", "#b0529e", "#a07d13", "#5f6ad4"]; // 3:1 on white and on black
 const DASHES = [[], [7, 4], [2, 3], [12, 3, 2, 3]];
 const groups = [...new Set(runs.map((run) => run.group))];
 const runColor = (run) => COLORS[groups.indexOf(run.group) % COLORS.length];
@@ -41,137 +23,11 @@ const runDash = (run) => DASHES[runs.filter((other) => other.group === run.group
 if (runs.length < 2) document.querySelector('#panels canvas[data-panel="1"]').parentElement.remove();
 const panels = [...document.querySelectorAll("#panels canvas")];
 
-function fit(canvas) {
-  const ratio = window.devicePixelRatio || 1;
-  const width = Math.round(canvas.clientWidth * ratio);
-  const height = Math.round(canvas.clientHeight * ratio);
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  return [context, canvas.clientWidth, canvas.clientHeight];
-}
-
-const spot = (boxes, k) => [boxes[k + 1] * scene.unit, boxes[k + 2] * scene.unit];
-
 /** The world's point in the middle of the panels. */
 function eye() {
   const { agents, origin } = frames[state.frame];
   const [, x, y] = agents.find(([name]) => name === state.agent) ?? [null, ...origin];
   return follow ? [x + view.x, y + view.y] : [view.x, view.y];
-}
-
-/** Text on a dark halo, to be read over points and boxes. */
-function write(context, text, x, y) {
-  context.save();
-  context.strokeStyle = scene.colors.background;
-  context.lineWidth = 3;
-  context.lineJoin = "round";
-  context.strokeText(text, x, y);
-  context.restore();
-  context.fillText(text, x, y);
-}
-
-function drawPanel(canvas, run) {
-  const [context, width, height] = fit(canvas);
-  const scale = width / view.span;
-  const [eyeX, eyeY] = eye();
-  const toX = (x) => width / 2 + (x - eyeX) * scale;
-  const toY = (y) => height / 2 - (y - eyeY) * scale;
-  context.fillStyle = scene.colors.background;
-  context.fillRect(0, 0, width, height);
-  const fill = (polygons, color) => {
-    context.fillStyle = color;
-    context.beginPath();
-    for (const polygon of polygons) {
-      polygon.forEach(([x, y], k) => (k ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y))));
-      context.closePath();
-    }
-    context.fill("nonzero");
-  };
-  for (const [name, polygons] of Object.entries(scene.map)) fill(polygons, scene.colors[name]);
-  const frame = frames[state.frame];
-  if (layers.points) {
-    context.fillStyle = scene.colors.point;
-    const { points, origin } = frame;
-    for (let k = 0; k < points.length; k += 2) {
-      context.fillRect(toX(origin[0] + points[k] * scene.unit), toY(origin[1] + points[k + 1] * scene.unit), 1.2, 1.2);
-    }
-  }
-  const outline = (boxes, k, grow = 0) => {
-    const [x, y] = spot(boxes, k);
-    const [length, width_] = [boxes[k + 3] * scene.unit, boxes[k + 4] * scene.unit];
-    const yaw = boxes[k + 5] * scene.turn;
-    const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
-    const [a, b] = [length / 2 + grow, width_ / 2 + grow];
-    const corner = (u, v) => [toX(x + u * cos - v * sin), toY(y + u * sin + v * cos)];
-    context.beginPath();
-    context.moveTo(...corner(a, b));
-    context.lineTo(...corner(-a, b));
-    context.lineTo(...corner(-a, -b));
-    context.lineTo(...corner(a, -b));
-    context.closePath();
-    context.moveTo(...corner(a, 0));
-    context.lineTo(...corner(a * 0.4, 0));
-    return [toX(x), toY(y)];
-  };
-  if (layers.truth) {
-    context.strokeStyle = scene.colors.truth;
-    context.lineWidth = 1;
-    for (let k = 0; k < frame.truth.length; k += BOX) {
-      outline(frame.truth, k);
-      context.stroke();
-    }
-  }
-  context.font = "12px system-ui, sans-serif";
-  if (layers.tracks) drawTracks(context, run, outline, toX, toY);
-  for (const [name, x, y, riding] of frame.agents) {
-    context.globalAlpha = name === state.agent ? 1 : 0.7;
-    context.fillStyle = scene.colors.agent;
-    context.beginPath();
-    context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
-    context.fill();
-    write(context, name, toX(x) + 8, toY(y) - 8);
-  }
-  context.globalAlpha = 1;
-  drawScaleBar(context, scale, height);
-}
-
-function drawTracks(context, run, outline, toX, toY) {
-  const now = run.tracks[state.frame][state.agent] ?? [];
-  const first = Math.max(0, state.frame - Math.round(TRAIL_S / scene.dt_s));
-  for (let k = 0; k < now.length; k += BOX) {
-    const id = now[k];
-    context.strokeStyle = context.fillStyle = trackColor(id);
-    context.lineWidth = 1.5;
-    context.beginPath();
-    let started = false;
-    for (let past = first; past <= state.frame; past++) {
-      const boxes = run.tracks[past][state.agent] ?? [];
-      for (let j = 0; j < boxes.length; j += BOX) {
-        if (boxes[j] !== id) continue;
-        const [x, y] = spot(boxes, j);
-        started ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y));
-        started = true;
-      }
-    }
-    context.stroke();
-    context.lineWidth = 2;
-    const [x, y] = outline(now, k, 0.15);
-    context.stroke();
-    if (layers.ids) write(context, String(id), x + 6, y - 6);
-  }
-}
-
-const nice = (least) => {
-  const power = 10 ** Math.floor(Math.log10(least));
-  return power * [1, 2, 5, 10].find((digit) => digit * power >= least * 0.999);
-};
-
-function drawScaleBar(context, scale, height) {
-  const metres = nice(60 / scale);
-  context.fillStyle = scene.colors.text;
-  context.fillRect(12, height - 14, metres * scale, 3);
-  write(context, `${+metres.toPrecision(1)} m`, 12, height - 20);
 }
 
 function drawChart() {
@@ -232,7 +88,8 @@ function drawChart() {
 }
 
 function draw() {
-  panels.forEach((canvas) => drawPanel(canvas, runs[state.shown[canvas.dataset.panel]]));
+  const shown = { agent: state.agent, eye: eye(), span: view.span, layers };
+  panels.forEach((canvas) => drawFromAbove(canvas, scene, state.frame, runs[state.shown[canvas.dataset.panel]].tracks, shown));
   drawChart();
   document.getElementById("time").value = state.frame;
   document.getElementById("clock").value = `${(state.frame * scene.dt_s).toFixed(1)} s`;

@@ -25,7 +25,7 @@ Results = Mapping[str, RecordingsEvaluation]
 _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ignored"}
 
 
-def compare(
+def evaluate_all(
     path: str | Path,
     detections: Sequence[str],
     policies: Sequence[str],
@@ -125,17 +125,17 @@ def plot(results: Results, title: str) -> str:
     return text.getvalue()
 
 
-def write_comparison(folder: Path, results: Results, title: str) -> tuple[Path, ...]:
-    """Write `comparison.md`, `comparison.csv` and `comparison.svg`.
+def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path, ...]:
+    """Write `leaderboard.md`, `leaderboard.csv` and `leaderboard.svg`.
 
     Raises:
         InvalidValueError: there are no results, or the folder cannot be written.
     """
     if not results:
-        raise InvalidValueError("a comparison needs at least one policy")
+        raise InvalidValueError("a leaderboard needs at least one policy")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
     contents = {"md": to_markdown(results, title), "csv": to_csv(results), "svg": plot(results, title)}
-    return tuple(write_whole(folder / f"comparison.{kind}", text) for kind, text in contents.items())
+    return tuple(write_whole(folder / f"leaderboard.{kind}", text) for kind, text in contents.items())

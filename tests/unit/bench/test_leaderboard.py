@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coopsim.bench.compare import compare, mota_over_recall, plot, to_csv, to_markdown, write_comparison
+from coopsim.bench.leaderboard import evaluate_all, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
 from coopsim.cli import main
 from coopsim.errors import InvalidValueError, UnknownNameError
 
@@ -17,7 +17,7 @@ POLICIES = ("no_fusion", "late_fusion")
 
 def test_every_policy_stands_in_every_table(recordings: Path) -> None:
     done: list[str] = []
-    results = compare(recordings, ("ego", "1"), POLICIES, on_policy=done.append)
+    results = evaluate_all(recordings, ("ego", "1"), POLICIES, on_policy=done.append)
     assert tuple(done) == tuple(results) == POLICIES
     markdown = to_markdown(results, "a set")
     assert markdown.index("False positives counted") < markdown.index("False positives ignored")
@@ -34,7 +34,7 @@ def test_every_policy_stands_in_every_table(recordings: Path) -> None:
 
 
 def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> None:
-    score = compare(recordings, ("ego",), ("no_fusion",))["no_fusion"].count
+    score = evaluate_all(recordings, ("ego",), ("no_fusion",))["no_fusion"].count
     recall, mota = mota_over_recall(score)
     (agent,) = score.agents.values()
     assert agent.sweep is not None
@@ -45,22 +45,22 @@ def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> 
 def test_a_typo_in_the_last_policy_costs_no_run(recordings: Path) -> None:
     done: list[str] = []
     with pytest.raises(UnknownNameError, match="Did you mean 'late_fusion'"):
-        compare(recordings, ("ego",), ("no_fusion", "late_fusoin"), on_policy=done.append)
+        evaluate_all(recordings, ("ego",), ("no_fusion", "late_fusoin"), on_policy=done.append)
     assert done == []
 
 
-def test_nothing_to_compare(tmp_path: Path) -> None:
+def test_nothing_to_rank(tmp_path: Path) -> None:
     with pytest.raises(InvalidValueError, match="at least one policy"):
-        write_comparison(tmp_path, {}, "")
+        write_leaderboard(tmp_path, {}, "")
 
 
 def test_the_command_writes_all_three_files(
     recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "folder"
-    command = ["compare", str(recordings), "--detections", "ego,1", "--policies", ",".join(POLICIES)]
+    command = ["leaderboard", str(recordings), "--detections", "ego,1", "--policies", ",".join(POLICIES)]
     assert main([*command, "--out", str(out)]) == 0
-    assert {path.name for path in out.iterdir()} == {"comparison.md", "comparison.csv", "comparison.svg"}
+    assert {path.name for path in out.iterdir()} == {"leaderboard.md", "leaderboard.csv", "leaderboard.svg"}
     shown = capsys.readouterr().out
     assert all(shown.count(name) == 2 for name in POLICIES)
     (tmp_path / "file").write_text("")

@@ -1,0 +1,172 @@
+"""A benchmark from the grid to the results: what is in the store is taken from there, and what is not is run."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from coopsim.bench.cell import Cell, CellResult
+from coopsim.bench.conditions import environment_options
+from coopsim.bench.grid import Grid
+from coopsim.bench.job import Job, Outcome
+from coopsim.bench.local import run_locally
+from coopsim.bench.on_ray import run_on_ray
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.runner import listening_env
+from coopsim.bench.schedule import Schedule
+from coopsim.bench.store import Store
+from coopsim.catalog import NAMESPACE, newest
+from coopsim.checks import require_choice, require_count
+from coopsim.errors import InvalidValueError, StoreError
+
+ENGINES = ("local", "ray")
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """What runs the cells.
+
+    Attributes:
+        name: "local" (processes of this machine) or "ray".
+        workers: cells at once; None: as many as there are cores.
+        address: of a Ray cluster; None: `RAY_ADDRESS`, or else a Ray of this machine alone.
+    """
+
+    name: str = "local"
+    workers: int | None = None
+    address: str | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("engine", self.name, ENGINES)
+        if self.workers is not None:
+            require_count(1, workers=self.workers)
+        if self.address is not None and self.name != "ray":
+            raise InvalidValueError(f"address must be None for the engine {self.name!r}, got {self.address!r}")
+
+    @property
+    def at_once(self) -> int:
+        """Cells at once on this machine."""
+        return self.workers or cores()
+
+    def run(self, jobs: Iterator[Job]) -> Generator[Outcome]:
+        """Outcomes, in the order in which they come; closing the iterator ends what is running."""
+        if self.name == "ray":
+            return run_on_ray(jobs, self.workers, self.address)
+        return run_locally(jobs, self.at_once)
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a benchmark is.
+
+    Attributes:
+        cells: of the grid.
+        stored: that were in the store already.
+        done: run since.
+        left_s: estimated time that is left, s; None before anything is known.
+        outcome: what is done last.
+    """
+
+    cells: int
+    stored: int
+    done: int = 0
+    left_s: float | None = None
+    outcome: Outcome | None = None
+
+
+def benchmark(
+    grid: Grid,
+    folder: str | Path,
+    *,
+    engine: Engine | None = None,
+    retry_failed: bool = False,
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+    on_broken: Callable[[StoreError], object] = lambda error: None,
+) -> list[CellResult]:
+    """Run every cell of a grid that is not in the store yet, and return the results of all.
+
+    Policies, scenarios and options are looked up and tried before the first cell runs. Each cell is stored as soon as
+    it is finished, so whatever interrupts this, the same call goes on from there and ends in the same results. A cell
+    whose policy raises has a traceback in the place of values, and the others go on.
+
+    Args:
+        grid: what to run.
+        folder: of the store; it is made if need be.
+        engine: what runs the cells; None: processes of this machine, as many as cores.
+        retry_failed: run cells again whose stored result is a traceback.
+        on_progress: called before the first cell and after each.
+        on_broken: called for each file of the store that is broken; its cell is run again.
+
+    Returns:
+        The results in the order of `grid.cells()`, those of failed cells included.
+
+    Raises:
+        CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
+    """
+    engine = engine or Engine()
+    policies = check(grid)
+    store = Store(folder)
+    jobs = [Job.of(cell, grid.options, policies[cell.policy]) for cell in grid.cells()]
+    store.begin([job.key for job in jobs])
+    results = _stored(store, jobs, on_broken)
+    results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
+    progress = Progress(len(jobs), len(results))
+    on_progress(progress)
+    schedule = Schedule(job for job in jobs if job.cell not in results)
+    with closing(engine.run(schedule)) as outcomes:
+        for outcome in outcomes:
+            store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
+            results[outcome.job.cell] = outcome.result
+            schedule.learn(outcome)
+            progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)
+            on_progress(progress)
+    return [results[job.cell] for job in jobs]
+
+
+def check(grid: Grid) -> dict[str, PolicySpec]:
+    """Look up all that a grid names, and try it: every policy is made, and the environments that it may meet.
+
+    Returns:
+        The policies, by their text.
+
+    Raises:
+        CoopsimError: something is not there or not accepted; the message says what.
+    """
+    specs = {text: PolicySpec.parse(text) for text in grid.policies}
+    policies = {text: spec.make() for text, spec in specs.items()}
+    # What else a policy has does not matter to an environment.
+    unlike = {(policy.uplink, policy.cameras): text for text, policy in policies.items()}
+    for scenario in grid.scenarios:
+        if newest(scenario.removeprefix(f"{NAMESPACE}/")).startswith("replay-"):
+            raise InvalidValueError(
+                f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
+            )
+        met = [condition for condition in grid.conditions() if condition.scenario == scenario]
+        hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
+        for condition, text in itertools.product(sorted(hardest), unlike.values()):
+            options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
+            listening_env(scenario, policies[text], options).close()
+    return specs
+
+
+def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:
+    """What is in the store already."""
+    found = {}
+    for job in jobs:
+        try:
+            result = store.get(job.key)
+        except StoreError as error:
+            on_broken(error)
+            continue
+        if result is not None:
+            found[job.cell] = result
+    return found

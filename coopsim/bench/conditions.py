@@ -1,0 +1,76 @@
+"""From a cell to the options of its environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from coopsim.bench.cell import Cell
+from coopsim.errors import InvalidValueError
+from coopsim.sensors.air import Weather
+from coopsim.sensors.lidar import LidarConfig
+
+_ONE_THREAD = {"threads": 1}
+"""As many cells at once as there are cores; each on one of them."""
+
+_OBJECTS = {"weather": Weather, "lidar": LidarConfig}
+"""Options that may be written down as a mapping of the fields of these."""
+
+
+def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Keywords for `coopsim.evaluate`: the cell's condition and length, and what is the same in all cells.
+
+    Args:
+        cell: the condition decides latency, loss, noise and bandwidth.
+        options: plain data, as `Grid.options`. A `channel` among them is a mapping without these.
+
+    Raises:
+        InvalidValueError: an option is not accepted, or decides what is the condition's.
+    """
+    condition = cell.condition
+    made = {name: _as_object(name, value) for name, value in options.items() if name != "channel"}
+    limited = math.isfinite(condition.bandwidth_bit_s)
+    if limited or options.get("channel") is not None:
+        made["channel"] = _channel(cell, options)
+        for part_of_it in ("latency_jitter_s", "communication_range_m"):
+            made.pop(part_of_it, None)
+        on_air = {"latency_s": 0.0, "loss": 0.0}  # not a scenario file's, either
+    else:
+        on_air = {"latency_s": condition.latency_s, "loss": condition.loss}
+    noise = {
+        "position_noise_m": condition.position_noise_m,
+        "heading_noise_rad": math.radians(condition.heading_noise_deg),
+    }
+    return {**_ONE_THREAD, **made, **on_air, **noise, "max_cycles": cell.frames}
+
+
+def _as_object(name: str, value: Any) -> Any:
+    if not (isinstance(value, Mapping) and name in _OBJECTS):
+        return value
+    try:
+        return _OBJECTS[name](**value)
+    except TypeError as error:
+        raise InvalidValueError(f"{name}: {error}") from error
+
+
+def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The whole channel as a mapping: the condition's latency, loss and rate, and what `options` say beside them."""
+    condition, given = cell.condition, options.get("channel") or {}
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f"channel must be a mapping in a grid, which has its own latency, got {given!r}")
+    medium = given.get("bandwidth") or {}
+    for name in ("latency", "loss"):
+        if name in given:
+            raise InvalidValueError(f"channel must be without {name}, which is the grid's, got {given[name]!r}")
+    if not isinstance(medium, Mapping) or "rate_bit_s" in medium:
+        raise InvalidValueError(f"channel.bandwidth must be a mapping without rate_bit_s, the grid's, got {medium!r}")
+    jitter_s = options.get("latency_jitter_s", 0.0)
+    limited = math.isfinite(condition.bandwidth_bit_s)
+    return {
+        "range_m": options.get("communication_range_m", 300.0),
+        **given,
+        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": jitter_s},
+        "loss": {"model": "bernoulli", "probability": condition.loss},
+        "bandwidth": {**medium, "rate_bit_s": condition.bandwidth_bit_s} if limited else None,
+    }

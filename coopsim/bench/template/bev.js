@@ -1,0 +1,143 @@
+"use strict";
+
+// The bird's-eye view of all pages. Numbers come as integers in base64: `unit` metres, or `turn` radians, to the step.
+const COLORS = ["#2f7fc1", "#d4601c", "#2a9260", "#b0529e", "#a07d13", "#5f6ad4"]; // 3:1 on white and on black
+const BOX = 6; // id, x, y, length, width, yaw
+const TRAIL_S = 1;
+const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
+const boxesOf = (text) => new Int32Array(bytes(text));
+
+const decodeScene = (scene) => ({
+  ...scene,
+  frames: scene.frames.map((frame) => ({
+    ...frame,
+    points: new Int16Array(bytes(frame.points)), // from the frame's origin
+    truth: boxesOf(frame.truth),
+  })),
+  runs: scene.runs.map((run) => ({
+    ...run,
+    tracks: run.tracks.map((frame) => Object.fromEntries(Object.entries(frame).map(([name, text]) => [name, boxesOf(text)]))),
+  })),
+});
+
+const percent = (share) => `${share * 100}%`;
+const trackColor = (scene, id) =>
+  `hsl(${((id * scene.hue_step) % 1) * 360} ${percent(scene.saturation)} ${percent(scene.lightness)})`;
+
+function fit(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = Math.round(canvas.clientWidth * ratio);
+  const height = Math.round(canvas.clientHeight * ratio);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return [context, canvas.clientWidth, canvas.clientHeight];
+}
+
+const nice = (least) => {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return power * [1, 2, 5, 10].find((digit) => digit * power >= least * 0.999);
+};
+
+/** Draw one frame with the tracks of `agent`: `eye` is the world's point in the middle, `span` metres the width. */
+function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers }) {
+  const [context, width, height] = fit(canvas);
+  const scale = width / span;
+  const toX = (x) => width / 2 + (x - eye[0]) * scale;
+  const toY = (y) => height / 2 - (y - eye[1]) * scale;
+  const spot = (boxes, k) => [toX(boxes[k + 1] * scene.unit), toY(boxes[k + 2] * scene.unit)];
+  context.fillStyle = scene.colors.background;
+  context.fillRect(0, 0, width, height);
+  const fill = (polygons, color) => {
+    context.fillStyle = color;
+    context.beginPath();
+    for (const polygon of polygons) {
+      polygon.forEach(([x, y], k) => (k ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y))));
+      context.closePath();
+    }
+    context.fill("nonzero");
+  };
+  for (const [name, polygons] of Object.entries(scene.map)) fill(polygons, scene.colors[name]);
+  const frame = scene.frames[index];
+  if (layers.points) {
+    context.fillStyle = scene.colors.point;
+    const { points, origin } = frame;
+    for (let k = 0; k < points.length; k += 2) {
+      context.fillRect(toX(origin[0] + points[k] * scene.unit), toY(origin[1] + points[k + 1] * scene.unit), 1.2, 1.2);
+    }
+  }
+  const outline = (boxes, k, grow = 0) => {
+    const [x, y] = spot(boxes, k);
+    const yaw = boxes[k + 5] * scene.turn;
+    const [cos, sin] = [Math.cos(yaw) * scale, Math.sin(yaw) * scale];
+    const [a, b] = [(boxes[k + 3] * scene.unit) / 2 + grow, (boxes[k + 4] * scene.unit) / 2 + grow];
+    const corner = (u, v) => [x + u * cos - v * sin, y - u * sin - v * cos];
+    context.beginPath();
+    context.moveTo(...corner(a, b));
+    context.lineTo(...corner(-a, b));
+    context.lineTo(...corner(-a, -b));
+    context.lineTo(...corner(a, -b));
+    context.closePath();
+    context.moveTo(...corner(a, 0));
+    context.lineTo(...corner(a * 0.4, 0));
+    context.stroke();
+  };
+  if (layers.truth) {
+    context.strokeStyle = scene.colors.truth;
+    context.lineWidth = 1;
+    for (let k = 0; k < frame.truth.length; k += BOX) outline(frame.truth, k);
+  }
+  context.font = "12px system-ui, sans-serif";
+  const write = (text, x, y) => writeOnHalo(context, scene.colors.background, text, x, y);
+  if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write: layers.ids ? write : () => {} });
+  for (const [name, x, y, riding] of frame.agents) {
+    context.globalAlpha = name === agent ? 1 : 0.7;
+    context.fillStyle = scene.colors.agent;
+    context.beginPath();
+    context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
+    context.fill();
+    write(name, toX(x) + 8, toY(y) - 8);
+  }
+  context.globalAlpha = 1;
+  const metres = nice(60 / scale); // the scale's bar
+  context.fillStyle = scene.colors.text;
+  context.fillRect(12, height - 14, metres * scale, 3);
+  write(`${+metres.toPrecision(1)} m`, 12, height - 20);
+}
+
+/** Tracks in the colours of their ids, each with where it was in the last second. */
+function drawTracks(context, scene, index, tracks, agent, { spot, outline, write }) {
+  const first = Math.max(0, index - Math.round(TRAIL_S / scene.dt_s));
+  const now = tracks[index][agent] ?? [];
+  for (let k = 0; k < now.length; k += BOX) {
+    const id = now[k];
+    context.strokeStyle = context.fillStyle = trackColor(scene, id);
+    context.lineWidth = 1.5;
+    context.beginPath();
+    let started = false;
+    for (let past = first; past <= index; past++) {
+      const boxes = tracks[past][agent] ?? [];
+      for (let j = 0; j < boxes.length; j += BOX) {
+        if (boxes[j] !== id) continue;
+        started ? context.lineTo(...spot(boxes, j)) : context.moveTo(...spot(boxes, j));
+        started = true;
+      }
+    }
+    context.stroke();
+    context.lineWidth = 2;
+    outline(now, k, 0.15);
+    const [x, y] = spot(now, k);
+    write(String(id), x + 6, y - 6);
+  }
+}
+
+/** Text on a dark halo, to be read over points and boxes. */
+function writeOnHalo(context, halo, text, x, y) {
+  context.save();
+  context.strokeStyle = halo;
+  context.lineWidth = 3;
+  context.lineJoin = "round";
+  context.strokeText(text, x, y);
+  context.restore();
+  context.fillText(text, x, y);
+}

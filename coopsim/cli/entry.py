@@ -1,0 +1,54 @@
+"""Where the command line begins: finds the command, runs it, and turns errors into one line and an exit status."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+
+import coopsim
+from coopsim.cli import bench, compare, demo, leaderboard, listing, record, replay
+from coopsim.cli.arguments import Parser
+from coopsim.cli.status import INTERRUPTED, USER_ERROR
+from coopsim.errors import CoopsimError
+
+_COMMANDS = {
+    "demo": demo,
+    "bench": bench,
+    "compare": compare,
+    "record": record,
+    "replay": replay,
+    "leaderboard": leaderboard,
+    "list": listing,
+}
+"""Modules that have a line of `HELP`, `add_arguments` and `run`."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status (see `coopsim.cli.status`)."""
+    typed = sys.argv[1:] if arguments is None else arguments
+    options = _parser().parse_args(typed)
+    options.typed = shlex.join(["coopsim", *typed])
+    try:
+        return int(options.command(options))
+    except CoopsimError as error:
+        print(f"coopsim: error: {error}", file=sys.stderr)
+        return USER_ERROR
+    except KeyboardInterrupt:
+        print("coopsim: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away, as `head` does
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (so that the exit does not flush into it again)
+        return 0
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="coopsim", description="The gym for cooperative perception.")
+    parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
+    for name, command in _COMMANDS.items():
+        subparser = commands.add_parser(name, help=command.HELP)
+        command.add_arguments(subparser)
+        subparser.set_defaults(command=command.run)
+    return parser

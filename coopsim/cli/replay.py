@@ -1,0 +1,50 @@
+"""`coopsim replay`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from coopsim.cli.arguments import add_recordings, as_json
+from coopsim.files import require_writable, write_whole
+
+HELP = "score a policy on recorded detections"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the command takes."""
+    add_recordings(parser)
+    add = parser.add_argument
+    add("--policy", default="ab3dmot", help="see `list` (default: %(default)s)")
+    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; the exit status."""
+    from coopsim.bench.runner import evaluate_recordings
+    from coopsim.bench.table import format_table, score_row
+
+    if options.json is not None:
+        require_writable(options.json)
+    result = evaluate_recordings(
+        options.policy,
+        options.path,
+        options.detections,
+        latency_s=options.latency_ms / 1000,
+        match_iou=options.match_iou,
+    )
+    frames_per_s = result.frames / result.seconds
+    protocols = {"count": result.count, "ignore": result.ignore}
+    print(
+        format_table(
+            [
+                ({"policy": options.policy, "false positives": name}, score_row(score, frames_per_s))
+                for name, score in protocols.items()
+            ]
+        )
+    )
+    print(f"{result.frames} frames in {result.seconds:.2f} s")
+    if options.json is not None:
+        scores = {name: score.to_dict() for name, score in protocols.items()}
+        write_whole(options.json, as_json({**scores, "frames": result.frames, "seconds": result.seconds}))
+    return 0

@@ -1,0 +1,98 @@
+"""YAML files of known keys, whose errors name the file and the line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import EllipsisType
+from typing import Any, TypeAlias
+
+import yaml
+
+from coopsim.errors import CoopsimError, UnknownNameError
+
+Known: TypeAlias = Mapping[str, "Known | EllipsisType | None"]
+"""Keys that there may be, and below each: those of its mapping, ... for whatever keys it has, None for a value."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeyedYaml:
+    """What a file says.
+
+    Attributes:
+        path: of the file.
+        content: its keys and values.
+        lines: where each key stands, from 1.
+        error: the class of errors about it.
+    """
+
+    path: Path
+    content: Mapping[str, Any]
+    lines: Mapping[str, int]
+    error: type[CoopsimError]
+
+    def wrong(self, message: str, key: str | None = None) -> CoopsimError:
+        """An error about a key that the file has, or about what it has not."""
+        return _at(self.error, self.path, self.lines.get(key or "", 1), message)
+
+    def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError | None:
+        """The same error with the file and the line of the key that it names; None if it names no key of the file.
+
+        Args:
+            error: whose message begins with what it is about.
+            beside: keys that were given in another way and went before the file's.
+        """
+        for key in sorted(set(self.lines) - set(beside), key=len, reverse=True):
+            if re.match(rf"(unknown )?(option ')?{key}\b", str(error)):
+                return self.wrong(str(error), key)
+        return None
+
+
+def read_keyed_yaml(
+    path: Path, known: Known, error: type[CoopsimError], *, may_be_value: Collection[str] = ()
+) -> KeyedYaml:
+    """Read a file and check its keys; values are checked by whoever takes them.
+
+    Args:
+        path: of the file.
+        known: keys that there may be.
+        error: raised for whatever is wrong with the file.
+        may_be_value: keys of mappings that may be a single value instead.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        content = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as broken:
+        line = broken.problem_mark.line + 1 if broken.problem_mark else 1
+        raise _at(error, path, line, f"this is no YAML: {broken.problem}") from broken
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as broken:
+        raise error(f"{path}: cannot be read: {broken}") from broken
+    lines: dict[str, int] = {}
+
+    def check(node: yaml.Node | None, known: Known | EllipsisType) -> None:
+        if not isinstance(node, yaml.MappingNode):
+            line = 1 if node is None else node.start_mark.line + 1
+            accepted = "any" if isinstance(known, EllipsisType) else ", ".join(sorted(known))
+            raise _at(error, path, line, f"expected keys and values. Accepted: {accepted}")
+        here: set[str] = set()
+        for key, value in node.value:
+            line, name = key.start_mark.line + 1, str(key.value)
+            if not isinstance(known, EllipsisType) and name not in known:
+                raise _at(error, path, line, str(UnknownNameError("key", name, known)))
+            if name in here:
+                raise _at(error, path, line, f"{name} is there twice")
+            here.add(name)
+            lines[name] = line
+            below = None if isinstance(known, EllipsisType) else known[name]
+            if below is not None and not (name in may_be_value and isinstance(value, yaml.ScalarNode)):
+                check(value, below)
+
+    check(node, known)
+    return KeyedYaml(path, content, lines, error)
+
+
+def _at(error: type[CoopsimError], path: Path, line: int, message: str) -> CoopsimError:
+    return error(f"{path}:{line}: {message}")

@@ -1,0 +1,262 @@
+"""`coopsim bench`, as a user runs it: what it leaves, what it survives, and that nothing changes the results."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+import coopsim
+from coopsim.bench.benchmark import Engine, Progress, benchmark
+from coopsim.bench.grid import Grid
+from coopsim.bench.job import Job, Outcome, run_job
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store import Store
+from coopsim.cli import INTERRUPTED, main
+from coopsim.errors import MissingDependencyError, StoreError
+
+FAST = {"vehicles": 6, "pedestrians": 2, "lidar": None}
+GRID = Grid(("no_fusion", "late_fusion"), latencies_ms=(0, 300), seeds=(0, 1), frames=8, options=FAST)
+SHORT = ["--frames", "8", "--clips", "0"]
+SHORT += [word for name, value in FAST.items() for word in ("--option", f"{name}={json.dumps(value)}")]
+FLAGS = ["--policies", "no_fusion,late_fusion", "--latencies-ms", "0,300", "--seeds", "0-1", *SHORT]
+
+TROUBLE = """
+import os
+import time
+import numpy as np
+import coopsim
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Tracks
+
+class Quiet(coopsim.Policy):
+    uplink = "none"
+    def track(self, agent, observation):
+        print("said on stdout")
+        none = np.zeros(0, dtype=int)
+        return Tracks(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)
+
+class Waits(Quiet):
+    def track(self, agent, observation):
+        while os.path.exists(__file__ + ".hold"):
+            time.sleep(0.02)
+        return super().track(agent, observation)
+
+class Raises(Quiet):
+    def track(self, agent, observation):
+        raise ZeroDivisionError(f"of {object()}")
+
+class Dies(Quiet):
+    def track(self, agent, observation):
+        os._exit(3)"""
+
+
+@pytest.fixture
+def trouble(tmp_path: Path) -> Path:
+    path = tmp_path / "trouble.py"
+    path.write_text(TROUBLE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Bytes of an uninterrupted run in this process."""
+    folder = tmp_path_factory.mktemp("reference")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+        results = benchmark(GRID, folder)
+    assert [result.cell for result in results] == list(GRID.cells()) and not any(result.failed for result in results)
+    return stored(folder)
+
+
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without processes, where it is not about them: to start one takes seconds."""
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+
+
+def in_this_process(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
+    yield from map(run_job, jobs)
+
+
+def stored(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (folder / "cells").glob("*.parquet")}
+
+
+def start(folder: Path, *flags: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "coopsim", "bench", *flags, "--out", str(folder)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_cells(folder: Path, count: int, process: subprocess.Popen[str]) -> None:
+    while len(list((folder / "cells").glob("*.parquet"))) < count:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def wait_until_gone(processes: list[psutil.Process]) -> None:
+    _, alive = psutil.wait_procs(processes, timeout=30)
+    assert alive == []
+
+
+def test_two_workers_give_the_bytes_of_one(reference: dict[str, bytes], tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    results = benchmark(GRID, tmp_path, engine=Engine(workers=2), on_progress=seen.append)
+    assert stored(tmp_path) == reference and len(reference) == len(GRID) == len(results)
+    assert [progress.done for progress in seen] == list(range(len(GRID) + 1))
+    assert seen[-1].left_s == 0 and seen[0].left_s is None
+    again: list[Progress] = []
+    assert repr(benchmark(GRID, tmp_path, on_progress=again.append)) == repr(results)
+    assert [(progress.stored, progress.done) for progress in again] == [(len(GRID), 0)]
+    # It is what `evaluate` gives.
+    (cell,) = (each for each in results if each.cell == GRID.cells()[-1])
+    here = coopsim.evaluate("late_fusion", seed=1, latency_s=0.3, max_cycles=8, **FAST)
+    assert cell.values == dict(here.score.values) and cell.rewards.tolist() == here.rewards.tolist()
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_larger_grid_takes_what_is_there(reference: dict[str, bytes], tmp_path: Path) -> None:
+    small = Grid(("late_fusion",), latencies_ms=(300,), seeds=(1,), frames=8, options=FAST)
+    benchmark(small, tmp_path)
+    seen: list[Progress] = []
+    benchmark(GRID, tmp_path, on_progress=seen.append)
+    assert seen[0].stored == 1 and stored(tmp_path) == reference
+    benchmark(small, tmp_path)
+    assert [result.cell for result in Store(tmp_path).results()] == list(small.cells())
+
+
+@pytest.mark.slow
+def test_interrupted_killed_and_ended_by_two_commands_at_once(
+    trouble: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever happens on the way, the end is that of an uninterrupted run, byte for byte."""
+    policies = f"late_fusion,{trouble}:Waits"
+    flags = ["--policies", policies, "--latencies-ms", "0,300", "--seeds", "0-1", *SHORT, "--workers", "1"]
+    hold, out_dir = Path(f"{trouble}.hold"), tmp_path / "out"
+    hold.touch()
+    for count, what in ((1, signal.SIGINT), (2, signal.SIGKILL)):
+        process = start(out_dir, *flags)
+        wait_for_cells(out_dir, count, process)  # the next one waits, as every first cell of its kind comes first
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(what)
+        out, err = process.communicate(timeout=60)
+        assert workers and out == ""
+        wait_until_gone(workers)
+        assert len(stored(out_dir)) == count
+        if what is signal.SIGINT:
+            assert process.returncode == INTERRUPTED and "Traceback" not in err
+            # The last one may have been stored and not yet counted.
+            assert re.search(r"interrupted; [01] of 8 cells are stored in ", err)
+    hold.unlink()
+    both = [start(out_dir, *flags) for _ in range(2)]
+    for process in both:
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 0 and "%" not in err and "Traceback" not in err  # no bar without a terminal
+        assert out.count("written: ") == 3 and "report.html" in out
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    assert main(["bench", *flags, "--out", str(tmp_path / "uninterrupted")]) == 0
+    assert stored(out_dir) == stored(tmp_path / "uninterrupted")
+    assert (out_dir / "results.csv").read_bytes() == (tmp_path / "uninterrupted" / "results.csv").read_bytes()
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_broken_file_is_named_and_made_again(
+    reference: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    benchmark(GRID, tmp_path)
+    victim = tmp_path / "cells" / min(reference)
+    victim.write_bytes(victim.read_bytes()[:-100])
+    broken: list[StoreError] = []
+    benchmark(GRID, tmp_path, on_broken=broken.append)
+    assert len(broken) == 1 and f"{victim} is broken" in str(broken[0]) and stored(tmp_path) == reference
+    victim.write_bytes(b"")
+    assert main(["bench", *FLAGS, "--out", str(tmp_path)]) == 0
+    assert f"{victim} is broken" in capsys.readouterr().err
+
+
+def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
+    trouble: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    policies = ["--policy", f"{trouble}:Raises", "--policy", f"{trouble}:Dies", "--policy", f"{trouble}:Quiet"]
+    command = ["bench", "--policies", "no_fusion", *policies, *SHORT, "--workers", "1", "--out", str(tmp_path)]
+    assert main(command) == 1
+    shown = capfd.readouterr()
+    assert "2 of 4 cells failed; --retry-failed" in shown.err and "ZeroDivisionError: of" in shown.err
+    assert "said on stdout" not in shown.out
+    results = {result.cell.policy.rpartition(":")[2]: result for result in Store(tmp_path).results()}
+    assert not (results["no_fusion"].failed or results["Quiet"].failed)
+    raised, died = results["Raises"].traceback or "", results["Dies"].traceback or ""
+    assert 'in track\n    raise ZeroDivisionError(f"of {object()}")' in raised
+    assert "object object at 0x..." in raised and "died: exit status 3" in died
+    before = stored(tmp_path)
+    assert main(command) == 1 and stored(tmp_path) == before
+    assert "coopsim: failed: " not in capfd.readouterr().err  # it is not run again
+    few = ["bench", "--policies", f"{trouble}:Raises", *SHORT, "--retry-failed", "--out", str(tmp_path)]
+    assert main(few) == 1 and stored(tmp_path) == before
+    assert capfd.readouterr().err.count("coopsim: failed: ") == 1
+
+
+def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for flags, message in [
+        (["--policies", "no_fusion,late_fusoin"], "Did you mean 'late_fusion'"),
+        (["--policies", "no_fusion", "--policy", "nunpy:X"], "there is no module 'nunpy'"),
+        (["--policies", "no_fusion", "--scenarios", "crossing,crosing"], "Did you mean 'crossing-v0'"),
+        (["--policies", "no_fusion", "--option", "vehicels=3"], "Did you mean 'vehicles'"),
+        (["--policies", "no_fusion", "--latencies-ms=-1"], "latencies_ms must be a finite number >= 0"),
+        (["--policies", "no_fusion", "--engine", "rya"], "Did you mean 'ray'"),
+        (["--policies", "no_fusion", "--address", "x:1"], "address must be None for the engine 'local'"),
+        (["--preset", "quik"], "Did you mean 'quick'"),
+        ([], "policies must be at least one"),
+    ]:
+        assert main(["bench", *flags, "--out", str(tmp_path / "out")]) == 2
+        error = capsys.readouterr().err
+        assert message in error and "Traceback" not in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--seeds", "3-1"], "must be integers >= 0 with commas between them, or 0-4"),
+        (["--option", "vehicles"], "must be name=value"),
+        (["--polices", "a"], "Did you mean --policies"),
+    ],
+)
+def test_slips_in_flags(flags: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["bench", *flags])
+    assert message in capsys.readouterr().err
+
+
+def test_without_ray_the_message_names_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'coopsim\[ray\]'"):
+        benchmark(GRID, tmp_path, engine=Engine("ray"))
+
+
+@pytest.mark.slow
+def test_a_local_ray_gives_the_bytes_of_local_processes(
+    reference: dict[str, bytes], trouble: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("ray")
+    process = start(tmp_path, *FLAGS, "--policy", f"{trouble}:Raises", "--engine", "ray", "--workers", "2")
+    children: set[psutil.Process] = set()
+    while process.poll() is None:
+        children |= set(psutil.Process(process.pid).children(recursive=True))
+        time.sleep(0.2)
+    _, err = process.communicate()
+    assert process.returncode == 1 and "4 of 12 cells failed" in err, err
+    wait_until_gone(list(children))
+    by_ray = stored(tmp_path)
+    assert len(by_ray) == 12 and reference.items() <= by_ray.items()
+    failed = next(result for result in Store(tmp_path).results() if result.failed)
+    here = run_job(Job.of(failed.cell, FAST, PolicySpec.parse(failed.cell.policy)))
+    assert failed.traceback == here.result.traceback
