@@ -70,9 +70,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = UPLINKS.get(options.uplink)
-        clocks = options.channel_config.clocks
-        for agent in clocks if isinstance(clocks, Mapping) else ():
-            require_choice("agent in clocks", agent, source.specs)
+        for option, agents in options.channel_config.agents_by_option.items():
+            for agent in agents:
+                require_choice(f"agent in {option}", agent, source.specs)
         require_instance(Reward, reward=reward)
         self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)
@@ -245,6 +245,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._current()
         return self._channel.counts
 
+    @property
+    def link_counts(self) -> Mapping[tuple[str, str], ChannelCounts]:
+        """The same by link: sender and receiver. A link on which nothing has been sent yet is not there."""
+        self._current()
+        return self._channel.link_counts
+
     def bytes_per_s(self, agent: str) -> float:
         """What an agent has broadcast per second of simulated time, envelope included."""
         time_ns = self._current().time_ns
@@ -330,10 +336,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if self._options.channel_config.radio is not None:
             bodies = {name: agent.body for name, agent in frame.agents.items()}
             around = Surroundings.of(bodies, frame.actors, self._source.road_map.buildings)
-        for name, agent in frame.agents.items():
-            message = self._uplinks[name].message(name, agent.observation)
-            if message is not None:
-                self._channel.send(message, frame.time_ns, positions, around)
+        said = [self._uplinks[name].message(name, agent.observation) for name, agent in frame.agents.items()]
+        self._channel.send([each for each in said if each is not None], frame.time_ns, positions, around)
         arrived = self._channel.deliver(frame.time_ns)
         heard = {
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))

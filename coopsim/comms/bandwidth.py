@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import heapq
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
@@ -45,11 +46,12 @@ class Bandwidth:
         return round(8 * size_bytes / self.rate_bit_s * NS_PER_S)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, order=True)
 class _Waiting(Generic[T]):
     since_ns: int
-    airtime_ns: int
-    content: T
+    number: int
+    airtime_ns: int = field(compare=False)
+    content: T = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,26 +70,33 @@ class Departure(Generic[T]):
 class Medium(Generic[T]):
     """One server and its queue; a message that is being sent is never interrupted.
 
-    What is put in must come in order of time, and after everything before it has been taken out by `departures`.
+    What is put in may come in any order of its times, but none before a moment that `departures` was asked for.
     """
 
     def __init__(self, bandwidth: Bandwidth) -> None:
         self._bandwidth = bandwidth
         self._max_wait_ns = seconds_to_ns(min(bandwidth.max_wait_s, 1e9))
+        self._coming: list[_Waiting[T]] = []
         self._queue: deque[_Waiting[T]] = deque()
         self._free_ns = 0
+        self._number = 0
 
-    def put(self, content: T, size_bytes: int, now_ns: int) -> None:
-        """Something wants to be sent."""
-        self._queue.append(_Waiting(now_ns, self._bandwidth.airtime_ns(size_bytes), content))
+    def put(self, content: T, size_bytes: int, since_ns: int) -> None:
+        """Something wants to be sent from that moment on; of one moment, what was put in first has waited longest."""
+        self._number += 1
+        waiting = _Waiting(since_ns, self._number, self._bandwidth.airtime_ns(size_bytes), content)
+        heapq.heappush(self._coming, waiting)
 
     def departures(self, before_ns: int) -> Iterator[Departure[T]]:
         """Whose turn comes before that moment: take it out, sent or dropped."""
-        while self._queue:
-            start_ns = max(self._free_ns, self._queue[0].since_ns)
+        while self._queue or self._coming:
+            first = self._queue[0] if self._queue else self._coming[0]
+            start_ns = max(self._free_ns, first.since_ns)
             if start_ns >= before_ns:
                 return
-            if start_ns - self._queue[0].since_ns > self._max_wait_ns:
+            while self._coming and self._coming[0].since_ns <= start_ns:
+                self._queue.append(heapq.heappop(self._coming))
+            if start_ns - first.since_ns > self._max_wait_ns:
                 yield Departure(self._queue.popleft().content, None)
                 continue
             waiting = self._queue.pop() if self._bandwidth.order == "newest_first" else self._queue.popleft()
@@ -97,4 +106,4 @@ class Medium(Generic[T]):
     @property
     def waiting(self) -> Iterator[T]:
         """What has not been sent yet."""
-        return (waiting.content for waiting in self._queue)
+        return (waiting.content for waiting in (*self._queue, *self._coming))
