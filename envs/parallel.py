@@ -54,6 +54,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | odometry | (4,) | estimated motion since the last observation, in its base frame |
     | detections | box (N, 7), score (N, 1), label (N,) | the agent's own, base frame |
     | | embedding (N, D) | only if the detector gives any; of length 1, zeros for none |
+    | | covariance (N, 7, 7) | only if the detector states any: of a box; zeros for none |
     | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras` says which |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
@@ -93,6 +94,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 source.camera_modes,
                 source.embedding_dim,
                 covariances=source.covariances,
+                detection_covariances=source.detection_covariances,
             )
             for name, spec in source.specs.items()
         }
@@ -343,9 +345,14 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
-        dim, covariances = self._source.embedding_dim, self._source.covariances
         return {
-            name: pack_observation(each, self.possible_agents, dim, covariances=covariances)
+            name: pack_observation(
+                each,
+                self.possible_agents,
+                self._source.embedding_dim,
+                covariances=self._source.covariances,
+                detection_covariances=self._source.detection_covariances,
+            )
             for name, each in heard.items()
         }
 
