@@ -1,8 +1,8 @@
 """How much of a signal arrives over a distance, and what chance a message then has.
 
-Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1 (as ns-3 has them, which cites the
-table of each); shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances of
-TR 36.885. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the sense in which shadowing is
+Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 has them, which cites its
+table; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances and with the
+transmitter and receiver of WiLabV2Xsim. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the sense in which shadowing is
 called log-normal, and without which the maximum would never be 0. ns-3 reads it as log-normal in dB.
 """
 

@@ -1,6 +1,6 @@
 """What chance a message has at an SNR: block error curves of the LTE-V2X sidelink.
 
-The curves are those of link-level simulations of blocks of 350 bytes in the C2C-CC's fading channels, as tables of
+The curves are those of link-level simulations of blocks of 350 bytes over fading channels, as they come with
 WiLabV2Xsim (Todisco et al. 2021, IEEE Access 9; its folder `PERcurves`, files `G5-*/PER_LTE_MCS*_350B.txt`). Each is
 given here by the two numbers of the normal distribution function that fits it best; no point of a table is farther from
 that than 0.03. Fast fading is in the curves; shadowing is not.
@@ -46,3 +46,4 @@ ERROR_CURVES = {
 `G5-HighwayLOS` and `G5-HighwayNLOS`. 4 and 7 are QPSK, 11 is 16-QAM."""
 
 SCHEMES = (4, 7, 11)
+"""Of LTE's modulation and coding schemes, those of which there are curves here."""
