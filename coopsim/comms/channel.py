@@ -15,12 +15,14 @@ import numpy as np
 
 from coopsim.comms.air import Air, LinkName
 from coopsim.comms.bandwidth import Medium
+from coopsim.comms.clock import AgentClock
 from coopsim.comms.config import ChannelConfig
 from coopsim.comms.link import Link
 from coopsim.comms.message import decode_message, encode_message
 from coopsim.comms.sight import Surroundings
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
+from coopsim.rng import stream
 from coopsim.types import Message, seconds_to_ns
 
 __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
@@ -86,6 +88,7 @@ class Channel:
         self._air = None if config.radio is None else Air(config.radio, seed)
         self._media: dict[LinkName | None, Medium[tuple[_Transmission, ...]]] = {}
         self._arrivals: list[_Arrival] = []
+        self._clocks: dict[str, AgentClock] = {}
         self._offered_ns: dict[str, int] = {}
         self._number = 0
         self._counted: dict[str, Counter[LinkName]] = {
@@ -162,11 +165,16 @@ class Channel:
 
     def _ticks(self, sender: str, now_ns: int) -> bool:
         before_ns, self._offered_ns[sender] = self._offered_ns.get(sender), now_ns
-        return self._config.clock(sender).ticks(before_ns, now_ns)
+        return self._clock(sender).ticks(before_ns, now_ns)
 
     def _stamped(self, message: Message) -> bytes:
-        clock = self._config.clock(message.sender)
-        return encode_message(replace(message, captured_ns=clock.stamp_ns(message.captured_ns)))
+        stamp_ns = self._clock(message.sender).stamp_ns(message.captured_ns)
+        return encode_message(replace(message, captured_ns=stamp_ns))
+
+    def _clock(self, agent: str) -> AgentClock:
+        if agent not in self._clocks:
+            self._clocks[agent] = self._config.clock(agent).drawn(stream(self._seed, "clock", agent))
+        return self._clocks[agent]
 
     def _link(self, sender: str, receiver: str) -> Link:
         if (sender, receiver) not in self._links:

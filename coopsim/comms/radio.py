@@ -2,8 +2,9 @@
 
 Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 has them, which cites its
 table; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances and with the
-transmitter and receiver of WiLabV2Xsim. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the sense in which shadowing is
-called log-normal, and without which the maximum would never be 0. ns-3 reads it as log-normal in dB.
+transmitter and receiver of WiLabV2Xsim. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the
+sense in which shadowing is called log-normal, and without which the maximum would never be 0. ns-3 reads it as
+log-normal in dB.
 """
 
 from __future__ import annotations

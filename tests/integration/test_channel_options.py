@@ -1,11 +1,13 @@
 """Channels as options: an ideal one is none at all, and one that is written down is the one that is built."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import coopsim
 from coopsim.comms.bandwidth import Bandwidth
@@ -19,6 +21,7 @@ from coopsim.comms.radio import Radio
 from coopsim.envs import parallel
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.localization_files import localization_config
 from coopsim.metrics.score import Score
 from coopsim.types import Message
 
@@ -124,6 +127,16 @@ def test_a_written_channel_is_the_one_that_is_built(tmp_path: Path) -> None:
     delays.write_text("0.1\n0.2\n")
     read = channel_config({"latency": {"model": "empirical", "path": delays}, "loss": BernoulliLoss(0.5)})
     assert read == ChannelConfig(EmpiricalLatency((0.1, 0.2)), BernoulliLoss(0.5))
+
+
+def test_what_the_documentation_writes_can_be_read() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    read = {"channel": channel_config, "localization": localization_config}
+    for name, config in read.items():
+        blocks = re.findall(r"```yaml\n(.*?)```", (docs / f"{name}.md").read_text(), re.DOTALL)
+        assert blocks
+        for block in blocks:
+            config(yaml.safe_load(block))  # type: ignore[operator]
 
 
 def test_simple_options_are_a_channel() -> None:

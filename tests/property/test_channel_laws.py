@@ -37,7 +37,13 @@ bandwidths = st.builds(
     st.sampled_from(["in_order", "newest_first"]),
     st.one_of(st.just(np.inf), st.floats(0, 0.5)),
 )
-clocks = st.builds(AgentClock, st.one_of(st.none(), st.floats(0.5, 30)), st.floats(0, 0.3), st.floats(-1, 1))
+clocks = st.builds(
+    AgentClock,
+    st.one_of(st.none(), st.floats(0.5, 30)),
+    st.floats(0, 0.3),
+    st.floats(-1, 1),
+    offset_noise_s=st.floats(0, 9),
+)
 radios = st.builds(
     Radio,
     st.sampled_from(["urban", "highway"]),

@@ -139,6 +139,18 @@ def test_clocks_decide_who_speaks_and_what_is_stamped() -> None:
     assert channel.link_counts["b", "a"].sent == 3 and channel.link_counts["a", "b"].sent == 6
 
 
+def test_every_agent_and_episode_has_its_own_clock_error() -> None:
+    config = ChannelConfig(clocks=AgentClock(offset_s=1.0, offset_noise_s=0.1))
+    stamps = {}
+    for seed in range(3):
+        channel = Channel(config, seed)
+        channel.send([message(name, 0) for name in NEAR], 0, NEAR)
+        inboxes = channel.deliver(0)
+        stamps |= {(seed, each.sender): each.captured_ns for inbox in inboxes.values() for each in inbox}
+    assert len(set(stamps.values())) == 9
+    assert all(0.5e9 < stamp_ns < 1.5e9 for stamp_ns in stamps.values())
+
+
 def test_a_link_has_what_names_both_ends_before_what_names_one() -> None:
     late = {
         f"{pair}": LinkConfig(GaussianLatency(frames / 10)) for frames, pair in enumerate(("a > b", "a>*", "* > b"), 1)
