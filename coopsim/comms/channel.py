@@ -226,7 +226,7 @@ class Channel:
         else:
             shares = [(name, () if each is None else (each,)) for name, each in on_air]
         for name, transmissions in shares:
-            self._media.setdefault(name, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns)
+            self._media.setdefault(name, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns, sender)
 
     def _advance(self, before_ns: int) -> None:
         """Let the media send what they begin to send before that moment."""
