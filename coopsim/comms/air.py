@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 
@@ -40,17 +41,20 @@ class Air:
             around: where all agents are, and what is in between.
         """
         taken = {sender: self._slots(sender, self._radio.blocks(size)) for sender, size in sizes_bytes.items()}
-        chances = {}
+        pairs = {_pair(*ends) for ends in product(taken, around.antennas) if ends[0] != ends[1]}
+        levels = {pair: self._hear(*pair, around) for pair in pairs}
+        chances: dict[LinkName, float] = {}
         for receiver in around.antennas:
-            heard = {sender: self._hear(sender, receiver, around) for sender in taken if sender != receiver}
-            on_air_mw = {sender: _milliwatts(dbm) * (taken[sender] > 0) for sender, (dbm, _) in heard.items()}
-            silent = taken[receiver] == 0 if receiver in taken and self._radio.slots else True
+            heard = {sender: levels[_pair(sender, receiver)] for sender in taken if sender != receiver}
             for sender, (dbm, sight) in heard.items():
-                noise_mw = np.full(len(taken[sender]), _milliwatts(self._radio.noise_dbm))
-                if self._radio.slots:
-                    noise_mw += sum(on_air_mw[other] for other in heard if other != sender)
+                others = [other for other in heard if other != sender] if self._radio.slots else []
+                noise_mw = _milliwatts(self._radio.noise_dbm) + np.zeros(len(taken[sender]))
+                for other in others:
+                    noise_mw += _milliwatts(heard[other][0]) * (taken[other] > 0)
                 received = self._radio.curve(sight).delivery(dbm - 10 * np.log10(noise_mw))
-                chances[sender, receiver] = float(np.prod((received * silent) ** taken[sender]))
+                if self._radio.slots and receiver in taken:
+                    received = np.where(taken[receiver] > 0, 0.0, received)
+                chances[sender, receiver] = float(np.prod(received ** taken[sender]))
         return chances
 
     def _slots(self, sender: str, blocks: int) -> Ints:
@@ -63,9 +67,8 @@ class Air:
         taken = self._luck[sender].integers(count) + np.arange(blocks)
         return np.bincount(taken % count, minlength=count)
 
-    def _hear(self, sender: str, receiver: str, around: Surroundings) -> tuple[float, Sight]:
-        """How strong a sender is at a receiver, dBm, and what is in between."""
-        first, second = sorted((sender, receiver))
+    def _hear(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
+        """How strong each of a pair is at the other, dBm, and what is in between."""
         if (first, second) not in self._fading:
             rng = stream(self._seed, "shadowing", first, second)
             self._fading[first, second] = Fading(rng, self._radio.decorrelation_m)
@@ -73,6 +76,11 @@ class Air:
         sight = around.between(first, second)
         distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
         return self._radio.received_dbm(distance_m, sight, self._fading[first, second].at(ends_m)), sight
+
+
+def _pair(one: str, other: str) -> LinkName:
+    """The name of two agents, whichever is first."""
+    return min(one, other), max(one, other)
 
 
 def _milliwatts(dbm: float) -> float:

@@ -94,8 +94,8 @@ def test_interference_is_signal_over_noise_and_the_others_power() -> None:
     """Against the formula, worked out here for agents in the open without shadowing."""
 
     class Calm(Air):
-        def _hear(self, sender: str, receiver: str, around: Surroundings) -> tuple[float, Sight]:
-            distance_m = abs(around.antennas[sender][0] - around.antennas[receiver][0])
+        def _hear(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
+            distance_m = abs(around.antennas[first][0] - around.antennas[second][0])
             return self._radio.received_dbm(distance_m, Sight(), CALM), Sight()
 
     radio = Radio(slots=1)
