@@ -51,7 +51,7 @@ class ChannelConfig:
     duplication: float = 0.0
     bit_error_rate: float = 0.0
     clocks: AgentClock | Mapping[str, AgentClock] = _EVERY_FRAME
-    links: Mapping[str, LinkConfig] = field(default_factory=dict)
+    links: Mapping[str, LinkConfig] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         if self.latency is None or self.loss is None:
