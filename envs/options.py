@@ -14,18 +14,21 @@ from coopsim.checks import (
     require_count,
     require_flag,
     require_instance,
+    require_number,
     require_positive,
+    require_probability,
     require_threshold,
 )
 from coopsim.comms.config import ChannelConfig
 from coopsim.comms.config_files import channel_config
-from coopsim.comms.latency import GaussianLatency
+from coopsim.comms.latency import MOST_S, GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
+from coopsim.localization_files import localization_config
 from coopsim.pose_noise import PoseNoise
 from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import as_daylight
@@ -77,7 +80,9 @@ class CommonOptions:
         if self.channel is not None:
             _refuse_beside(self, _CHANNEL_OPTIONS, "channel")
             object.__setattr__(self, "channel", channel_config(self.channel))
-        self.channel_config  # noqa: B018  (its own checks run now, not at the first message)
+        require_between(0, MOST_S, latency_s=self.latency_s, latency_jitter_s=self.latency_jitter_s)
+        require_probability(loss=self.loss)
+        require_number(">= 0 (inf: no limit)", lambda far: far >= 0, communication_range_m=self.communication_range_m)
 
     @property
     def channel_config(self) -> ChannelConfig:
@@ -113,7 +118,8 @@ class SimulationOptions:
         odometry_noise_m: of the motion in a frame, x and y.
         odometry_heading_noise_rad: of the turn in a frame.
         localization: in the place of the four options above: a `LocalizationConfig` for all agents, or one by agent
-            (whoever is not named has what the four options say).
+            (whoever is not named has what the four options say); or a mapping of either, or the path of a YAML file
+            with that.
         detector: the detector; None is `SimulatedDetector()`.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
@@ -141,7 +147,7 @@ class SimulationOptions:
     heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
-    localization: LocalizationConfig | Mapping[str, LocalizationConfig] | None = None
+    localization: LocalizationConfig | Mapping[str, Any] | str | Path | None = None
     detector: Detector | None = None
     traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
@@ -208,8 +214,9 @@ class SimulationOptions:
         """An agent's localization."""
         if isinstance(self.localization, LocalizationConfig):
             return self.localization
-        if self.localization is not None and agent in self.localization:
-            return self.localization[agent]
+        if isinstance(self.localization, Mapping) and agent in self.localization:
+            config: LocalizationConfig = self.localization[agent]
+            return config
         return LocalizationConfig(
             PoseNoise(self.position_noise_m, self.heading_noise_rad),
             self.odometry_noise_m,
@@ -217,14 +224,10 @@ class SimulationOptions:
         )
 
     def _check_localization(self) -> None:
-        by_agent = self.localization
-        if by_agent is not None and not isinstance(by_agent, Mapping):
-            require_instance(LocalizationConfig, localization=by_agent)
-            _refuse_beside(self, _LOCALIZATION_OPTIONS, "localization")
-        elif by_agent is not None:
-            for name, config in by_agent.items():
-                if not isinstance(config, LocalizationConfig):
-                    raise InvalidValueError(f"localization of {name} must be a LocalizationConfig, got {config!r}")
+        if self.localization is not None:
+            object.__setattr__(self, "localization", localization_config(self.localization))
+            if isinstance(self.localization, LocalizationConfig):
+                _refuse_beside(self, _LOCALIZATION_OPTIONS, "localization")
         self.localization_of("")  # its own checks run now, not at the first episode
 
 

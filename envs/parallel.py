@@ -54,6 +54,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | odometry | (4,) | estimated motion since the last observation, in its base frame |
     | detections | box (N, 7), score (N, 1), label (N,) | the agent's own, base frame |
     | | embedding (N, D) | only if the detector gives any; of length 1, zeros for none |
+    | | covariance (N, 7, 7) | only if the detector states any: of a box; zeros for none |
     | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras` says which |
     | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
@@ -70,9 +71,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = UPLINKS.get(options.uplink)
-        clocks = options.channel_config.clocks
-        for agent in clocks if isinstance(clocks, Mapping) else ():
-            require_choice("agent in clocks", agent, source.specs)
+        for option, agents in options.channel_config.agents_by_option.items():
+            for agent in agents:
+                require_choice(f"agent in {option}", agent, source.specs)
         require_instance(Reward, reward=reward)
         self._reward = MotaReward() if reward is None else reward
         self.possible_agents = list(source.specs)
@@ -93,6 +94,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 source.camera_modes,
                 source.embedding_dim,
                 covariances=source.covariances,
+                detection_covariances=source.detection_covariances,
             )
             for name, spec in source.specs.items()
         }
@@ -245,6 +247,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._current()
         return self._channel.counts
 
+    @property
+    def link_counts(self) -> Mapping[tuple[str, str], ChannelCounts]:
+        """The same by link: sender and receiver. A link on which nothing has been sent yet is not there."""
+        self._current()
+        return self._channel.link_counts
+
     def bytes_per_s(self, agent: str) -> float:
         """What an agent has broadcast per second of simulated time, envelope included."""
         time_ns = self._current().time_ns
@@ -330,18 +338,21 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if self._options.channel_config.radio is not None:
             bodies = {name: agent.body for name, agent in frame.agents.items()}
             around = Surroundings.of(bodies, frame.actors, self._source.road_map.buildings)
-        for name, agent in frame.agents.items():
-            message = self._uplinks[name].message(name, agent.observation)
-            if message is not None:
-                self._channel.send(message, frame.time_ns, positions, around)
+        said = [self._uplinks[name].message(name, agent.observation) for name, agent in frame.agents.items()]
+        self._channel.send([each for each in said if each is not None], frame.time_ns, positions, around)
         arrived = self._channel.deliver(frame.time_ns)
         heard = {
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
-        dim, covariances = self._source.embedding_dim, self._source.covariances
         return {
-            name: pack_observation(each, self.possible_agents, dim, covariances=covariances)
+            name: pack_observation(
+                each,
+                self.possible_agents,
+                self._source.embedding_dim,
+                covariances=self._source.covariances,
+                detection_covariances=self._source.detection_covariances,
+            )
             for name, each in heard.items()
         }
 

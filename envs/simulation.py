@@ -66,6 +66,7 @@ class Simulation(FrameSource):
         self._threads = 1 if by_embree else options.threads
         self._detector = options.detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
+        self.detection_covariances = self._detector.states_covariance
         self._rig: CameraRig | None = None
         self.camera_modes = tuple(options.camera_modes)
         self.region_m = (options.region_x_m, options.region_y_m)

@@ -69,6 +69,7 @@ class FrameSource(ABC):
         capacity: the largest number of actors in a frame.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
         embedding_dim: length of the embeddings of detections; 0: they have none.
+        detection_covariances: whether detections have covariances.
         covariances: whether some agent states the covariance of its pose.
     """
 
@@ -80,6 +81,7 @@ class FrameSource(ABC):
     capacity: int
     region_m: tuple[float, float] | None
     embedding_dim: int = 0
+    detection_covariances: bool = False
     covariances: bool = False
 
     @abstractmethod

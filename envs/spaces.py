@@ -60,6 +60,7 @@ def observation_space(
     embedding_dim: int = 0,
     *,
     covariances: bool = False,
+    detection_covariances: bool = False,
 ) -> spaces.Dict:
     """The space of one agent's observations.
 
@@ -70,12 +71,15 @@ def observation_space(
         camera_modes: what their pictures consist of; what is truth is left out.
         embedding_dim: length of the embeddings of detections; 0: they have none.
         covariances: whether some agent states the covariance of its pose.
+        detection_covariances: whether detections have covariances.
     """
     stated: dict[str, Any] = {"pose_covariance": _reals(3, 3)} if covariances else {}
     heard: dict[str, Any] = {"pose_covariance": _reals(3, 3)} if covariances else {}
     found = {"box": _box(), "score": _reals(1), "label": spaces.Discrete(len(CLASS_NAMES))}
     if embedding_dim:
         found["embedding"] = _reals(embedding_dim, dtype=np.float32)
+    if detection_covariances:
+        found["covariance"] = _reals(7, 7)
     image: dict[str, spaces.Space[Any]] = {
         name: _image(calibration.size, camera_modes) for name, calibration in cameras.items()
     }
@@ -123,12 +127,18 @@ def action_space(*, drives: bool) -> spaces.Dict:
 
 
 def pack_observation(
-    observation: Observation, agents: Sequence[str], embedding_dim: int = 0, *, covariances: bool = False
+    observation: Observation,
+    agents: Sequence[str],
+    embedding_dim: int = 0,
+    *,
+    covariances: bool = False,
+    detection_covariances: bool = False,
 ) -> dict[str, Any]:
     """An observation as its space's dict of arrays; `agents` numbers the senders.
 
     Raises:
-        InvalidValueError: the detections' embeddings are not of the length that was announced.
+        InvalidValueError: the detections' embeddings are not of the length that was announced, or they have
+            covariances and none were announced.
     """
     inbox = observation.inbox
     payload = b"".join(message.payload for message in inbox)
@@ -136,7 +146,7 @@ def pack_observation(
         "time_ns": np.int64(observation.time_ns),
         "pose": observation.pose.xyz_yaw,
         "odometry": observation.odometry.xyz_yaw,
-        "detections": _pack_detections(observation.detections, embedding_dim),
+        "detections": _pack_detections(observation.detections, embedding_dim, covariances=detection_covariances),
         "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
         "cameras": {name: pack_image(image, OBSERVED_MODES) for name, image in observation.cameras.items()},
         "inbox": {
@@ -166,7 +176,13 @@ def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: A
         time_ns=int(packed["time_ns"]),
         pose=_unpack_pose(packed["pose"], packed.get("pose_covariance")),
         odometry=Odometry(packed["odometry"]),
-        detections=Detections(boxes, np.reshape(found["score"], -1), found["label"], embedding=found.get("embedding")),
+        detections=Detections(
+            boxes,
+            np.reshape(found["score"], -1),
+            found["label"],
+            _stated(found.get("covariance")),
+            found.get("embedding"),
+        ),
         sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
         cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()},
         inbox=_unpack_inbox(packed, agents, spec.uplink),
@@ -221,8 +237,8 @@ def _unpack_tracks(packed: object) -> Tracks:
     return Tracks(track_id, Boxes3D.from_array(box), velocity, score, label)
 
 
-def _pack_detections(found: Detections, embedding_dim: int) -> dict[str, Any]:
-    """Embeddings at length 1, zeros for none: an observation is finite."""
+def _pack_detections(found: Detections, embedding_dim: int, *, covariances: bool) -> dict[str, Any]:
+    """Embeddings at length 1, zeros for none, as for covariances: an observation is finite."""
     rows: dict[str, Any] = {"box": found.boxes.array, "score": found.score[:, None], "label": found.label}
     if found.embedding is not None and found.embedding.shape[1] != embedding_dim:
         width = found.embedding.shape[1]
@@ -230,6 +246,10 @@ def _pack_detections(found: Detections, embedding_dim: int) -> dict[str, Any]:
     if embedding_dim:
         none = np.zeros((len(found), embedding_dim))
         rows["embedding"], _ = directions(none if found.embedding is None else found.embedding)
+    if found.covariance is not None and not covariances:
+        raise InvalidValueError("detections have covariances, announced were none: Detector.states_covariance says so")
+    if covariances:
+        rows["covariance"] = np.zeros((len(found), 7, 7)) if found.covariance is None else found.covariance
     return rows
 
 
@@ -263,4 +283,9 @@ def _pack_covariances(poses: Sequence[PoseEstimate]) -> np.ndarray[Any, np.dtype
 
 
 def _unpack_pose(xyz_yaw: Any, covariance: Any) -> PoseEstimate:
-    return PoseEstimate(xyz_yaw, None if covariance is None or not np.any(covariance) else covariance)
+    return PoseEstimate(xyz_yaw, _stated(covariance))
+
+
+def _stated(covariance: Any) -> Any:
+    """None for the zeros that stand for it."""
+    return None if covariance is None or not np.any(covariance) else covariance

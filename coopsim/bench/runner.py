@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,7 @@ class Evaluation:
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
         messages: what became of them, each counted for every other agent.
+        links: the same by link: sender and receiver.
     """
 
     score: Score
@@ -45,6 +46,7 @@ class Evaluation:
     frames: int
     seconds: float
     messages: ChannelCounts
+    links: Mapping[tuple[str, str], ChannelCounts] = field(default_factory=dict)
 
     @property
     def frames_per_s(self) -> float:
@@ -95,7 +97,7 @@ def evaluate(
     env = listening_env(environment, policy, options)
     try:
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        return Evaluation(env.score(), rewards, len(rewards), seconds, env.channel_counts)
+        return Evaluation(env.score(), rewards, len(rewards), seconds, env.channel_counts, env.link_counts)
     finally:
         env.close()
 

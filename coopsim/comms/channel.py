@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from coopsim.comms.air import Air, LinkName
 from coopsim.comms.bandwidth import Medium
+from coopsim.comms.clock import AgentClock
 from coopsim.comms.config import ChannelConfig
 from coopsim.comms.link import Link
 from coopsim.comms.message import decode_message, encode_message
-from coopsim.comms.radio import Fading
 from coopsim.comms.sight import Surroundings
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
@@ -28,9 +29,6 @@ __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
 
 _ROUNDING_NS = 2
 """Frames' times and delays are rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
-
-LinkName = tuple[str, str]
-"""Sender and receiver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +79,16 @@ class Channel:
     """One episode's channel between named agents.
 
     Each link (sender, receiver) has its own random streams, one for each purpose, and takes the same draws for each
-    message whatever the parameters, so that a run with more loss loses the same messages and more. Shadowing has a
-    stream for each pair: it is the same in both directions.
+    message whatever the parameters, so that a run with more loss loses the same messages and more.
     """
 
     def __init__(self, config: ChannelConfig, seed: int) -> None:
         self._config, self._seed = config, seed
         self._links: dict[LinkName, Link] = {}
-        self._fading: dict[LinkName, Fading] = {}
+        self._air = None if config.radio is None else Air(config.radio, seed)
         self._media: dict[LinkName | None, Medium[tuple[_Transmission, ...]]] = {}
         self._arrivals: list[_Arrival] = []
+        self._clocks: dict[str, AgentClock] = {}
         self._offered_ns: dict[str, int] = {}
         self._number = 0
         self._counted: dict[str, Counter[LinkName]] = {
@@ -99,29 +97,32 @@ class Channel:
         self._broadcast_bytes: Counter[str] = Counter()
 
     def send(
-        self, message: Message, now_ns: int, positions: Mapping[str, Floats], around: Surroundings | None = None
+        self,
+        messages: Sequence[Message],
+        now_ns: int,
+        positions: Mapping[str, Floats],
+        around: Surroundings | None = None,
     ) -> None:
-        """Broadcast a message, unless the sender's clock says that it is not time to; time must not go back.
+        """Broadcast the messages of one moment, but for those whose sender's clock says that it is not time to.
+
+        Time must not go back.
 
         Args:
-            message: what the sender says; it is stamped by the sender's clock.
-            now_ns: when it is there.
+            messages: what is said, at most one by each agent; they are stamped by their senders' clocks.
+            now_ns: when they are there.
             positions: true positions (3,) m of all agents, in one frame.
             around: where antennas and obstacles are, if the channel has a radio; None: all links are free.
         """
-        sender, clock = message.sender, self._config.clock(message.sender)
-        before_ns, self._offered_ns[sender] = self._offered_ns.get(sender), now_ns
-        if not clock.ticks(before_ns, now_ns):
-            return
-        wire = encode_message(replace(message, captured_ns=clock.stamp_ns(message.captured_ns)))
-        self._broadcast_bytes[sender] += len(wire)
-        surroundings = around or Surroundings(positions)
-        transmissions = [
-            self._transmit((sender, receiver), wire, positions, surroundings)
-            for receiver in positions
-            if receiver != sender
-        ]
-        self._queue(transmissions, len(wire), now_ns + seconds_to_ns(self._config.processing_s))
+        wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
+        chances = self._chances(wires, around or Surroundings(positions))
+        for sender, wire in wires.items():
+            self._broadcast_bytes[sender] += len(wire)
+            transmissions = [
+                self._transmit((sender, receiver), wire, positions, chances.get((sender, receiver), 1.0))
+                for receiver in positions
+                if receiver != sender
+            ]
+            self._queue(sender, transmissions, len(wire), now_ns)
 
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
         """Take out every message that is due, by receiver, in order of arrival."""
@@ -162,49 +163,70 @@ class Channel:
         """Bytes that an agent has put on the air, or in the queue for it, each broadcast counted once."""
         return self._broadcast_bytes[agent]
 
+    def _ticks(self, sender: str, now_ns: int) -> bool:
+        before_ns, self._offered_ns[sender] = self._offered_ns.get(sender), now_ns
+        return self._clock(sender).ticks(before_ns, now_ns)
+
+    def _stamped(self, message: Message) -> bytes:
+        stamp_ns = self._clock(message.sender).stamp_ns(message.captured_ns)
+        return encode_message(replace(message, captured_ns=stamp_ns))
+
+    def _clock(self, agent: str) -> AgentClock:
+        if agent not in self._clocks:
+            self._clocks[agent] = self._config.clock(agent).drawn(stream(self._seed, "clock", agent))
+        return self._clocks[agent]
+
+    def _link(self, sender: str, receiver: str) -> Link:
+        if (sender, receiver) not in self._links:
+            self._links[sender, receiver] = Link(self._config, self._seed, (sender, receiver))
+        return self._links[sender, receiver]
+
+    def _chances(self, wires: Mapping[str, bytes], around: Surroundings) -> Mapping[LinkName, float]:
+        """What the radio makes of messages, by link; whoever has no link but by cable is not on the air."""
+        if self._air is None:
+            return {}
+        on_air = {
+            sender: len(wire)
+            for sender, wire in wires.items()
+            if not all(self._link(sender, other).wired for other in around.antennas if other != sender)
+        }
+        return self._air.chances(on_air, around)
+
     def _transmit(
-        self, link: LinkName, wire: bytes, positions: Mapping[str, Floats], surroundings: Surroundings
+        self, name: LinkName, wire: bytes, positions: Mapping[str, Floats], chance: float
     ) -> tuple[LinkName, _Transmission | None]:
         """A message on one link, None where it is lost on the way."""
-        if link not in self._links:
-            self._links[link] = Link(self._config, self._seed, link)
-        self._count(link, "sent")
+        link = self._link(*name)
+        self._count(name, "sent")
         self._number += 1
-        distance_m = float(np.linalg.norm(positions[link[1]] - positions[link[0]]))
-        chance = self._reception(link, surroundings) if distance_m <= self._config.range_m else 0.0
-        fate = self._links[link].draw(wire, chance)
+        if link.wired:
+            chance = 1.0
+        elif float(np.linalg.norm(positions[name[1]] - positions[name[0]])) > self._config.range_m:
+            chance = 0.0
+        fate = link.draw(wire, chance)
         if fate is None:
-            self._count(link, "lost")
-            return link, None
-        return link, _Transmission(self._number, link, fate.wire, fate.delays_ns)
+            self._count(name, "lost")
+            return name, None
+        return name, _Transmission(self._number, name, fate.wire, fate.delays_ns)
 
-    def _reception(self, link: LinkName, surroundings: Surroundings) -> float:
-        radio = self._config.radio
-        if radio is None:
-            return 1.0
-        first, second = sorted(link)
-        if (first, second) not in self._fading:
-            rng = stream(self._seed, "shadowing", first, second)
-            self._fading[first, second] = Fading(rng, radio.decorrelation_m)
-        ends_m = np.stack([surroundings.antennas[first], surroundings.antennas[second]])
-        fading = self._fading[first, second].at(ends_m)
-        distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
-        return radio.reception(radio.snr_db(distance_m, surroundings.between(first, second), fading))
-
-    def _queue(self, links: list[tuple[LinkName, _Transmission | None]], size_bytes: int, ready_ns: int) -> None:
+    def _queue(
+        self, sender: str, links: list[tuple[LinkName, _Transmission | None]], size_bytes: int, now_ns: int
+    ) -> None:
         """Hand transmissions to the medium; those that will be lost take their time on it, too."""
+        ready_ns = now_ns + seconds_to_ns(self._config.processing_of(sender))
         bandwidth = self._config.bandwidth
-        if bandwidth is None:
-            self._send_off(tuple(each for _, each in links if each is not None), ready_ns)
+        by_cable = [each for name, each in links if bandwidth is None or self._links[name].wired]
+        self._send_off([each for each in by_cable if each is not None], ready_ns)
+        on_air = [(name, each) for name, each in links if not self._links[name].wired]
+        if bandwidth is None or not on_air:
             return
         shares: list[tuple[LinkName | None, tuple[_Transmission, ...]]]
         if bandwidth.medium == "shared":
-            shares = [(None, tuple(each for _, each in links if each is not None))]
+            shares = [(None, tuple(each for _, each in on_air if each is not None))]
         else:
-            shares = [(link, () if each is None else (each,)) for link, each in links]
-        self._advance(ready_ns)
-        for medium, transmissions in shares:
-            self._media.setdefault(medium, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns)
+            shares = [(name, () if each is None else (each,)) for name, each in on_air]
+        for name, transmissions in shares:
+            self._media.setdefault(name, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns, sender)
 
     def _advance(self, before_ns: int) -> None:
         """Let the media send what they begin to send before that moment."""
@@ -216,7 +238,7 @@ class Channel:
                 for transmission in departure.content:
                     self._count(transmission.link, "lost", "stale")
 
-    def _send_off(self, transmissions: tuple[_Transmission, ...], sent_ns: int) -> None:
+    def _send_off(self, transmissions: Sequence[_Transmission], sent_ns: int) -> None:
         for each in transmissions:
             for copy, delay_ns in enumerate(each.delays_ns):
                 arrival = _Arrival(sent_ns + delay_ns, each.number, copy, each.link, each.wire)

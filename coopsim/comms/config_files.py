@@ -12,11 +12,11 @@ from coopsim.comms.bandwidth import Bandwidth
 from coopsim.comms.clock import AgentClock
 from coopsim.comms.config import ChannelConfig
 from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatency, LogNormalLatency
+from coopsim.comms.link_config import LinkConfig
 from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio import Radio
 from coopsim.errors import InvalidValueError, UnknownNameError
-
-Given = Mapping[str, Any]
+from coopsim.mappings import Given, make, read_mapping, require_mapping
 
 _LATENCIES: Mapping[str, type[Any]] = {
     "gaussian": GaussianLatency,
@@ -33,7 +33,7 @@ def channel_config(given: ChannelConfig | Given | str | Path) -> ChannelConfig:
     A mapping has the fields of `ChannelConfig`. `latency` and `loss` are mappings with a `model` ("gaussian",
     "log_normal", "gamma", "empirical"; "bernoulli", "gilbert_elliott") and its fields; an empirical latency may have
     the `path` of its file instead of `samples_s`. `bandwidth` and `radio` are mappings of their fields, `clocks` one
-    of agents to the fields of theirs.
+    of a clock's fields or of agents to such, `links` one of links to their fields.
 
     Raises:
         InvalidValueError: no such file, or a value that is not accepted.
@@ -41,67 +41,61 @@ def channel_config(given: ChannelConfig | Given | str | Path) -> ChannelConfig:
     """
     if isinstance(given, ChannelConfig):
         return given
-    if isinstance(given, (str, Path)):
-        given = _read(Path(given))
-    if not isinstance(given, Mapping):
-        raise InvalidValueError(f"channel must be a ChannelConfig, a mapping or the path of a YAML file, got {given!r}")
     parts: Mapping[str, Callable[[Any], Any]] = {
         "latency": _latency,
-        "loss": lambda loss: _model("loss", _LOSSES, loss),
-        "bandwidth": lambda bandwidth: _make("bandwidth", Bandwidth, bandwidth),
-        "radio": lambda radio: _make("radio", Radio, radio),
+        "loss": lambda loss: _model("channel loss", _LOSSES, loss),
+        "bandwidth": lambda bandwidth: make("channel bandwidth", Bandwidth, bandwidth),
+        "radio": lambda radio: make("channel radio", Radio, radio),
         "clocks": _clocks,
+        "links": _links,
     }
-    config: ChannelConfig = _make(
-        "channel", ChannelConfig, {key: parts[key](part) if key in parts else part for key, part in given.items()}
+    mapping = read_mapping("channel", "a ChannelConfig", given)
+    config: ChannelConfig = make(
+        "channel", ChannelConfig, {key: parts[key](part) if key in parts else part for key, part in mapping.items()}
     )
     return config
-
-
-def _read(path: Path) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidValueError(f"cannot read the channel in {path}: {error}") from error
-
-
-def _make(what: str, made: type[Any], given: Any) -> Any:
-    """An object from its fields; what is one, or None, is left as it is."""
-    if given is None or isinstance(given, made):
-        return given
-    known = [field.name for field in fields(made) if field.init]
-    for name in _mapping(what, given):
-        if name not in known:
-            raise UnknownNameError(f"{what} option", name, known)
-    try:
-        return made(**given)
-    except TypeError as error:
-        raise InvalidValueError(f"{what}: {error}") from error
 
 
 def _model(what: str, models: Mapping[str, type[Any]], given: Any) -> Any:
     if given is None or isinstance(given, tuple(models.values())):
         return given
-    name = _mapping(what, given).get("model")
+    name = require_mapping(what, given).get("model")
+    if name is None:
+        raise InvalidValueError(f"{what}: model must be given, got {sorted(given)}; accepted: {', '.join(models)}")
     require_choice(f"{what} model", name, models)
-    return _make(what, models[str(name)], {key: value for key, value in given.items() if key != "model"})
+    return make(what, models[str(name)], {key: value for key, value in given.items() if key != "model"})
 
 
-def _latency(given: Any) -> Any:
-    if isinstance(given, Mapping) and given.get("model") == "empirical" and set(given) == {"model", "path"}:
-        return EmpiricalLatency.from_csv(given["path"])
-    return _model("latency", _LATENCIES, given)
+def _latency(given: Any, what: str = "channel latency") -> Any:
+    if not (isinstance(given, Mapping) and given.get("model") == "empirical"):
+        return _model(what, _LATENCIES, given)
+    sources = ("path", "samples_s")
+    for name in set(given) - {"model", *sources}:
+        raise UnknownNameError(f"{what} option", name, sources)
+    if len(given) != 2:
+        raise InvalidValueError(f"{what}: an empirical latency has either path or samples_s, got {sorted(given)}")
+    return EmpiricalLatency.from_csv(given["path"]) if "path" in given else _model(what, _LATENCIES, given)
 
 
 def _clocks(given: Any) -> Any:
     if isinstance(given, AgentClock):
         return given
-    return {name: _make(f"clock of {name}", AgentClock, clock) for name, clock in _mapping("clocks", given).items()}
+    by_agent = require_mapping("channel clocks", given)
+    if any(field.name in by_agent for field in fields(AgentClock)):
+        return make("channel clocks", AgentClock, given)
+    return {name: make(f"channel clock of {name}", AgentClock, clock) for name, clock in by_agent.items()}
 
 
-def _mapping(what: str, given: Any) -> Given:
-    if not isinstance(given, Mapping):
-        raise InvalidValueError(f"{what} must be a mapping, got {given!r}")
-    return given
+def _links(given: Any) -> Any:
+    return {name: _link(f"channel link {name}", link) for name, link in require_mapping("channel links", given).items()}
+
+
+def _link(what: str, given: Any) -> Any:
+    if given is None or isinstance(given, LinkConfig):
+        return given
+    parts = dict(require_mapping(what, given))
+    if "latency" in parts:
+        parts["latency"] = _latency(parts["latency"], f"{what} latency")
+    if "loss" in parts:
+        parts["loss"] = _model(f"{what} loss", _LOSSES, parts["loss"])
+    return make(what, LinkConfig, parts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.special import gammaincinv, ndtr
 
 from coopsim.arrays import as_numbers
-from coopsim.checks import require_between, require_non_negative
+from coopsim.checks import require_between
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.types import seconds_to_ns
@@ -25,6 +26,8 @@ MOST_S = 3600.0
 """The longest delay; what is longer than any episode is a slip, and might not fit the clock."""
 
 _LEAST_S = 1e-9
+_MOST_USUAL_S = 10.0
+_MILLISECONDS = re.compile(r"(^|[^a-z])ms[^a-z0-9]*$", re.IGNORECASE)
 
 
 class Latency(ABC):
@@ -52,9 +55,7 @@ class GaussianLatency(Latency):
     jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
-        delays = {"latency_s": self.mean_s, "latency_jitter_s": self.jitter_s}
-        require_non_negative(**delays)
-        require_between(0, MOST_S, **delays)
+        require_between(0, MOST_S, mean_s=self.mean_s, jitter_s=self.jitter_s)
 
     def delay_s(self, normal: float) -> float:
         return self.mean_s + self.jitter_s * normal
@@ -73,7 +74,8 @@ class _ByMoments(Latency):
     jitter_s: float
 
     def __post_init__(self) -> None:
-        _require_moments(self.mean_s, self.jitter_s)
+        require_between(_LEAST_S, MOST_S, mean_s=self.mean_s)
+        require_between(0, MOST_S, jitter_s=self.jitter_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,31 +119,41 @@ class EmpiricalLatency(Latency):
         wrong = samples[~((samples >= 0) & (samples <= MOST_S))]
         if len(wrong):
             raise InvalidValueError(f"samples_s must be in [0, {MOST_S:g}], got {wrong[0]}")
-        object.__setattr__(self, "samples_s", tuple(self.samples_s))
+        object.__setattr__(self, "samples_s", tuple(np.atleast_1d(self.samples_s).tolist()))
         object.__setattr__(self, "_sorted_s", samples)
 
     @classmethod
     def from_csv(cls, path: str | Path) -> EmpiricalLatency:
-        """Read delays in seconds: a file with one column, a number in each line; a first line may be a heading.
+        """Read delays: a file with one column, a number in each line; a first line may be a heading.
+
+        They are seconds, or milliseconds if the heading ends in "ms", as "latency_ms" and "delay [ms]" do. What looks
+        like milliseconds without saying so, with a median above 10 s, is refused.
 
         Raises:
             InvalidValueError: names the file, the line and what is wrong.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InvalidValueError(f"cannot read the delays in {path}: {error}") from error
-        samples = []
-        for number, row in enumerate(csv.reader(text.splitlines()), start=1):
+        heading, samples, unit_s = "", [], 1.0
+        for number, row in enumerate(_rows(path), start=1):
             if len(row) > 1:
                 raise InvalidValueError(f"{path}, line {number}: delays are one column, got {len(row)}")
-            if not row or (number == 1 and not _is_number(row[0])):
+            if not row or not row[0].strip():
                 continue
-            if not (_is_number(row[0]) and 0 <= float(row[0]) <= MOST_S):
-                raise InvalidValueError(f"{path}, line {number}: a delay is in [0, {MOST_S:g}] s, got {row[0]!r}")
-            samples.append(float(row[0]))
+            if number == 1 and not _is_number(row[0]):
+                heading = row[0].strip()
+                unit_s = 1e-3 if _MILLISECONDS.search(heading) else 1.0
+                continue
+            most = MOST_S / unit_s
+            if not (_is_number(row[0]) and 0 <= float(row[0]) <= most):
+                unit = "s" if unit_s == 1 else "ms"
+                raise InvalidValueError(f"{path}, line {number}: a delay is in [0, {most:g}] {unit}, got {row[0]!r}")
+            samples.append(float(row[0]) * unit_s)
         if not samples:
             raise InvalidValueError(f"{path}: there must be at least one delay")
+        if np.median(samples) > _MOST_USUAL_S:
+            raise InvalidValueError(
+                f"{path}: half of the delays are above {_MOST_USUAL_S:g} s, which they are taken for; if they are "
+                f'milliseconds, the heading must end in "ms", got {heading or "none"!r}'
+            )
         return cls(tuple(samples))
 
     def delay_s(self, normal: float) -> float:
@@ -149,9 +161,13 @@ class EmpiricalLatency(Latency):
         return float(self._sorted_s[min(place, len(self._sorted_s) - 1)])
 
 
-def _require_moments(mean_s: object, jitter_s: object) -> None:
-    require_between(_LEAST_S, MOST_S, latency_s=mean_s)
-    require_between(0, MOST_S, latency_jitter_s=jitter_s)
+def _rows(path: str | Path) -> list[list[str]]:
+    if not isinstance(path, (str, Path)):
+        raise InvalidValueError(f"the path of the delays' file must be a text or a Path, got {path!r}")
+    try:
+        return list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InvalidValueError(f"cannot read the delays in {path}: {error}") from error
 
 
 def _is_number(text: str) -> bool:

@@ -24,10 +24,18 @@ class Fate:
 
 
 class Link:
-    """One link from a sender to a receiver, with its own random streams."""
+    """One link from a sender to a receiver, with its own random streams.
+
+    Attributes:
+        wired: by cable: neither range nor radio nor bandwidth concern it.
+    """
 
     def __init__(self, config: ChannelConfig, seed: int, link: tuple[str, str]) -> None:
+        own = config.link(*link)
+        self.wired = own.wired
         self._config = config
+        self._loss_model = own.loss or config.loss
+        self._latency_model = own.latency or config.latency
         self._loss, self._reception, self._latency, self._duplication, self._bits = (
             stream(seed, purpose, *link) for purpose in ("loss", "reception", "latency", "duplication", "corruption")
         )
@@ -35,12 +43,11 @@ class Link:
 
     def draw(self, wire: bytes, reception: float) -> Fate | None:
         """What becomes of the next message, which the radio brings over with a chance in [0, 1]; None: it is lost."""
-        config = self._config
-        lost, self._burst = config.loss.draw(self._loss, self._burst)
+        lost, self._burst = self._loss_model.draw(self._loss, self._burst)
         faded = self._reception.random() >= reception
-        delay_ns = config.latency.draw_ns(self._latency)
-        twice = self._duplication.random() < config.duplication
-        second_ns = config.latency.draw_ns(self._duplication)
+        delay_ns = self._latency_model.draw_ns(self._latency)
+        twice = self._duplication.random() < self._config.duplication
+        second_ns = self._latency_model.draw_ns(self._duplication)
         wire = self._corrupt(wire)
         if lost or faded:
             return None

@@ -34,7 +34,7 @@ class BernoulliLoss(Loss):
     probability: float = 0.0
 
     def __post_init__(self) -> None:
-        require_probability(loss=self.probability)
+        require_probability(probability=self.probability)
 
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
         """Takes one uniform from `rng`, whatever the probability."""

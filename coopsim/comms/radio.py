@@ -1,8 +1,10 @@
 """How much of a signal arrives over a distance, and what chance a message then has.
 
-Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1; shadowing is correlated over the
-way that the two ends move (Gudmundson 1991). The report's text was not at hand: the constants are as public
-implementations of it state them. It calls the blockage log-normal; here it is normal in dB and not below 0.
+Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 has them, which cites its
+table; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances and with the
+transmitter and receiver of WiLabV2Xsim. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the
+sense in which shadowing is called log-normal, and without which the maximum would never be 0. ns-3 reads it as
+log-normal in dB.
 """
 
 from __future__ import annotations
@@ -12,10 +14,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit
 
-from coopsim.checks import require_choice, require_finite_number, require_positive
+from coopsim.checks import require_choice, require_count, require_finite_number, require_positive
+from coopsim.comms.reception import ERROR_CURVES, SCHEMES, TABLE_BLOCK_BYTES, ErrorCurve
 from coopsim.comms.sight import Sight
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 
 _NEAREST_M = 1.0  # the formulas are for antennas that are apart
@@ -37,9 +40,12 @@ class Radio:
         gain_dbi: of each of the two antennas.
         width_mhz: of the channel, over which the receiver gathers noise.
         noise_figure_db: of the receiver.
-        snr_half_db: where half of the messages are received. This and the next describe a modem, whose own curve
-            depends on coding and size: the defaults are ours, and from no standard.
-        snr_slope_db: the chance is logistic in SNR, and goes from 27% to 73% over two of these.
+        mcs: modulation and coding scheme: 4 (robust), 7 or 11 (fast), see `coopsim.comms.reception`.
+        block_bytes: what is coded as one; a longer message is more blocks, which must all be received.
+        snr_half_db: in the place of `mcs`, of a modem of one's own: where half of the blocks are received.
+        snr_spread_db: of that modem: how much more it takes for 84 %.
+        slots: of a frame's messages, each takes one of so many slots by chance for each block, and who sends at once
+            disturbs each other, see `coopsim.comms.air.Air`; None: nobody does. 100 is a millisecond each at 10 Hz.
     """
 
     scene: Literal["urban", "highway"] = "urban"
@@ -48,18 +54,25 @@ class Radio:
     gain_dbi: float = 3.0
     width_mhz: float = 10.0
     noise_figure_db: float = 9.0
-    snr_half_db: float = 5.0
-    snr_slope_db: float = 1.0
+    mcs: int = 7
+    block_bytes: int = TABLE_BLOCK_BYTES
+    snr_half_db: float | None = None
+    snr_spread_db: float = 1.5
+    slots: int | None = None
 
     def __post_init__(self) -> None:
         require_choice("scene", self.scene, ("urban", "highway"))
-        require_positive(carrier_ghz=self.carrier_ghz, width_mhz=self.width_mhz, snr_slope_db=self.snr_slope_db)
-        require_finite_number(
-            power_dbm=self.power_dbm,
-            gain_dbi=self.gain_dbi,
-            noise_figure_db=self.noise_figure_db,
-            snr_half_db=self.snr_half_db,
-        )
+        require_positive(carrier_ghz=self.carrier_ghz, width_mhz=self.width_mhz, snr_spread_db=self.snr_spread_db)
+        require_finite_number(power_dbm=self.power_dbm, gain_dbi=self.gain_dbi, noise_figure_db=self.noise_figure_db)
+        require_count(1, block_bytes=self.block_bytes)
+        if self.slots is not None:
+            require_count(1, 10_000, slots=self.slots)
+        if self.snr_half_db is not None:
+            require_finite_number(snr_half_db=self.snr_half_db)
+        if isinstance(self.mcs, bool) or self.mcs not in SCHEMES:
+            raise InvalidValueError(
+                f"mcs must be one of {', '.join(map(str, SCHEMES))}, got {self.mcs!r}; set snr_half_db for another"
+            )
 
     def path_loss_db(self, distance_m: float, sight: Sight) -> float:
         """Mean path loss over the distance between the antennas, without blockage by vehicles (table 6.2.1-1)."""
@@ -70,19 +83,29 @@ class Radio:
             return 32.4 + 20.0 * far + 20.0 * carrier
         return 38.77 + 16.7 * far + 18.2 * carrier
 
-    def snr_db(self, distance_m: float, sight: Sight, fading: Floats) -> float:
-        """Signal to noise at the receiver; `fading` (2,) are the link's standard normal shadowing and blockage."""
+    def received_dbm(self, distance_m: float, sight: Sight, fading: Floats) -> float:
+        """The power at the receiver; `fading` (2,) are the link's standard normal shadowing and blockage."""
         loss_db = self.path_loss_db(distance_m, sight) + _SHADOWING_DB[sight.state] * float(fading[0])
         if sight.state == "NLOSv" and sight.above in _BLOCKAGE_DB:
             mean_db, sigma_db = _BLOCKAGE_DB[sight.above]
             mean_db += max(0.0, 15.0 * math.log10(max(distance_m, _NEAREST_M)) - 41.0)
             loss_db += max(0.0, mean_db + sigma_db * float(fading[1]))
-        noise_dbm = _THERMAL_DBM_HZ + 10 * math.log10(self.width_mhz * 1e6) + self.noise_figure_db
-        return self.power_dbm + 2 * self.gain_dbi - loss_db - noise_dbm
+        return self.power_dbm + 2 * self.gain_dbi - loss_db
 
-    def reception(self, snr_db: float) -> float:
-        """The chance that a message is received at that SNR, in [0, 1]."""
-        return float(expit((snr_db - self.snr_half_db) / self.snr_slope_db))
+    @property
+    def noise_dbm(self) -> float:
+        """The receiver's noise over the channel's width."""
+        return _THERMAL_DBM_HZ + 10 * math.log10(self.width_mhz * 1e6) + self.noise_figure_db
+
+    def blocks(self, size_bytes: int) -> int:
+        """Of how many blocks a message is."""
+        return max(1, -(-size_bytes // self.block_bytes))
+
+    def curve(self, sight: Sight) -> ErrorCurve:
+        """How the chance that a block is received depends on SNR."""
+        if self.snr_half_db is not None:
+            return ErrorCurve(self.snr_half_db, self.snr_spread_db)
+        return ERROR_CURVES[self.scene, "free" if sight.state == "LOS" else "blocked"][self.mcs]
 
     @property
     def decorrelation_m(self) -> float:

@@ -37,10 +37,12 @@ class Detector(ABC):
 
     Attributes:
         embedding_dim: length of the embeddings that its detections have; 0: none.
+        states_covariance: whether its detections have covariances.
         needs_sweeps: False for a detector that has `detect_from_returns`, too, and so works where there is no LiDAR.
     """
 
     embedding_dim: int = 0
+    states_covariance: bool = False
     needs_sweeps: ClassVar[bool] = True
 
     @abstractmethod

@@ -1,10 +1,13 @@
 """Channels as options: an ideal one is none at all, and one that is written down is the one that is built."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import coopsim
 from coopsim.comms.bandwidth import Bandwidth
@@ -12,11 +15,13 @@ from coopsim.comms.channel import ChannelConfig, ChannelCounts
 from coopsim.comms.clock import AgentClock
 from coopsim.comms.config_files import channel_config
 from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatency
+from coopsim.comms.link_config import LinkConfig
 from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio import Radio
 from coopsim.envs import parallel
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.localization_files import localization_config
 from coopsim.metrics.score import Score
 from coopsim.types import Message
 
@@ -25,22 +30,26 @@ SHORT: dict[str, Any] = {"vehicles": 10, "lidar": None, "max_cycles": 12}
 WRITTEN = """
 latency: {model: gamma, mean_s: 0.1, jitter_s: 0.05}
 loss: {model: gilbert_elliott, begin: 0.05, end: 0.5}
-processing_s: 0.02
+processing_s: {cav_0: 0.02}
 bandwidth: {rate_bit_s: 6.0e+6, order: newest_first, max_wait_s: 0.3}
-radio: {scene: highway}
+radio: {scene: highway, mcs: 11}
 duplication: 0.1
 clocks:
   cav_1: {rate_hz: 5, phase_s: 0.1, drift_ppm: 20}
+links:
+  rsu_0 > *: {latency: {model: gaussian, mean_s: 0.005}, loss: {model: bernoulli}, wired: true}
+  "* > rsu_0": {}
 """
 
 BUILT = ChannelConfig(
     GammaLatency(0.1, 0.05),
     GilbertElliottLoss(0.05, 0.5),
-    processing_s=0.02,
+    processing_s={"cav_0": 0.02},
     bandwidth=Bandwidth(6e6, order="newest_first", max_wait_s=0.3),
-    radio=Radio("highway"),
+    radio=Radio("highway", mcs=11),
     duplication=0.1,
     clocks={"cav_1": AgentClock(5, phase_s=0.1, drift_ppm=20)},
+    links={"rsu_0 > *": LinkConfig(GaussianLatency(0.005), BernoulliLoss(), wired=True), "* > rsu_0": LinkConfig()},
 )
 
 
@@ -49,11 +58,11 @@ class NoChannel:
 
     def __init__(self, config: ChannelConfig, seed: int) -> None:
         self._handed: dict[str, list[Message]] = {}
-        self.counts = ChannelCounts()
+        self.counts, self.link_counts = ChannelCounts(), {}  # type: ignore[var-annotated]
 
-    def send(self, message: Message, now_ns: int, positions: Mapping[str, Any], around: object) -> None:
-        for receiver in positions:
-            if receiver != message.sender:
+    def send(self, messages: Sequence[Message], now_ns: int, positions: Mapping[str, Any], around: object) -> None:
+        for message in messages:
+            for receiver in set(positions) - {message.sender}:
                 self._handed.setdefault(receiver, []).append(message)
 
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
@@ -64,8 +73,8 @@ class NoChannel:
         return 0
 
 
-def values(**options: Any) -> dict[str, Any]:
-    score = coopsim.evaluate("late_fusion", "crossing", seed=3, **(SHORT | options)).score
+def values(policy: str = "late_fusion", **options: Any) -> dict[str, Any]:
+    score = coopsim.evaluate(policy, "crossing", seed=3, **(SHORT | options)).score
     return {agent: _heard(part) for agent, part in {"mean": score, **score.agents}.items()}
 
 
@@ -73,17 +82,40 @@ def _heard(score: Score) -> dict[str, str]:
     return {name: repr(value) for name, value in score.values.items() if name != "bytes_per_s"}
 
 
-def test_an_ideal_channel_scores_bit_by_bit_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    ideal = values()
+@pytest.mark.parametrize("policy", ["late_fusion", "track_to_track"])
+def test_an_ideal_channel_scores_bit_by_bit_as_none(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    ideal = values(policy)
     neutral = ChannelConfig(
         EmpiricalLatency((0.0,)),
         GilbertElliottLoss(0.0, 1.0, 0.0),
         bandwidth=Bandwidth(1e15),
         radio=Radio(power_dbm=500.0),
+        clocks=AgentClock(1000.0),
+        links={"* > *": LinkConfig(wired=True), "cav_0 > *": LinkConfig()},
     )
-    assert values(channel=neutral) == ideal
+    assert values(policy, channel=neutral) == ideal
+    assert values(policy, channel={}) == ideal
+    assert values(policy, latency_s=0.3) != ideal
     monkeypatch.setattr(parallel, "Channel", NoChannel)
-    assert values() == ideal
+    assert values(policy) == ideal
+
+
+def test_links_are_counted_one_by_one_and_in_the_evaluation() -> None:
+    cable = {"links": {"rsu_0 > *": {"latency": {"model": "gaussian", "mean_s": 0.0}, "wired": True}}}
+    channel = {"latency": {"model": "gaussian", "mean_s": 0.25}, "radio": {"power_dbm": -300}, **cable}
+    result = coopsim.evaluate("late_fusion", "crossing", channel=channel, **SHORT)
+    agents = {sender for sender, _ in result.links}
+    assert set(result.links) == {(a, b) for a in agents for b in agents if a != b}
+    for (sender, _), counts in result.links.items():
+        assert counts.sent == 13 and (counts.delivered, counts.lost) == ((13, 0) if sender == "rsu_0" else (0, 13))
+    totals = {field.name: getattr(result.messages, field.name) for field in fields(ChannelCounts)}
+    assert totals == {name: sum(getattr(each, name) for each in result.links.values()) for name in totals}
+
+
+def test_a_link_of_nobody_is_refused() -> None:
+    for option, given in {"links": {"rsu_7 > *": {}}, "processing_s": {"rsu_7": 0.1}, "clocks": {"rsu_7": {}}}.items():
+        with pytest.raises(UnknownNameError, match=f"unknown agent in {option} 'rsu_7'. Did you mean 'rsu_0'"):
+            coopsim.parallel_env("crossing", channel={option: given}, **SHORT)
 
 
 def test_a_written_channel_is_the_one_that_is_built(tmp_path: Path) -> None:
@@ -95,6 +127,16 @@ def test_a_written_channel_is_the_one_that_is_built(tmp_path: Path) -> None:
     delays.write_text("0.1\n0.2\n")
     read = channel_config({"latency": {"model": "empirical", "path": delays}, "loss": BernoulliLoss(0.5)})
     assert read == ChannelConfig(EmpiricalLatency((0.1, 0.2)), BernoulliLoss(0.5))
+
+
+def test_what_the_documentation_writes_can_be_read() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    read = {"channel": channel_config, "localization": localization_config}
+    for name, config in read.items():
+        blocks = re.findall(r"```yaml\n(.*?)```", (docs / f"{name}.md").read_text(), re.DOTALL)
+        assert blocks
+        for block in blocks:
+            config(yaml.safe_load(block))  # type: ignore[operator]
 
 
 def test_simple_options_are_a_channel() -> None:
@@ -117,15 +159,48 @@ def test_everything_at_once_runs_and_is_the_same_again() -> None:
     [
         (5, InvalidValueError, "channel must be a ChannelConfig, a mapping or the path of a YAML file, got 5"),
         ("nowhere.yaml", InvalidValueError, "cannot read the channel in nowhere.yaml"),
-        ({"latencies": 1}, UnknownNameError, "unknown channel option 'latencies'.*latency"),
-        ({"latency": 0.1}, InvalidValueError, "latency must be a mapping, got 0.1"),
-        ({"latency": {"mean_s": 0.1}}, UnknownNameError, "unknown latency model None.*Accepted: empirical, gamma"),
-        ({"loss": {"model": "bernouli"}}, UnknownNameError, "unknown loss model 'bernouli'.*bernoulli"),
-        ({"loss": {"model": ["a"]}}, UnknownNameError, "unknown loss model"),
-        ({"loss": {"model": "bernoulli", "p": 1}}, UnknownNameError, "unknown loss option 'p'"),
-        ({"loss": {"model": "gilbert_elliott"}}, InvalidValueError, "loss: .*missing.*'begin' and 'end'"),
-        ({"bandwidth": {"rate_bit_s": "fast"}}, InvalidValueError, "rate_bit_s must be .* got 'fast'"),
-        ({"clocks": {"cav_0": {"hz": 5}}}, UnknownNameError, "unknown clock of cav_0 option 'hz'"),
+        ({"latencies": 1}, UnknownNameError, "unknown channel option 'latencies'. Did you mean 'latency'"),
+        ({"range": 5}, UnknownNameError, "unknown channel option 'range'. Did you mean 'range_m'"),
+        ({"range_m": -1}, InvalidValueError, "channel: range_m must be >= 0"),
+        ({"bit_error_rate": 1}, InvalidValueError, r"channel: bit_error_rate must be in \[0, 0.5\], got 1"),
+        ({"processing_s": {"cav_0": "a"}}, InvalidValueError, "channel: processing_s of cav_0 must be .* got 'a'"),
+        ({"latency": None}, InvalidValueError, "channel: latency and loss must be models, got None"),
+        ({"latency": 0.1}, InvalidValueError, "channel latency must be a mapping, got 0.1"),
+        ({"latency": {"mean_s": 0.1}}, InvalidValueError, r"channel latency: model must be given, got \['mean_s'\]"),
+        ({"latency": {"model": "gauss"}}, UnknownNameError, "unknown channel latency model 'gauss'.* 'gaussian'"),
+        ({"latency": {"model": "gamma", "mean": 1}}, UnknownNameError, "channel latency option 'mean'.* 'mean_s'"),
+        ({"latency": {"model": "gaussian", "mean_s": -1}}, InvalidValueError, "channel latency: mean_s must be in"),
+        ({"latency": {"model": "empirical"}}, InvalidValueError, "either path or samples_s, got"),
+        ({"latency": {"model": "empirical", "pfad": "a"}}, UnknownNameError, "latency option 'pfad'.* path, samples_s"),
+        (
+            {"latency": {"model": "empirical", "samples_s": 5, "path": "a"}},
+            InvalidValueError,
+            "either path or samples_s",
+        ),
+        ({"latency": {"model": "empirical", "path": 5}}, InvalidValueError, "must be a text or a Path, got 5"),
+        (
+            {"latency": {"model": "empirical", "samples_s": -1}},
+            InvalidValueError,
+            "channel latency: samples_s must be in",
+        ),
+        ({"loss": {"model": "bernouli"}}, UnknownNameError, "unknown channel loss model 'bernouli'.*bernoulli"),
+        ({"loss": {"model": ["a"]}}, UnknownNameError, "unknown channel loss model"),
+        ({"loss": {"model": "bernoulli", "p": 1}}, UnknownNameError, "unknown channel loss option 'p'"),
+        ({"loss": {"model": "gilbert_elliott"}}, InvalidValueError, "channel loss: begin and end must be given"),
+        ({"bandwidth": {"rate_bit_s": "fast"}}, InvalidValueError, "bandwidth: rate_bit_s must be .* got 'fast'$"),
+        ({"bandwidth": {"rate_bit_s": "6e6"}}, InvalidValueError, r"'6e6' is a text in YAML: write it like 6.0e\+6"),
+        ({"bandwidth": {"rate": 1}}, UnknownNameError, "unknown channel bandwidth option 'rate'.* 'rate_bit_s'"),
+        ({"bandwidth": {"rate_bit_s": 1, "order": "new"}}, UnknownNameError, "unknown channel bandwidth order 'new'"),
+        ({"radio": True}, InvalidValueError, "channel radio must be a mapping, got True"),
+        ({"radio": {"scene": "city"}}, UnknownNameError, "unknown channel radio scene 'city'"),
+        ({"radio": {"mcs": 5}}, InvalidValueError, "channel radio: mcs must be one of 4, 7, 11, got 5"),
+        ({"clocks": {"cav_0": {"hz": 5}}}, UnknownNameError, "unknown channel clock of cav_0 option 'hz'"),
+        ({"clocks": {"rate_hz": 0}}, InvalidValueError, "channel clocks: rate_hz must be in"),
+        ({"links": ["a > b"]}, InvalidValueError, "channel links must be a mapping"),
+        ({"links": {"rsu_0": {}}}, InvalidValueError, "\"sender > receiver\".*got 'rsu_0'"),
+        ({"links": {"a > b": {"lost": 1}}}, UnknownNameError, "unknown channel link a > b option 'lost'.* 'loss'"),
+        ({"links": {"a > b": {"latency": 1}}}, InvalidValueError, "channel link a > b latency must be a mapping"),
+        ({"links": {"a > b": {"loss": {"model": "b"}}}}, UnknownNameError, "unknown channel link a > b loss model 'b'"),
     ],
 )
 def test_a_bad_channel_is_refused_by_name(given: Any, error: type[CoopsimError], match: str) -> None:

@@ -1,6 +1,7 @@
 """Whatever the channel is set to, no message is made, forgotten, or counted twice; and nobody's luck is another's."""
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from coopsim.comms.bandwidth import Bandwidth
 from coopsim.comms.channel import Channel, ChannelConfig
 from coopsim.comms.clock import AgentClock
 from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatency, LogNormalLatency
+from coopsim.comms.link_config import LinkConfig
 from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio import Radio
 from coopsim.types import Message, PoseEstimate
@@ -35,18 +37,33 @@ bandwidths = st.builds(
     st.sampled_from(["in_order", "newest_first"]),
     st.one_of(st.just(np.inf), st.floats(0, 0.5)),
 )
-clocks = st.builds(AgentClock, st.one_of(st.none(), st.floats(0.5, 30)), st.floats(0, 0.3), st.floats(-1, 1))
+clocks = st.builds(
+    AgentClock,
+    st.one_of(st.none(), st.floats(0.5, 30)),
+    st.floats(0, 0.3),
+    st.floats(-1, 1),
+    offset_noise_s=st.floats(0, 9),
+)
+radios = st.builds(
+    Radio,
+    st.sampled_from(["urban", "highway"]),
+    power_dbm=st.floats(-60, 23),
+    mcs=st.sampled_from([4, 7, 11]),
+    block_bytes=st.integers(10, 350),
+)
+links = st.builds(LinkConfig, st.one_of(st.none(), latencies), st.one_of(st.none(), losses), st.booleans())
 configs = st.builds(
     ChannelConfig,
     latency=latencies,
     loss=losses,
     range_m=st.floats(0, 300),
-    processing_s=st.floats(0, 0.2),
+    processing_s=st.one_of(st.floats(0, 0.2), st.dictionaries(st.sampled_from(AGENTS), st.floats(0, 0.5))),
     bandwidth=st.one_of(st.none(), bandwidths),
-    radio=st.one_of(st.none(), st.builds(Radio, power_dbm=st.floats(-60, 23))),
+    radio=st.one_of(st.none(), radios),
     duplication=st.floats(0, 1),
     bit_error_rate=st.one_of(st.just(0.0), st.floats(0, 0.01)),
-    clocks=st.dictionaries(st.sampled_from(AGENTS), clocks),
+    clocks=st.one_of(clocks, st.dictionaries(st.sampled_from(AGENTS), clocks)),
+    links=st.dictionaries(st.sampled_from(["a > b", "a > *", "* > c", "* > *", "b > *"]), links, max_size=3),
 )
 
 
@@ -63,8 +80,7 @@ def walk(config: ChannelConfig, seed: int, steps: int, agents: tuple[str, ...] =
         places = rng.uniform(-200, 200, (len(AGENTS) + 1, 3))  # as many draws for any number of agents
         positions = dict(zip([*AGENTS, "d"], places, strict=True))
         positions = {name: positions[name] for name in agents}
-        for sender in agents:
-            channel.send(say(sender, now_ns), now_ns, positions)
+        channel.send([say(sender, now_ns) for sender in agents], now_ns, positions)
         for receiver, inbox in channel.deliver(now_ns).items():
             heard.update((message.sender, receiver) for message in inbox)
             log += [(now_ns, receiver, message.sender, message.captured_ns) for message in inbox]
@@ -77,8 +93,17 @@ def walk(config: ChannelConfig, seed: int, steps: int, agents: tuple[str, ...] =
     return channel, log
 
 
-@settings(max_examples=120, deadline=None)
-@given(config=configs, seed=st.integers(0, 1000), steps=st.integers(1, 20))
+def in_slots(config: ChannelConfig, slots: int) -> ChannelConfig:
+    """The same with messages that disturb each other."""
+    return replace(config, radio=replace(config.radio or Radio(), slots=slots), bandwidth=None)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    config=st.one_of(configs, st.builds(in_slots, configs, st.integers(1, 20))),
+    seed=st.integers(0, 1000),
+    steps=st.integers(1, 20),
+)
 def test_messages_are_conserved_on_every_link_at_every_step(config: ChannelConfig, seed: int, steps: int) -> None:
     channel, _ = walk(config, seed, steps)
     channel.deliver(10**17)

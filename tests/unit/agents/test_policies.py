@@ -169,6 +169,44 @@ def test_embeddings_survive_packing_as_directions() -> None:
         pack_observation(observe(seen), names)
 
 
+def test_covariances_of_detections_survive_packing() -> None:
+    names, spec = ("cav_0",), specs("cav_0")["cav_0"]
+    spread = np.stack([np.diag(np.arange(1.0, 8.0)), np.eye(7)])
+    seen = replace(detections((7, 8, 0.2), (9, 9, 0)), covariance=spread)
+    packed = pack_observation(observe(seen), names, detection_covariances=True)
+    space = observation_space(names, (), {}, detection_covariances=True)["detections"]
+    assert space.contains(packed["detections"])
+    np.testing.assert_array_equal(unpack_observation(packed, names, spec).detections.covariance, spread)
+    for unsure in (detections((7, 8, 0.2)), detections()):
+        packed = pack_observation(observe(unsure), names, detection_covariances=True)
+        assert space.contains(packed["detections"])
+        assert unpack_observation(packed, names, spec).detections.covariance is None
+    with pytest.raises(coopsim.errors.InvalidValueError, match=r"have covariances.*Detector\.states_covariance"):
+        pack_observation(observe(seen), names)
+
+
+class Doubtful(SimulatedDetector):
+    """States that every detection is worth little."""
+
+    states_covariance = True
+
+    def detect_from_returns(self, returns: Any, truth: Any, rng: np.random.Generator) -> Detections:
+        found = super().detect_from_returns(returns, truth, rng)
+        return replace(found, covariance=np.broadcast_to(100.0 * np.eye(7), (len(found), 7, 7)))
+
+
+def test_a_detectors_doubt_reaches_the_tracker() -> None:
+    options: dict[str, Any] = {"vehicles": 8, "max_cycles": 6, "lidar": None, "seed": 1}
+    env = coopsim.parallel_env("crossing", vehicles=8, max_cycles=6, lidar=None, detector=Doubtful())
+    observations, _ = env.reset(seed=1)
+    for name, observation in observations.items():
+        assert env.observation_space(name).contains(observation)
+        assert len(observation["detections"]["covariance"]) == len(observation["detections"]["box"])
+    sure = coopsim.evaluate("no_fusion", **options).score
+    doubtful = coopsim.evaluate("no_fusion", **options, detector=Doubtful()).score
+    assert repr(sure.values) != repr(doubtful.values)
+
+
 class Recogniser(SimulatedDetector):
     """Tells all objects apart, as perfect embeddings would."""
 

@@ -1,5 +1,6 @@
 """A medium sends one message at a time, in the order it was told, and drops what waited too long."""
 
+from collections import Counter
 from itertools import pairwise
 
 import pytest
@@ -40,6 +41,32 @@ def test_what_waits_too_long_is_dropped() -> None:
     assert run(Bandwidth(8e5, max_wait_s=0.01), [0, 1, 2, 3]) == [(0, 10), (1, 20), (2, None), (3, None)]
     newest = run(Bandwidth(8e5, order="newest_first", max_wait_s=0.01), [0, 1, 2, 3])
     assert newest == [(0, 10), (3, 20), (1, None), (2, None)]
+
+
+@pytest.mark.parametrize(
+    ("order", "lags_ms"),
+    [
+        ("in_order", {"a": 0, "b": 0, "c": 0}),
+        ("newest_first", {"a": 0, "b": 0, "c": 0}),
+        ("newest_first", {"a": 0, "b": 5, "c": 9}),
+    ],
+)
+def test_nobody_starves_on_a_medium_that_is_too_slow(order: str, lags_ms: dict[str, int]) -> None:
+    medium: Medium[str] = Medium(Bandwidth(8e4, order=order, max_wait_s=0.35))  # type: ignore[arg-type]
+    for frame in range(120):
+        for sender, lag_ms in lags_ms.items():
+            medium.put(sender, 1000, (100 * frame + lag_ms) * MS, sender)
+    sent = Counter(each.content for each in medium.departures(12_000 * MS) if each.sent_ns is not None)
+    assert sum(sent.values()) == 120  # one in each frame, of three
+    assert set(sent.values()) == {40}
+
+
+def test_the_newest_of_each_sender_is_first() -> None:
+    medium: Medium[str] = Medium(Bandwidth(8e5, order="newest_first"))
+    for number in range(3):
+        for sender in "ab":
+            medium.put(f"{sender}{number}", 1000, number * MS, sender)
+    assert [each.content for each in medium.departures(10**12)] == ["a0", "b2", "a2", "b1", "a1", "b0"]
 
 
 @given(

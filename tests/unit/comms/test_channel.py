@@ -11,6 +11,7 @@ from coopsim.comms.bandwidth import Bandwidth
 from coopsim.comms.channel import Channel, ChannelConfig
 from coopsim.comms.clock import AgentClock
 from coopsim.comms.latency import GaussianLatency
+from coopsim.comms.link_config import LinkConfig
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.comms.message import decode_message, encode_message
 from coopsim.comms.radio import Radio
@@ -29,8 +30,7 @@ def run(config: ChannelConfig, frames: int, seed: int = 0, agents: dict[str, np.
     """Everyone talks in every frame; (now, receiver, sender, captured) of every delivery."""
     channel, log = Channel(config, seed), []
     for k in range(frames):
-        for sender in agents:
-            channel.send(message(sender, k * FRAME_NS), k * FRAME_NS, agents)
+        channel.send([message(sender, k * FRAME_NS) for sender in agents], k * FRAME_NS, agents)
         for receiver, inbox in channel.deliver(k * FRAME_NS).items():
             log += [(k, receiver, item.sender, item.captured_ns // FRAME_NS) for item in inbox]
     return channel, log
@@ -113,7 +113,7 @@ def test_processing_comes_before_the_medium() -> None:
     assert {now - captured for now, _, _, captured in log} == {3}
     airtime_ns = config.bandwidth.airtime_ns(len(encode_message(message("a", 0))))
     first = Channel(config, 0)
-    first.send(message("a", 0), 0, NEAR)
+    first.send([message("a", 0)], 0, NEAR)
     assert not first.deliver(150_000_000 + airtime_ns - 10) and len(first.deliver(150_000_000 + airtime_ns)) == 2
 
 
@@ -139,6 +139,61 @@ def test_clocks_decide_who_speaks_and_what_is_stamped() -> None:
     assert channel.link_counts["b", "a"].sent == 3 and channel.link_counts["a", "b"].sent == 6
 
 
+def test_every_agent_and_episode_has_its_own_clock_error() -> None:
+    config = ChannelConfig(clocks=AgentClock(offset_s=1.0, offset_noise_s=0.1))
+    stamps = {}
+    for seed in range(3):
+        channel = Channel(config, seed)
+        channel.send([message(name, 0) for name in NEAR], 0, NEAR)
+        inboxes = channel.deliver(0)
+        stamps |= {(seed, each.sender): each.captured_ns for inbox in inboxes.values() for each in inbox}
+    assert len(set(stamps.values())) == 9
+    assert all(0.5e9 < stamp_ns < 1.5e9 for stamp_ns in stamps.values())
+
+
+def test_a_link_has_what_names_both_ends_before_what_names_one() -> None:
+    late = {
+        f"{pair}": LinkConfig(GaussianLatency(frames / 10)) for frames, pair in enumerate(("a > b", "a>*", "* > b"), 1)
+    }
+    channel, log = run(ChannelConfig(GaussianLatency(0.4), links=late), 6)
+    ages = {(sender, receiver): {now - captured} for now, receiver, sender, captured in log}
+    assert ages == {
+        ("a", "b"): {1}, ("a", "c"): {2}, ("c", "b"): {3}, ("b", "a"): {4}, ("b", "c"): {4}, ("c", "a"): {4},
+    }  # fmt: skip
+    assert channel.counts.sent == 36
+
+
+def test_a_link_by_cable_needs_neither_range_nor_radio_nor_medium() -> None:
+    cable = {"a > b": LinkConfig(GaussianLatency(0.0), BernoulliLoss(0.0), wired=True)}
+    nothing = ChannelConfig(
+        GaussianLatency(0.1),
+        BernoulliLoss(0.1),
+        range_m=0.0,
+        bandwidth=Bandwidth(1.0),
+        radio=Radio(power_dbm=-300.0),
+        links=cable,
+    )
+    channel, log = run(nothing, 5)
+    assert [(now, sender, captured) for now, _, sender, captured in log] == [(k, "a", k) for k in range(5)]
+    assert channel.link_counts["a", "b"].delivered == 5 and channel.link_counts["b", "a"].lost == 5
+
+
+def test_who_has_no_link_but_by_cable_takes_no_time_on_the_air() -> None:
+    shared = Bandwidth(8e3, "shared", max_wait_s=0.05)
+    alone = {"a > *": LinkConfig(wired=True), "b > *": LinkConfig(loss=BernoulliLoss(1.0), wired=True)}
+    crowded, _ = run(ChannelConfig(bandwidth=shared), 20)
+    wired, _ = run(ChannelConfig(bandwidth=shared, links=alone), 20)
+    assert crowded.counts.stale > 0 == wired.counts.stale
+
+
+def test_each_agent_may_have_its_own_processing_time_before_a_shared_medium() -> None:
+    """Who is ready first is sent first, whatever the order of agents; the others wait their turn."""
+    config = ChannelConfig(processing_s={"a": 0.3, "b": 0.1}, bandwidth=Bandwidth(1e6))
+    channel, log = run(config, 8)
+    assert {(sender, now - captured) for now, _, sender, captured in log} == {("a", 4), ("b", 2), ("c", 1)}
+    assert channel.counts.pending == 2 * (4 + 2 + 1)
+
+
 def test_radio_delivers_what_is_near_and_is_the_same_in_both_directions() -> None:
     places = {"a": np.zeros(3), "b": np.array([50.0, 0, 0]), "c": np.array([0, 200_000.0, 0])}
     channel, _ = run(ChannelConfig(radio=Radio()), 100, agents=places)
@@ -146,7 +201,7 @@ def test_radio_delivers_what_is_near_and_is_the_same_in_both_directions() -> Non
     assert channel.link_counts["a", "c"].delivered == channel.link_counts["c", "b"].delivered == 0
     # Where chances are neither 0 nor 1, shadowing decides for both directions alike.
     for seed in range(20):
-        sharp = ChannelConfig(radio=Radio(power_dbm=-25.0, snr_slope_db=1e-3))
+        sharp = ChannelConfig(radio=Radio(power_dbm=-25.0, snr_half_db=5.0, snr_spread_db=1e-3))
         channel, _ = run(sharp, 5, seed, {"a": np.zeros(3), "b": np.array([200.0, 0, 0])})
         assert channel.link_counts["a", "b"] == channel.link_counts["b", "a"]
 
@@ -172,17 +227,25 @@ def test_messages_are_conserved(latency_s: float, jitter_s: float, loss: float, 
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: GaussianLatency(-0.1), "latency_s must be a finite number >= 0, got -0.1"),
-        (lambda: GaussianLatency(0.1, float("nan")), "latency_jitter_s"),
-        (lambda: BernoulliLoss(1.5), r"loss must be in \[0, 1\], got 1.5"),
-        (lambda: BernoulliLoss(float("nan")), "loss"),
-        (lambda: ChannelConfig(range_m=-1), "communication_range_m must be >= 0"),
+        (lambda: GaussianLatency(-0.1), r"mean_s must be in \[0, 3600\], got -0.1"),
+        (lambda: GaussianLatency(0.1, float("nan")), "jitter_s"),
+        (lambda: BernoulliLoss(1.5), r"probability must be in \[0, 1\], got 1.5"),
+        (lambda: BernoulliLoss(float("nan")), "probability"),
+        (lambda: ChannelConfig(range_m=-1), "range_m must be >= 0"),
         (lambda: ChannelConfig(processing_s=-1), r"processing_s must be in \[0, 3600\], got -1"),
         (lambda: ChannelConfig(duplication=2), "duplication must be in"),
         (lambda: ChannelConfig(bit_error_rate=0.6), r"bit_error_rate must be in \[0, 0.5\], got 0.6"),
         (lambda: ChannelConfig(latency=0.1), "latency must be a coopsim Latency or None, got 0.1"),
         (lambda: ChannelConfig(loss=None), "latency and loss must be models, got None"),
         (lambda: ChannelConfig(radio=Radio), r"radio must be a coopsim Radio or None.*write Radio\(\)"),
+        (lambda: ChannelConfig(processing_s={"a": -1}), r"processing_s of a must be in \[0, 3600\], got -1"),
+        (lambda: ChannelConfig(links={"a": LinkConfig()}), "a link in links is \"sender > receiver\".*got 'a'"),
+        (lambda: ChannelConfig(links={"a > b": 5}), "links must be LinkConfigs.*got 5 for 'a > b'"),
+        (lambda: ChannelConfig(links=[]), "links must be LinkConfigs.*got \\[\\]"),
+        (lambda: ChannelConfig(links={"a > b": LinkConfig(), "a>b": LinkConfig()}), "links has 'a > b' twice"),
+        (lambda: LinkConfig(latency=0.1), "latency must be a coopsim Latency or None, got 0.1"),
+        (lambda: LinkConfig(wired=1), "wired must be True or False, got 1"),
+        (lambda: ChannelConfig(radio=Radio(slots=9), bandwidth=Bandwidth(1e6)), "slots and bandwidth exclude each"),
         (lambda: ChannelConfig(clocks={"a": 5.0}), "clocks must be an AgentClock, or one by agent; got 5.0 for 'a'"),
     ],
 )

@@ -1,5 +1,6 @@
 """Agents speak at their own times, and read their own clocks."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,13 +45,26 @@ def test_stamps_are_off_by_offset_and_drift() -> None:
     assert AgentClock().stamp_ns(2**61 + 1) == 2**61 + 1
 
 
+def test_an_episodes_clock_has_errors_of_the_size_asked_for() -> None:
+    clock, rng = AgentClock(5.0, 0.1, offset_s=0.3, offset_noise_s=0.02, drift_noise_ppm=30.0), np.random.default_rng(0)
+    drawn = [clock.drawn(rng) for _ in range(4000)]
+    offsets, drifts = np.array([(each.offset_s, each.drift_ppm) for each in drawn]).T
+    assert {(each.rate_hz, each.phase_s) for each in drawn} == {(5.0, 0.1)}
+    assert offsets.mean() == pytest.approx(0.3, abs=0.002) and offsets.std() == pytest.approx(0.02, rel=0.05)
+    assert drifts.mean() == pytest.approx(0.0, abs=2.0) and drifts.std() == pytest.approx(30.0, rel=0.05)
+    assert AgentClock(offset_s=0.3).drawn(rng) == AgentClock(offset_s=0.3)
+    assert AgentClock(offset_s=3600, offset_noise_s=3600).drawn(np.random.default_rng(0)).offset_s <= 3600
+
+
 @pytest.mark.parametrize(
     ("options", "match"),
     [
         ({"rate_hz": 0}, "rate_hz must be in .* None: in each frame, got 0"),
-        ({"phase_s": -0.1}, "phase_s must be a finite number >= 0, got -0.1"),
+        ({"phase_s": -0.1}, r"phase_s must be in \[0, 3600\], got -0.1"),
         ({"offset_s": float("nan")}, "offset_s must be in"),
         ({"drift_ppm": 1e5}, "drift_ppm must be in"),
+        ({"offset_noise_s": -1}, "offset_noise_s must be in"),
+        ({"drift_noise_ppm": "5"}, "drift_noise_ppm must be in .* got '5'"),
     ],
 )
 def test_bad_clock(options: dict, match: str) -> None:  # type: ignore[type-arg]

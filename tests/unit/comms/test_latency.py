@@ -59,6 +59,20 @@ def test_empirical_delays_come_equally_often(tmp_path: Path) -> None:
     assert latency.delay_s(40.0) == 0.3  # where the normal's distribution function is 1
 
 
+@pytest.mark.parametrize("heading", ["delay_ms", "Latency [ms]", "latency (ms)", "MS", '"one-way delay, ms"'])
+def test_a_heading_may_say_that_delays_are_milliseconds(tmp_path: Path, heading: str) -> None:
+    path = tmp_path / "delays.csv"
+    path.write_text(f"\ufeff{heading}\n120\n80\n")
+    assert EmpiricalLatency.from_csv(path).samples_s == pytest.approx((0.12, 0.08))
+
+
+@pytest.mark.parametrize("heading", ["delay_s", "items", "delay_s (not ms!) per item", "latency"])
+def test_any_other_heading_leaves_them_seconds(tmp_path: Path, heading: str) -> None:
+    path = tmp_path / "delays.csv"
+    path.write_text(f"{heading}\n0.12\n")
+    assert EmpiricalLatency.from_csv(path).samples_s == (0.12,)
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -67,6 +81,16 @@ def test_empirical_delays_come_equally_often(tmp_path: Path) -> None:
         ("0.1\nnan\n", "line 2: a delay is in .* 'nan'"),
         ("0.1,0.2\n", "line 1: delays are one column, got 2"),
         ("delay_s\n", "at least one delay"),
+        ("", "at least one delay"),
+        ("0.1\ndelay_s\n0.2\n", "line 2: a delay is in .* 'delay_s'"),
+        ("0.1\ninf\n", "line 2: a delay is in .* 'inf'"),
+        ("0.1\n1e400\n", "line 2: a delay is in .* '1e400'"),
+        ("0.1\n4000\n", r"line 2: a delay is in \[0, 3600\] s, got '4000'"),
+        ("latency_ms\n-3\n", r"line 2: a delay is in \[0, 3.6e\+06\] ms, got '-3'"),
+        ("100\n120\n90\n", "half of the delays are above 10 s.*the heading must end in \"ms\", got 'none'"),
+        ("latency\n100\n120\n", "got 'latency'"),
+        ("latency_s;size\n0.1;5\n", "line 2: a delay is in .* '0.1;5'"),
+        ("0.1" + "9" * 140_000, "field larger than field limit"),
     ],
 )
 def test_a_broken_file_is_named(tmp_path: Path, text: str, match: str) -> None:
@@ -84,9 +108,9 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: LogNormalLatency(0, 0.1), r"latency_s must be in \[1e-09, 3600\], got 0"),
-        (lambda: GammaLatency(0.1, -1), r"latency_jitter_s must be in \[0, 3600\], got -1"),
-        (lambda: GammaLatency(0.1, float("inf")), "latency_jitter_s"),
+        (lambda: LogNormalLatency(0, 0.1), r"mean_s must be in \[1e-09, 3600\], got 0"),
+        (lambda: GammaLatency(0.1, -1), r"jitter_s must be in \[0, 3600\], got -1"),
+        (lambda: GammaLatency(0.1, float("inf")), "jitter_s"),
         (lambda: EmpiricalLatency(()), "samples_s must be at least one delay"),
         (lambda: EmpiricalLatency((0.1, float("nan"))), r"samples_s must be in \[0, 3600\], got nan"),
     ],

@@ -45,7 +45,7 @@ def test_the_first_message_finds_the_link_settled() -> None:
         (lambda: GilbertElliottLoss(0.1, 0.0), "end must be in"),
         (lambda: GilbertElliottLoss(0.1, 0.5, loss_bad=float("nan")), "loss_bad"),
         (lambda: GilbertElliottLoss(0.1, 0.5, loss_good=-1), "loss_good"),
-        (lambda: BernoulliLoss(None), "loss must be"),  # type: ignore[arg-type]
+        (lambda: BernoulliLoss(None), "probability must be"),  # type: ignore[arg-type]
     ],
 )
 def test_bad_loss(make, match: str) -> None:  # type: ignore[no-untyped-def]

@@ -35,27 +35,15 @@ def test_path_loss_is_that_of_the_tables() -> None:
     assert radio.path_loss_db(100.0, Sight()) == pytest.approx(38.77 + 33.4 + 18.2 * np.log10(5.9))
     assert radio.path_loss_db(100.0, Sight("NLOS", 0)) == pytest.approx(36.85 + 60 + 18.9 * np.log10(5.9))
     assert highway.path_loss_db(100.0, Sight()) == pytest.approx(32.4 + 40 + 20 * np.log10(5.9))
-    noise_dbm = -174 + 70 + 9
-    assert radio.snr_db(100.0, Sight(), CALM) == pytest.approx(29 - radio.path_loss_db(100.0, Sight()) - noise_dbm)
+    assert radio.received_dbm(100.0, Sight(), CALM) == pytest.approx(29 - radio.path_loss_db(100.0, Sight()))
+    assert radio.noise_dbm == pytest.approx(-174 + 70 + 9)
 
 
 def test_vehicles_cost_less_the_more_antennas_are_above_them() -> None:
-    snr = [Radio().snr_db(100.0, Sight("NLOSv", above), CALM) for above in (0, 1, 2)]
-    np.testing.assert_allclose(np.array(snr) - snr[2], [-9.0, -5.0, 0.0])
-    far = Radio().snr_db(1000.0, Sight("NLOSv", 0), CALM) - Radio().snr_db(1000.0, Sight("LOS"), CALM)
+    heard = [Radio().received_dbm(100.0, Sight("NLOSv", above), CALM) for above in (0, 1, 2)]
+    np.testing.assert_allclose(np.array(heard) - heard[2], [-9.0, -5.0, 0.0])
+    far = Radio().received_dbm(1000.0, Sight("NLOSv", 0), CALM) - Radio().received_dbm(1000.0, Sight("LOS"), CALM)
     assert far == pytest.approx(-(9.0 + 15 * 3 - 41))
-
-
-@given(near=st.floats(0, 2000), farther=st.floats(0, 500), state=st.sampled_from(["LOS", "NLOSv", "NLOS"]))
-def test_reception_falls_with_distance(near: float, farther: float, state: str) -> None:
-    radio, sight = Radio(), Sight(state, 0)  # type: ignore[arg-type]
-    chances = [radio.reception(radio.snr_db(far, sight, CALM)) for far in (near, near + farther)]
-    assert 0 <= chances[1] <= chances[0] <= 1
-
-
-def test_half_of_the_messages_at_the_half() -> None:
-    assert Radio(snr_half_db=3.0).reception(3.0) == 0.5
-    assert Radio(snr_half_db=3.0, snr_slope_db=2.0).reception(5.0) == pytest.approx(0.731, abs=1e-3)
 
 
 def test_shadowing_has_unit_variance_and_loses_1_over_e_over_its_distance() -> None:
@@ -111,7 +99,12 @@ def test_lines_of_sight_are_those_of_an_independent_implementation(
         ({"scene": "rural"}, UnknownNameError, "unknown scene 'rural'"),
         ({"carrier_ghz": 0}, InvalidValueError, "carrier_ghz must be a finite number > 0, got 0"),
         ({"power_dbm": float("inf")}, InvalidValueError, "power_dbm must be a finite number"),
-        ({"snr_slope_db": -1}, InvalidValueError, "snr_slope_db"),
+        ({"snr_spread_db": -1}, InvalidValueError, "snr_spread_db"),
+        ({"snr_half_db": "5"}, InvalidValueError, "snr_half_db must be a finite number, got '5'"),
+        ({"mcs": 5}, InvalidValueError, "mcs must be one of 4, 7, 11, got 5; set snr_half_db for another"),
+        ({"mcs": True}, InvalidValueError, "mcs must be one of 4, 7, 11, got True"),
+        ({"block_bytes": 0}, InvalidValueError, "block_bytes must be an integer >= 1, got 0"),
+        ({"slots": 0}, InvalidValueError, r"slots must be an integer in 1\.\.10000, got 0"),
     ],
 )
 def test_bad_radio(options: dict, error: type[Exception], match: str) -> None:  # type: ignore[type-arg]

@@ -1,0 +1,85 @@
+"""Plain data as objects: mappings, and YAML files with one, for experiments that are written down."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from coopsim.errors import InvalidValueError, UnknownNameError
+
+Given = Mapping[str, Any]
+
+_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+
+
+def read_mapping(what: str, kind: str, given: Any) -> Given:
+    """A mapping from itself, or from the path of a YAML file with one.
+
+    Args:
+        what: its name, for errors.
+        kind: what else it might have been, for errors.
+        given: what the user gave.
+
+    Raises:
+        InvalidValueError: it is neither, or the file is not there or no YAML.
+    """
+    source = ""
+    if isinstance(given, (str, Path)):
+        source, given = f"{given}: ", _read(what, Path(given))
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f"{source}{what} must be {kind}, a mapping or the path of a YAML file, got {given!r}")
+    return given
+
+
+def make(what: str, made: type[Any], given: Any) -> Any:
+    """An object of a dataclass from a mapping of its fields; what is one, or None, is left as it is.
+
+    Raises:
+        InvalidValueError: it is no mapping, a field is missing, or a value is not accepted; the message begins with
+            `what`.
+        UnknownNameError: a field that there is not.
+    """
+    if given is None or isinstance(given, made):
+        return given
+    fields = [field for field in dataclasses.fields(made) if field.init]
+    for name in require_mapping(what, given):
+        if name not in [field.name for field in fields]:
+            raise UnknownNameError(f"{what} option", name, [field.name for field in fields])
+    missing = [field.name for field in fields if _is_needed(field) and field.name not in given]
+    if missing:
+        raise InvalidValueError(f"{what}: {' and '.join(missing)} must be given, got {sorted(given)}")
+    try:
+        return made(**given)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"{what} {error.kind}", error.name, error.known) from error
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{what}: {error}{_hint(given)}") from error
+
+
+def require_mapping(what: str, given: Any) -> Given:
+    """It must be a mapping."""
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f"{what} must be a mapping, got {given!r}")
+    return given
+
+
+def _is_needed(field: dataclasses.Field[Any]) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def _hint(given: Given) -> str:
+    """YAML 1.1 takes an exponent for one only behind a point and before a sign."""
+    texts = [repr(value) for value in given.values() if isinstance(value, str) and _EXPONENT.fullmatch(value)]
+    return f" ({', '.join(texts)} is a text in YAML: write it like 6.0e+6)" if texts else ""
+
+
+def _read(what: str, path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidValueError(f"cannot read the {what} in {path}: {error}") from error
