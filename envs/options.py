@@ -45,7 +45,7 @@ class CommonOptions:
 
     Attributes:
         uplink: what agents broadcast: "detections", "tracks" or "none"; a policy states what it needs.
-        codec: how what they broadcast is encoded: name of a codec for it (for detections "compact_detections" or "cpm",
+        codec: how what they broadcast is encoded: name of a codec for it (for detections "compact" or "cpm",
             see `docs/codecs.md`); None: by the one with the uplink's name.
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].

@@ -69,7 +69,7 @@ def some_perception(count: int, seed: int = 0) -> CollectivePerception:
 
 SAMPLES: dict[str, Callable[[int], Any]] = {
     "detections": some_detections,
-    "compact_detections": lambda count: some_detections(count, sure=True),
+    "compact": lambda count: some_detections(count, sure=True),
     "cpm": some_perception,
     "tracks": some_tracks,
     "points": some_points,

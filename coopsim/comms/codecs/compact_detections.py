@@ -25,7 +25,7 @@ _SPREAD = np.dtype([("sigma", "u1", (7,)), ("rho", "i1")])
 _FLAGS = struct.Struct("<B")
 
 
-@CODECS.register("compact_detections")
+@CODECS.register("compact")
 class CompactDetectionsCodec(PlainDetections):
     """A box, its score and its label in 17 bytes, and in 8 more how sure the detector is.
 

@@ -13,6 +13,7 @@ from coopsim.checks import require_between
 from coopsim.comms.codecs.codec import CODECS, Codec, inflate, unpack_head
 from coopsim.comms.codecs.points import MOST_POINTS, PointCloud
 from coopsim.errors import CodecError
+from coopsim.geometry.se3 import Floats
 
 _VOXEL_M = (1e-3, 100.0)
 _MOST_CELLS = 2**32
@@ -43,7 +44,7 @@ class VoxelsCodec(Codec[PointCloud]):
 
     content = "points"
     limit_bytes = 96 * 2**20
-    INTENSITY_ERROR = 0.5 / 255 + 1e-6
+    INTENSITY_ERROR = 0.5 / 255 + 0.5 / 65_535 + 1e-7
     """Of a voxel's mean."""
 
     def __init__(self, voxel_m: float = 0.2) -> None:
@@ -53,30 +54,28 @@ class VoxelsCodec(Codec[PointCloud]):
     def error_m(self, extent_m: float) -> float:
         """How far along x, y or z a point may be from its voxel's centre: half an edge.
 
-        And the rounding of float32 at a largest coordinate `extent_m`.
+        And the rounding of the centre to float32, in a cloud whose largest coordinate is `extent_m`.
         """
-        return self._voxel_m / 2 + 2.0**-23 * extent_m
+        return self._voxel_m / 2 + 2.0**-24 * (extent_m + self._voxel_m)
 
     def encode(self, content: PointCloud) -> bytes:
         content.require_sendable()
         if not len(content):
             return _HEAD.pack(self._voxel_m, 0, 0, 0, 0, 0, 0, 0)
-        index = np.floor(content.xyz.astype(np.float64) / self._voxel_m)
+        # Axis by axis in rows: numpy takes the least of many columns of three forty times slower.
+        index = np.floor(np.ascontiguousarray(content.xyz.T, dtype=np.float64) / self._voxel_m)
         if np.abs(index).max() >= _FARTHEST:
             raise CodecError(f"a point is {content.extent_m:g} m away, too far for voxels of {self._voxel_m:g} m")
-        low = index.min(axis=0)
-        cells = index - low
-        shape = [int(length) + 1 for length in cells.max(axis=0)]
+        low = index.min(axis=1, keepdims=True)
+        x, y, z = cells = (index - low).astype(np.uint64)
+        shape = [int(length) + 1 for length in cells.max(axis=1)]
         if math.prod(shape) >= _MOST_CELLS:
             raise CodecError(f"{shape} voxels of {self._voxel_m:g} m are too many: accepted are less than 2^32")
-        number = ((cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]).astype(np.int64)
-        order = np.argsort(number, kind="stable")
-        voxels, first, counts = np.unique(number[order], return_index=True, return_counts=True)
-        intensity = np.add.reduceat(content.intensity[order].astype(np.float64), first) / counts
+        voxels, intensity = _by_voxel((x * shape[1] + y) * shape[2] + z, content.intensity)
         planes = np.empty((_PLANES, len(voxels)), dtype=np.uint8)
-        planes[:4] = np.diff(voxels, prepend=0).astype("<u4").view(np.uint8).reshape(-1, 4).T
+        planes[:4] = np.diff(voxels, prepend=np.uint64(0)).astype("<u4").view(np.uint8).reshape(-1, 4).T
         planes[4] = np.rint(intensity * 255)
-        head = _HEAD.pack(self._voxel_m, *low.astype(np.int64).tolist(), *shape, len(voxels))
+        head = _HEAD.pack(self._voxel_m, *low[:, 0].astype(np.int64).tolist(), *shape, len(voxels))
         return head + zlib.compress(planes.tobytes(), level=_EFFORT)
 
     def decode(self, payload: bytes) -> PointCloud:
@@ -97,6 +96,20 @@ class VoxelsCodec(Codec[PointCloud]):
         index = np.stack(np.unravel_index(number, shape), axis=1) + np.array(low, dtype=np.float64)
         xyz: NDArray[np.float32] = ((index + 0.5) * voxel_m).astype(np.float32)
         return PointCloud(xyz, (planes[-count:] / 255).astype(np.float32))
+
+
+def _by_voxel(number: NDArray[np.uint64], intensity: NDArray[np.float32]) -> tuple[NDArray[np.uint64], Floats]:
+    """Each number of a voxel once, in order, and the mean intensity of its points.
+
+    Intensities, in steps of 1/65,535, ride in the lowest bits of the numbers: what is sorted needs no second look-up.
+    """
+    rows = number << np.uint64(16) | np.rint(intensity.astype(np.float64) * 0xFFFF).astype(np.uint64)
+    rows.sort()
+    sorted_number = rows >> np.uint64(16)
+    first = np.flatnonzero(np.concatenate([[True], sorted_number[1:] != sorted_number[:-1]]))
+    counts = np.diff(first, append=len(rows))
+    means: Floats = np.add.reduceat((rows & np.uint64(0xFFFF)).astype(np.float64), first) / counts / 0xFFFF
+    return sorted_number[first], means
 
 
 def _numbers(planes: NDArray[np.uint8]) -> NDArray[np.int64]:
