@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from codec_samples import some_detections, some_features, some_perception, some_queries, some_tracks
+from codec_samples import some_detections, some_perception, some_queries, some_tracks
 
 import coopsim
 from coopsim.comms.codecs.codec import Codec, decoder
-from coopsim.comms.codecs.features import FeaturesCodec
+from coopsim.comms.codecs.features import FeatureMap, FeaturesCodec
 from coopsim.comms.codecs.points import PointCloud, PointsCodec
 from coopsim.comms.codecs.queries import QueriesCodec
 from coopsim.comms.codecs.sparse_features import SparseFeaturesCodec
@@ -33,6 +33,13 @@ def swept(count: int = 50_000) -> PointCloud:
     return PointCloud(rows[kept, :3], rows[kept, 3])
 
 
+def one_map() -> FeatureMap:
+    """Features as networks with normalised layers have them."""
+    rng = np.random.default_rng(0)
+    values = np.maximum(rng.normal(size=(64, 96, 352)), 0).astype(np.float32)
+    return FeatureMap(values, rng.random((96, 352), dtype=np.float32))
+
+
 def cases() -> Iterator[tuple[str, Codec[Any], Any, int]]:
     """What is sent, by which codec, and of how many parts it is."""
     for name in ("detections", "compact"):
@@ -47,7 +54,7 @@ def cases() -> Iterator[tuple[str, Codec[Any], Any, int]]:
         yield f"50,000 points, {number}", PointsCodec(number), cloud, len(cloud)
     for voxel_m in (0.1, 0.2, 0.4):
         yield f"50,000 points, voxels of {voxel_m} m", VoxelsCodec(voxel_m), cloud, len(cloud)
-    features = some_features((64, 96, 352))
+    features = one_map()
     for number in ("float32", "float16", "int8"):
         yield f"features 64 x 96 x 352, {number}", FeaturesCodec(number), features, features.values.size
     for number in ("float16", "int8"):

@@ -65,9 +65,11 @@ def unpack_features(block: bytes, shape: tuple[int, int], number: str) -> Values
         steps = np.frombuffer(block, np.int8, offset=4 * shape[0]).reshape(shape)
         if not (np.isfinite(scale).all() and (np.abs(scale) < np.finfo(np.float32).max / 128).all()):
             raise CodecError("scales of features must be finite")
-        values: Values = (steps * scale).astype(np.float32, copy=False)
-        return values
+        stepped: Values = (steps * scale).astype(np.float32, copy=False)
+        return stepped
     written = np.frombuffer(block, "<f4" if number == "float32" else "<f2").reshape(shape)
-    if not np.isfinite(written).all():
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one, and is refused
+        values = written.astype(np.float32)
+    if not np.isfinite(values).all():
         raise CodecError("features must be finite")
-    return written.astype(np.float32)
+    return values
