@@ -61,8 +61,9 @@ class CompactDetectionsCodec(PlainDetections):
 
     def in_range(self, found: Detections) -> Mask:
         boxes, score = found.boxes, found.score
-        size = np.rint(boxes.size / _STEP_M)
-        good = np.asarray((np.abs(np.rint(boxes.center / _STEP_M)) <= 0x7FFF).all(axis=1))
+        with np.errstate(over="ignore"):
+            center, size = np.rint(boxes.center / _STEP_M), np.rint(boxes.size / _STEP_M)
+        good = np.asarray((np.abs(center) <= 0x7FFF).all(axis=1))
         good &= ((size >= 1) & (size <= 0xFFFF)).all(axis=1) & np.isfinite(boxes.yaw)
         good &= (np.abs(score) <= float(np.finfo(np.float16).max)) & (found.label >= 0)
         good &= found.label < len(CLASS_NAMES)

@@ -12,8 +12,9 @@ from codec_samples import some_detections, some_perception
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.comms.codecs import cpm
+from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.codecs.cpm import CollectivePerception, CpmCodec
+from coopsim.comms.codecs.cpm_asn1 import messages
 from coopsim.comms.message import decode_detections
 from coopsim.comms.uplink import ShareDetections, uplink_maker
 from coopsim.errors import CodecError, MissingDependencyError
@@ -172,22 +173,20 @@ def test_what_cannot_be_sent_is_refused(changes: dict[str, Any], match: str) -> 
 
 def raw(objects: list[dict[str, Any]], **changes: Any) -> bytes:
     """A message of others, with these objects."""
-    messages = cpm._messages()
-    message = messages.decode("CollectivePerceptionMessage", CODEC.encode(some_perception(0)))
-    data = messages.encode(
+    message = messages().decode("CollectivePerceptionMessage", CODEC.encode(some_perception(0)))
+    data = messages().encode(
         "PerceivedObjectContainer", {"numberOfPerceivedObjects": len(objects), "perceivedObjects": objects}
     )
     foreign = {"containerId": 1, "containerData": b"what a vehicle says of itself"}
     message["payload"]["cpmContainers"] = [foreign, {"containerId": 5, "containerData": data}]
     message["header"] |= changes
-    return bytes(messages.encode("CollectivePerceptionMessage", message))
+    return bytes(messages().encode("CollectivePerceptionMessage", message))
 
 
 def whole_object() -> dict[str, Any]:
-    messages = cpm._messages()
-    outer = messages.decode("CollectivePerceptionMessage", CODEC.encode(replace(some_perception(1), velocity=None)))
+    outer = messages().decode("CollectivePerceptionMessage", CODEC.encode(replace(some_perception(1), velocity=None)))
     data = outer["payload"]["cpmContainers"][0]["containerData"]
-    found: dict[str, Any] = messages.decode("PerceivedObjectContainer", data)["perceivedObjects"][0]
+    found: dict[str, Any] = messages().decode("PerceivedObjectContainer", data)["perceivedObjects"][0]
     return found
 
 
@@ -211,9 +210,7 @@ def test_parts_that_are_not_read_and_other_messages_are_refused() -> None:
 
 
 def test_without_asn1tools_what_to_install_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    from coopsim.comms.codecs.codec import decoder
-
-    for cached in (cpm._messages, decoder):
+    for cached in (messages, decoder):
         cached.cache_clear()
     monkeypatch.setitem(sys.modules, "asn1tools", None)
     try:
@@ -221,7 +218,7 @@ def test_without_asn1tools_what_to_install_is_said_at_once(monkeypatch: pytest.M
             with pytest.raises(MissingDependencyError, match=r"pip install 'coopsim\[etsi\]'"):
                 attempt()
     finally:
-        for cached in (cpm._messages, decoder):
+        for cached in (messages, decoder):
             cached.cache_clear()
 
 
