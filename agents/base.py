@@ -16,17 +16,20 @@ class Copy(coopsim.Policy):
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from coopsim.checks import require_choice
 from coopsim.envs.spaces import IDLE, pack_tracks, unpack_observation
-from coopsim.errors import EpisodeStateError, InvalidActionError, PolicyMismatchError
+from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, PolicyMismatchError
 from coopsim.rng import stream
 from coopsim.sensors.rigs import rig
-from coopsim.types import AgentSpec, Observation, Tracks
+from coopsim.types import AgentSpec, Message, Observation, Tracks
+
+T = TypeVar("T")
 
 
 class Policy(ABC):
@@ -37,11 +40,13 @@ class Policy(ABC):
         cameras: name of the rig whose cameras the policy needs on every agent (see `coopsim.sensors.rigs`), True for
             "surround"; False if it looks at no picture, so that none is drawn for it.
         specs: the agents of the running episode, in the environment's order.
+        rejected: how many messages of the episode could not be read, by receiver and sender; see `read`.
     """
 
     uplink: ClassVar[str] = "detections"
     cameras: ClassVar[bool | str] = False
     specs: Mapping[str, AgentSpec]
+    rejected: Counter[tuple[str, str]]
 
     @abstractmethod
     def track(self, agent: str, observation: Observation) -> Tracks:
@@ -54,6 +59,22 @@ class Policy(ABC):
             spec: the agent.
             rng: the agent's own random stream, for policies that draw.
         """
+
+    def read(self, agent: str, inbox: Iterable[Message], decode: Callable[[Message], T]) -> list[tuple[Message, T]]:
+        """The messages that can be read, each with what is in it. The others are left out and counted in `rejected`.
+
+        Args:
+            agent: who received them.
+            inbox: as in the agent's observation.
+            decode: of a message, as `coopsim.comms.message.decode_detections`; raises `CodecError` on what is none.
+        """
+        readable: list[tuple[Message, T]] = []
+        for message in inbox:
+            try:
+                readable.append((message, decode(message)))
+            except CodecError:
+                self.rejected[agent, message.sender] += 1
+        return readable
 
     def drive(self, agent: str, observation: Observation) -> int:
         """How `agent` drives, a number into `MANEUVERS`; asked only under `control="policy"`."""
@@ -80,7 +101,7 @@ class Policy(ABC):
                     f"{sorted(spec.cameras)}: make the environment with cameras={self.cameras!r}, or use "
                     "coopsim.evaluate, which does"
                 )
-        self.specs = dict(agent_specs)
+        self.specs, self.rejected = dict(agent_specs), Counter()
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))
 

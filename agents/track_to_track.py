@@ -14,7 +14,7 @@ from coopsim.agents.base import Policy
 from coopsim.agents.tracking import over_origin
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_between, require_choice, require_number
-from coopsim.comms.track_codec import decode_tracks
+from coopsim.comms.message import decode_tracks
 from coopsim.fusion.tracks import fuse_tracks
 from coopsim.tracking.estimates import TrackEstimates
 from coopsim.tracking.late import OWN
@@ -99,26 +99,28 @@ class TrackToTrack(Policy):
     def track(self, agent: str, observation: Observation) -> Tracks:
         state, now_ns = self._states[agent], observation.time_ns
         own = state.tracker.step(observation)
-        self._listen(state, observation)
+        self._listen(agent, state, observation)
         fused, members = self._fused(own, [self._current(heard, now_ns) for heard in state.heard.values()])
         public = state.ids.assign([OWN, *state.heard], members, now_ns)
         return replace(fused.tracks, id=public).transform(state.tracker.frame.odom_SE3_base.inverse())
 
-    def _listen(self, state: _AgentState, observation: Observation) -> None:
+    def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each agent's last message, while it is valid, in order of the agents' names."""
-        for message in observation.inbox:
+        for message, estimates in self.read(agent, observation.inbox, decode_tracks):
             captured_ns = min(message.captured_ns, observation.time_ns)
             known = state.heard.get(message.sender)
             if known is None or captured_ns > known.captured_ns:
-                state.heard[message.sender] = _Heard(captured_ns, self._placed(message, observation, state))
+                state.heard[message.sender] = _Heard(captured_ns, self._placed(message, estimates, observation, state))
         oldest_ns = observation.time_ns - seconds_to_ns(self._valid_s)
         state.heard = {name: heard for name, heard in sorted(state.heard.items()) if heard.captured_ns > oldest_ns}
 
-    def _placed(self, message: Message, observation: Observation, state: _AgentState) -> TrackEstimates:
+    def _placed(
+        self, message: Message, estimates: TrackEstimates, observation: Observation, state: _AgentState
+    ) -> TrackEstimates:
         """A message's tracks in the odometry frame, as unsure as two estimated poses make them, less the receiver."""
         frame = state.tracker.frame
         odom_SE3_sender = frame.odom_SE3_sender(message, observation)
-        estimates = decode_tracks(message).transform(odom_SE3_sender)
+        estimates = estimates.transform(odom_SE3_sender)
         away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
         estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= _FARTHEST_M]
         if state.is_object:

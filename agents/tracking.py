@@ -62,14 +62,15 @@ class TrackingPolicy(Policy):
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
         own = Measurement(OWN, observation.time_ns, sane(observation.detections).transform(odom_SE3_base))
-        others = [] if self.uplink == "none" else [_received(each, observation, state) for each in observation.inbox]
+        heard = [] if self.uplink == "none" else self.read(agent, observation.inbox, decode_detections)
+        others = [_received(message, found, observation, state) for message, found in heard]
         tracks = state.tracks.step([own, *others], observation.time_ns)
         return tracks.transform(odom_SE3_base.inverse())
 
 
-def _received(message: Message, observation: Observation, state: _AgentState) -> Measurement:
+def _received(message: Message, found: Detections, observation: Observation, state: _AgentState) -> Measurement:
     """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
-    found = sane(decode_detections(message)).transform(state.frame.odom_SE3_sender(message, observation))
+    found = sane(found).transform(state.frame.odom_SE3_sender(message, observation))
     if state.is_object:
         then = state.frame.pose_at(message.captured_ns)
         found = found[~over_origin(found.boxes.transform(then.inverse()))]

@@ -369,6 +369,7 @@ class AgentSpec:
         frame_owner: whose base frame all agents' boxes are in, where that is one agent's, as in a recording; None: each
             agent's are in its own.
         cameras: of each of its cameras, by name; of the running episode, as cars are of different heights.
+        codec: by which codec agents encode what they broadcast; None: by the one with the uplink's name.
     """
 
     name: str
@@ -379,6 +380,7 @@ class AgentSpec:
     is_object: bool = True
     frame_owner: str | None = None
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict, compare=False)
+    codec: str | None = None
 
 
 def stack_xyz_yaw(pose: SE3) -> Floats:

@@ -24,7 +24,7 @@ from pettingzoo import ParallelEnv
 from coopsim.checks import require_choice, require_instance
 from coopsim.comms.channel import Channel, ChannelCounts
 from coopsim.comms.sight import Surroundings
-from coopsim.comms.uplink import UPLINKS, Uplink
+from coopsim.comms.uplink import Uplink, uplink_maker
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
@@ -70,7 +70,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
-        self._make_uplink = UPLINKS.get(options.uplink)
+        self._make_uplink = uplink_maker(options.uplink, options.codec)
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)

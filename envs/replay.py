@@ -38,6 +38,7 @@ class Replay(FrameSource):
             A text is one name.
         dt_s: time between two frames.
         uplink: what the agents' specs say they broadcast.
+        codec: by which codec they say so.
 
     Raises:
         InvalidValueError: the path or the detections are missing, or a name of detections is given twice.
@@ -53,7 +54,13 @@ class Replay(FrameSource):
     _cycle: int
 
     def __init__(
-        self, name: str, path: str | Path | None, detections: Sequence[str] | None, dt_s: float, uplink: str
+        self,
+        name: str,
+        path: str | Path | None,
+        detections: Sequence[str] | None,
+        dt_s: float,
+        uplink: str,
+        codec: str | None = None,
     ) -> None:
         self.name = name
         self._set = RecordingSet(path)
@@ -62,7 +69,8 @@ class Replay(FrameSource):
             accepted = ", ".join(self._set.detection_names)
             raise InvalidValueError(f"detections must be at least one name, got {detections!r}; accepted: {accepted}")
         self.specs = {
-            agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False, frame_owner=agents[0]) for agent in agents
+            agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False, frame_owner=agents[0], codec=codec)
+            for agent in agents
         }
         self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in agents}
         self._dt_s = dt_s

@@ -45,11 +45,18 @@ class Simulation(FrameSource):
         scenario: what is there.
         options: how it is sensed and scored.
         uplink: what the agents' specs say they broadcast.
+        codec: by which codec they say so.
         episode: a recorded world, to be sensed in place of one that happens now.
     """
 
     def __init__(
-        self, name: str, scenario: Scenario, options: SimulationOptions, uplink: str, episode: Episode | None = None
+        self,
+        name: str,
+        scenario: Scenario,
+        options: SimulationOptions,
+        uplink: str,
+        codec: str | None = None,
+        episode: Episode | None = None,
     ) -> None:
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
@@ -76,7 +83,7 @@ class Simulation(FrameSource):
         self._cameras = agent_rigs(options.cameras, kinds)
         # Who photographs where no cameras are on gets the pictures that `cameras=True` would make.
         self._photographers = self._cameras if any(self._cameras.values()) else agent_rigs(True, kinds)
-        self._uplink = uplink
+        self._uplink, self._codec = uplink, codec
         self.specs = self._specify(bodies)
         self.road_map = self._world.map
         self.capacity = len(self._world.actors()) if episode is None else episode.most_actors
@@ -103,6 +110,7 @@ class Simulation(FrameSource):
                 self._drives(body),
                 body.actor_id is not None,
                 cameras={camera.name: camera.calibration(body.height_m) for camera in self._cameras[name]},
+                codec=self._codec,
             )
             for name, body in bodies.items()
         }

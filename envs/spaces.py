@@ -185,7 +185,7 @@ def unpack_observation(packed: Mapping[str, Any], agents: Sequence[str], spec: A
         ),
         sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
         cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()},
-        inbox=_unpack_inbox(packed, agents, spec.uplink),
+        inbox=_unpack_inbox(packed, agents, spec.codec or spec.uplink),
     )
 
 

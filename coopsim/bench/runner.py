@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,8 +37,8 @@ class Evaluation:
         rewards: (F,) mean over agents, per frame.
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
-        messages: what became of them, each counted for every other agent.
-        links: the same by link: sender and receiver.
+        messages: what became of them, each counted for every other agent; and how many the policy could not read.
+        links: what became of them by link: sender and receiver.
     """
 
     score: Score
@@ -97,7 +97,9 @@ def evaluate(
     env = listening_env(environment, policy, options)
     try:
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        return Evaluation(env.score(), rewards, len(rewards), seconds, env.channel_counts, env.link_counts)
+        rejected = getattr(policy, "rejected", {})  # who brings an `act` of its own need not count
+        messages = replace(env.channel_counts, rejected=sum(rejected.values()))
+        return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts)
     finally:
         env.close()
 

@@ -43,6 +43,8 @@ class ChannelCounts:
         corrupted: how many of the lost arrived with a wrong checksum.
         stale: how many of the lost waited too long for the medium.
         duplicates: second copies that arrived; they are in none of the other counts.
+        rejected: how many of those that arrived a policy could not read (`Policy.rejected`). The channel does not read
+            them: it is 0 in the channel's own counts.
     """
 
     sent: int = 0
@@ -52,6 +54,7 @@ class ChannelCounts:
     corrupted: int = 0
     stale: int = 0
     duplicates: int = 0
+    rejected: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar, cast
 
-from coopsim.comms.message import DetectionsCodec
-from coopsim.comms.track_codec import TracksCodec, sendable
+from coopsim.checks import require_choice
+from coopsim.comms.codecs.codec import codecs_of, decoder
+from coopsim.comms.codecs.detections import SharesDetections
+from coopsim.comms.codecs.tracks import TracksCodec, sendable
+from coopsim.errors import InvalidValueError
 from coopsim.registry import Registry
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.types import Message, Observation
 
 
 class Uplink(ABC):
-    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state."""
+    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state.
+
+    Attributes:
+        codecs: the kind of content whose codecs the uplink can be made with, `ShareDetections(codec="cpm")`; None: the
+            uplink has no choice.
+    """
+
+    codecs: ClassVar[str | None] = None
 
     @abstractmethod
     def message(self, sender: str, observation: Observation) -> Message | None:
@@ -28,14 +40,27 @@ class Silence(Uplink):
 
 
 class ShareDetections(Uplink):
-    """The agent's own detections, in its base frame, with its estimate of its pose."""
+    """The agent's own detections, in its base frame, with its estimate of its pose.
 
-    def __init__(self) -> None:
-        self._codec = DetectionsCodec()
+    Detections that the codec cannot carry within its error bounds are left out.
+
+    Args:
+        codec: name of a codec for detections.
+    """
+
+    codecs = "detections"
+
+    def __init__(self, codec: str = "detections") -> None:
+        require_choice("codec", codec, codecs_of("detections"))
+        self._name = codec
+        self._codec = cast(SharesDetections[Any], decoder(codec))
 
     def message(self, sender: str, observation: Observation) -> Message | None:
-        payload = self._codec.encode(observation.detections)
-        return Message(sender, observation.time_ns, observation.pose, payload, "detections")
+        found, time_ns, pose = observation.detections, observation.time_ns, observation.pose
+        if not (sent := self._codec.sendable(found)).all():
+            found = found[sent]
+        payload = self._codec.encode(self._codec.share(found, sender, time_ns, pose))
+        return Message(sender, time_ns, pose, payload, self._name)
 
 
 class ShareTracks(Uplink):
@@ -53,8 +78,29 @@ class ShareTracks(Uplink):
         return Message(sender, observation.time_ns, observation.pose, payload, "tracks")
 
 
-UPLINKS: Registry[Callable[[], Uplink]] = Registry("uplink")
-"""What makes an uplink; the environment makes one for each agent and episode."""
+UPLINKS: Registry[Callable[..., Uplink]] = Registry("uplink")
+"""What makes an uplink, without arguments; the environment makes one for each agent and episode."""
+
+
+def uplink_maker(uplink: str, codec: str | None = None) -> Callable[[], Uplink]:
+    """What makes the uplink called `uplink`, with a codec of that name; None: with its own.
+
+    Raises:
+        UnknownNameError: there is no such uplink, or no such codec for it.
+        InvalidValueError: the uplink has no choice of codecs.
+    """
+    make = UPLINKS.get(uplink)
+    if codec is None:
+        return make
+    content = getattr(make, "codecs", None)
+    if content is None:
+        raise InvalidValueError(
+            f"codec must be None for uplink {uplink!r}, which has no choice of codecs, got {codec!r}"
+        )
+    require_choice("codec", codec, codecs_of(content))
+    decoder(codec)  # a package that it needs and that is missing is named now, not at the first message
+    return partial(make, codec=codec)
+
 
 UPLINKS.register("none")(Silence)
 UPLINKS.register("detections")(ShareDetections)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.comms.uplink import UPLINKS
+from coopsim.comms.codecs.codec import codecs_of
+from coopsim.comms.uplink import UPLINKS, ShareDetections
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.late import LATE
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
@@ -93,11 +95,67 @@ def test_what_is_not_finite_is_left_out(name: str) -> None:
     assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
 
 
-@pytest.mark.parametrize("name", [name for name in coopsim.POLICIES if coopsim.POLICIES.get(name).uplink != "none"])
-def test_a_payload_that_is_none_is_named(name: str) -> None:
-    broken = replace(message(name, boxes([[20, 0]]), 0), payload=b"\x07nonsense")
-    with pytest.raises(coopsim.errors.CodecError, match="whole number"):
-        play(begin(name), observe(0, boxes([[5, 0]]), broken))
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).uplink != "none"]
+
+
+def broken(name: str, good: Message) -> list[Message]:
+    """Messages that nobody can read, by three senders."""
+    beyond = bytearray(good.payload)
+    first = 2 if listens_to(name) == "detections" else 6  # where the box of the first object begins
+    struct.pack_into("<f", beyond, first, np.inf)
+    payloads = [b"", b"\x07nonsense", good.payload[:-1], good.payload + b"\0", bytes(beyond), bytes(100_000)]
+    return [
+        *(replace(good, sender="rsu_1", payload=payload) for payload in payloads),
+        *(replace(good, sender="cav_1", codec=codec) for codec in ("points", "nobody's", "")),
+        replace(good, sender="cav_2", payload=b"\xff\xff"),
+    ]
+
+
+@EVERY
+def test_messages_that_cannot_be_read_are_left_out_and_counted(name: str) -> None:
+    seen = [boxes([[20 + k, 0]]) for k in range(6)]
+    heard = [message(name, boxes([[20 + k, 0], [-30, 5]]), k * FRAME_NS) for k in range(6)]
+    expected, policy = begin(name), begin(name)
+    good = play(expected, *(observe(k * FRAME_NS, seen[k], heard[k]) for k in range(6)))
+    disturbed = (observe(k * FRAME_NS, seen[k], *broken(name, heard[k]), heard[k]) for k in range(6))
+    for one, other in zip(good, play(policy, *disturbed), strict=True):
+        np.testing.assert_array_equal(one.id, other.id)
+        np.testing.assert_array_equal(one.boxes.array, other.boxes.array)
+    assert not expected.rejected
+    listens = name in LISTENING
+    counted = {("cav_0", "rsu_1"): 36, ("cav_0", "cav_1"): 18, ("cav_0", "cav_2"): 6}
+    assert policy.rejected == (counted if listens else {})
+    policy.reset(policy.specs)
+    assert not policy.rejected
+
+
+@pytest.mark.parametrize("name", LISTENING)
+def test_numbers_at_float32s_end_do_no_harm(name: str) -> None:
+    """What a message can say, and no detector would."""
+    rows = np.tile([10.0, 0, 0.8, 4.5, 1.9, 1.6, 0.0], (8, 1))
+    most = float(np.finfo(np.float32).max)
+    rows[[0, 1, 2, 3, 4], [0, 1, 3, 5, 6]] = most
+    rows[5, 3:6], rows[6, :3], rows[7, 3] = most, -most, 1e-40
+    wild = Detections(Boxes3D.from_array(rows), np.full(8, most), np.zeros(8, dtype=int))
+    found = boxes([[10, 0]])
+    frames = [observe(k * FRAME_NS, found, message(name, wild, k * FRAME_NS)) for k in range(4)]
+    play(begin(name), *frames)
+
+
+@pytest.mark.parametrize("name", [name for name in LISTENING if listens_to(name) == "detections"])
+@pytest.mark.parametrize("codec", codecs_of("detections"))
+def test_detections_are_understood_from_every_codec(name: str, codec: str) -> None:
+    def reports(by: str) -> list[Tracks]:
+        share, frames = ShareDetections(by), []
+        for k in range(6):
+            heard = share.message("rsu_0", observe(k * FRAME_NS, boxes([[20 + k, 3], [-30, 5]])))
+            assert heard is not None
+            frames.append(observe(k * FRAME_NS, boxes([]), heard))
+        return play(begin(name), *frames)
+
+    for one, other in zip(reports("detections"), reports(codec), strict=True):
+        np.testing.assert_array_equal(one.id, other.id)
+        np.testing.assert_allclose(one.boxes.array, other.boxes.array, atol=0.1)
 
 
 @EVERY

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.comms.message import DetectionsCodec, decode_detections, decode_message, encode_message
+from coopsim.comms.codecs.detections import DetectionsCodec
+from coopsim.comms.message import decode_detections, decode_message, encode_message
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections, Message, PoseEstimate

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from coopsim.comms.message import encode_message
-from coopsim.comms.track_codec import TracksCodec, decode_tracks, sendable
+from coopsim.comms.codecs.tracks import TracksCodec, sendable
+from coopsim.comms.message import decode_tracks, encode_message
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.estimates import TrackEstimates

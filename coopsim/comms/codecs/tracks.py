@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.comms.message import Codec, pack_rows, payload_of, unpack_rows
+from coopsim.comms.codecs.codec import CODECS, Codec, pack_rows, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.taxonomy import CLASS_NAMES
 from coopsim.tracking.estimates import PLANAR, TrackEstimates
-from coopsim.types import Mask, Message, Tracks
+from coopsim.types import Mask, Tracks
 
 VARIANCES = (1e-6, 1e7)
 """The least and the largest eigenvalue of a covariance, m^2 and (m/s)^2. Nobody knows anything better than to a
@@ -29,13 +29,18 @@ _ROW = np.dtype(
 )
 
 
+@CODECS.register("tracks")
 class TracksCodec(Codec[TrackEstimates]):
     """Id (uint32), box (seven float32), velocity (two), score (one), label (one byte), and the upper triangle of the
     covariance of x, y, vx, vy (ten float32): 85 bytes an object, 2 for their number.
 
     Real numbers come back within 6e-8 of themselves, relative. Half precision would save 20 bytes, but it ends at
-    65504, and the velocity of a new track has a variance of 1e6.
+    65504, and the velocity of a new track has a variance of 1e6. Decoded are at most 65,535 tracks.
     """
+
+    content = "tracks"
+    RELATIVE_ERROR = 2.0**-24
+    limit_bytes = 64 * 2**20
 
     def encode(self, content: TrackEstimates) -> bytes:
         """The payload.
@@ -85,15 +90,3 @@ def sendable(content: TrackEstimates) -> Mask:
     variances = np.linalg.eigvalsh(sent, UPLO="U")
     good[good] = (variances[:, 0] >= VARIANCES[0]) & (variances[:, -1] <= VARIANCES[1])
     return good
-
-
-_TRACKS = TracksCodec()
-
-
-def decode_tracks(message: Message) -> TrackEstimates:
-    """The tracks in a message, in the sender's base frame at the time of capture.
-
-    Raises:
-        CodecError: the payload is broken, or the message carries something else.
-    """
-    return _TRACKS.decode(payload_of(message, "tracks"))

@@ -1,0 +1,120 @@
+"""Dense feature maps: what intermediate fusion sends."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.arrays import frozen
+from coopsim.checks import require_choice
+from coopsim.comms.codecs.channels import (
+    FEATURE_NUMBERS,
+    MOST_VALUES,
+    FeatureNumber,
+    features_size,
+    pack_features,
+    unpack_features,
+)
+from coopsim.comms.codecs.codec import CODECS, Codec, unpack_head
+from coopsim.errors import CodecError
+
+MOST_CELLS = 2**20
+"""The most cells of a map: 400 m x 400 m in cells of 0.4 m."""
+
+CONFIDENCE_ERROR = 0.5 / 255 + 1e-6
+"""Confidences are sent in steps of 1/255."""
+
+_HEAD = struct.Struct("<BB3H")
+"""Kind of number, whether confidences follow, channels, rows, columns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureMap:
+    """Features of a grid of cells around an agent; where the cells lie, sender and receiver must have agreed on.
+
+    Attributes:
+        values: (C, H, W) float32.
+        confidence: (H, W) in [0, 1], how sure the sender is that there is something in a cell; None: it does not say.
+    """
+
+    values: NDArray[np.float32]
+    confidence: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        values = frozen(self.values, (None, None, None), np.float32, "values")
+        object.__setattr__(self, "values", values)
+        if self.confidence is not None:
+            confidence = frozen(self.confidence, values.shape[1:], np.float32, "confidence")
+            object.__setattr__(self, "confidence", confidence)
+
+    def require_sendable(self) -> None:
+        """Raise `CodecError` unless a message can hold the map's shape, and confidences are in [0, 1]."""
+        if max(self.values.shape) > 0xFFFF:
+            raise CodecError(f"channels, rows and columns are at most 65535, got {self.values.shape}")
+        require_shape(0, self.values.shape)
+        if self.confidence is not None and not ((self.confidence >= 0) & (self.confidence <= 1)).all():
+            raise CodecError("confidences of features must be in [0, 1]")
+
+
+def require_shape(number: int, shape: tuple[int, int, int]) -> None:
+    """Raise `CodecError` if what the head of a payload announces is none, or too much."""
+    if number >= len(FEATURE_NUMBERS) or math.prod(shape) > MOST_VALUES or math.prod(shape[1:]) > MOST_CELLS:
+        raise CodecError(f"no message has features {shape} of number {number}")
+
+
+@CODECS.register("features")
+class FeaturesCodec(Codec[FeatureMap]):
+    """8 bytes of head (number, confidences or not, C, H and W as uint16), then values channel by channel.
+
+    | number | bytes a value | error |
+    |---|---|---|
+    | 0 "float32" | 4 | none |
+    | 1 "float16" | 2 | 2^-11 of itself |
+    | 2 "int8" | 1, and 4 a channel | 1/253 of the channel's largest |
+
+    Confidences, where there are any, follow in one byte a cell. Decoded are at most 16,777,216 values, of 1,048,576
+    cells.
+
+    Args:
+        number: how values are written.
+    """
+
+    content = "features"
+    limit_bytes = 160 * 2**20
+
+    def __init__(self, number: FeatureNumber = "float16") -> None:
+        require_choice("number", number, FEATURE_NUMBERS)
+        self._number = number
+
+    def encode(self, content: FeatureMap) -> bytes:
+        content.require_sendable()
+        channels, height, width = content.values.shape
+        stated = content.confidence is not None
+        head = _HEAD.pack(FEATURE_NUMBERS.index(self._number), stated, channels, height, width)
+        block = pack_features(content.values.reshape(channels, height * width), self._number)
+        return head + block + (b"" if content.confidence is None else pack_confidence(content.confidence))
+
+    def decode(self, payload: bytes) -> FeatureMap:
+        number, stated, *shape = unpack_head(payload, _HEAD, "features")
+        channels, height, width = shape
+        require_shape(number, (channels, height, width))
+        kind, rows = FEATURE_NUMBERS[number], (channels, height * width)
+        end = _HEAD.size + features_size(rows, kind)
+        if stated > 1 or len(payload) != end + stated * height * width:
+            raise CodecError(f"{len(payload)} bytes are not {kind} features {tuple(shape)}")
+        values = unpack_features(payload[_HEAD.size : end], rows, kind).reshape(shape)
+        return FeatureMap(values, unpack_confidence(payload[end:]).reshape(height, width) if stated else None)
+
+
+def pack_confidence(confidence: NDArray[np.float32]) -> bytes:
+    """One byte a cell."""
+    return np.rint(confidence * 255).astype(np.uint8).tobytes()
+
+
+def unpack_confidence(block: bytes) -> NDArray[np.float32]:
+    """What `pack_confidence` was given, in one row."""
+    return (np.frombuffer(block, np.uint8) / 255).astype(np.float32)

@@ -1,0 +1,102 @@
+"""Instance queries: what query-based cooperation sends, a feature vector for each object and where it belongs.
+
+As in QUEST (Fan et al., ICRA 2024) and CoopTrack (ICCV 2025): few hundred bytes an object in the place of a whole
+feature map. How receivers align and fuse them is theirs.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.arrays import frozen
+from coopsim.checks import require_choice
+from coopsim.comms.codecs.channels import (
+    FEATURE_NUMBERS,
+    MOST_VALUES,
+    FeatureNumber,
+    features_size,
+    pack_features,
+    unpack_features,
+)
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, unpack_head
+from coopsim.comms.codecs.detections import OBJECT_ROW, object_rows, require_objects, valid_objects
+from coopsim.errors import CodecError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+
+_HEAD = struct.Struct("<BHH")
+"""Kind of number, number of queries, length of a feature vector."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InstanceQueries:
+    """K queries in the sender's base frame.
+
+    Attributes:
+        feature: (K, D) float32.
+        boxes: K reference boxes.
+        score: (K,) confidence.
+        label: (K,) int, an `ObjectClass`.
+    """
+
+    feature: NDArray[np.float32]
+    boxes: Boxes3D
+    score: Floats
+    label: Ints
+
+    def __post_init__(self) -> None:
+        count = len(self.boxes)
+        object.__setattr__(self, "feature", frozen(self.feature, (count, None), np.float32, "feature"))
+        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+@CODECS.register("queries")
+class QueriesCodec(Codec[InstanceQueries]):
+    """5 bytes of head (number, K and D as uint16), K objects in 33 bytes each as in `DetectionsCodec`, and their
+    features query by query, as float32, float16, or int8 with a scale a query.
+
+    Objects come back within 2^-24 of themselves; a feature's error is as in `FeaturesCodec`, a query in the place of a
+    channel. Decoded are at most 65,535 queries, and 16,777,216 values.
+
+    Args:
+        number: how features are written.
+    """
+
+    content = "queries"
+    limit_bytes = 128 * 2**20
+
+    def __init__(self, number: FeatureNumber = "float16") -> None:
+        require_choice("number", number, FEATURE_NUMBERS)
+        self._number = number
+
+    def encode(self, content: InstanceQueries) -> bytes:
+        count, width = content.feature.shape
+        if max(count, width) > MOST_ROWS or content.feature.size > MOST_VALUES:
+            raise CodecError(f"one message carries at most {MOST_VALUES} features, got {count} x {width}")
+        good = valid_objects(content.boxes, content.score, content.label)
+        if not good.all():
+            raise CodecError(f"query {int(np.argmin(good))} cannot be sent: it must be finite and have a size")
+        rows = object_rows(content.boxes, content.score, content.label)
+        head = _HEAD.pack(FEATURE_NUMBERS.index(self._number), count, width)
+        return head + rows.tobytes() + pack_features(content.feature, self._number)
+
+    def decode(self, payload: bytes) -> InstanceQueries:
+        number, count, width = unpack_head(payload, _HEAD, "queries")
+        if number >= len(FEATURE_NUMBERS) or count * width > MOST_VALUES:
+            raise CodecError(f"{len(payload)} bytes announce {count} x {width} features of number {number}")
+        kind, start = FEATURE_NUMBERS[number], _HEAD.size + count * OBJECT_ROW.itemsize
+        if len(payload) != start + features_size((count, width), kind):
+            raise CodecError(f"{len(payload)} bytes are not {count} queries of {width} {kind} features")
+        rows = np.frombuffer(payload, OBJECT_ROW, count, _HEAD.size)
+        require_objects(rows, "query")
+        feature = unpack_features(payload[start:], (count, width), kind)
+        return InstanceQueries(feature, Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])
