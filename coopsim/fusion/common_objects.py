@@ -29,7 +29,7 @@ _VOTE = 2.0
 
 _SIGMAS = 3.0
 _HEADINGS = 7
-_MOST_PAIRS = 96
+_MOST_PAIRS = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,15 +102,27 @@ def consensus(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Float
         (3,) the correction. Its error is that of a detection and of half a step of heading; see `pose_graph`.
     """
     gap, offset = _candidates(known, label, seen, mean, sigma)
-    spread = 1 if not len(gap) or _SIGMAS * sigma[2] * np.abs(offset).max() < _REACH_M / 4 else _HEADINGS
-    heading = mean[2] + sigma[2] * _SIGMAS * np.linspace(-1, 1, spread)[spread == 1 :] if spread > 1 else mean[2:]
+    steps = np.linspace(-_SIGMAS, _SIGMAS, _HEADINGS) if _turns(offset, sigma[2]) else np.zeros(1)
+    heading = mean[2] + sigma[2] * steps
     shift = gap + offset - turned(offset, heading)  # (H, P, 2) that brings each pair together, for each heading
     tried = np.concatenate([np.broadcast_to(mean[:2], (len(heading), 1, 2)), shift], axis=1)
-    apart = ((tried[:, :, None] - shift[:, None]) ** 2).sum(axis=-1)
-    votes = np.maximum(0.0, 1.0 - apart / _REACH_M**2).sum(axis=-1)
-    unlikely = (((tried - mean[:2]) / sigma[:2]) ** 2).sum(axis=-1) + (((heading - mean[2]) / sigma[2]) ** 2)[:, None]
-    turn, pair = np.unravel_index(np.argmax(_VOTE * votes - unlikely / 2), votes.shape)
+    unlikely = (((tried - mean[:2]) / sigma[:2]) ** 2).sum(axis=-1) + (steps**2)[:, None]
+    turn, pair = np.unravel_index(np.argmax(_VOTE * _votes(tried, shift) - unlikely / 2), unlikely.shape)
     return np.append(tried[turn, pair], heading[turn])
+
+
+def _turns(offset: Floats, sigma_rad: float) -> bool:
+    """Whether an error of the heading moves boxes at these offsets (P, 2) by what a vote would notice."""
+    return _SIGMAS * sigma_rad * np.abs(offset).max(initial=0.0) > _REACH_M / 4
+
+
+def _votes(tried: Floats, shift: Floats) -> Floats:
+    """(H, T) sums over all P pairs of 1 - d^2 / reach^2, where positive; d is from (H, T, 2) to (H, P, 2)."""
+    votes = tried @ (2 * shift.transpose(0, 2, 1))
+    votes -= (tried**2).sum(axis=-1)[:, :, None]
+    votes += (_REACH_M**2 - (shift**2).sum(axis=-1))[:, None]
+    summed: Floats = np.maximum(votes, 0.0, out=votes).sum(axis=-1) / _REACH_M**2
+    return summed
 
 
 def _candidates(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Floats) -> tuple[Floats, Floats]:

@@ -66,7 +66,8 @@ class Moments:
 
 def _alike(values: Floats) -> Floats:
     """The same for x and y."""
-    return np.array([values[:2].mean(), values[:2].mean(), values[2]])
+    planar = (values[0] + values[1]) / 2
+    return np.array([planar, planar, values[2]])
 
 
 class PoseErrorFilter:

@@ -15,7 +15,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
-_STEPS = 5
+_STEPS = 3
 _SETTLED = 1e-3
 """m and rad; the last step is already taken when it is this small."""
 
