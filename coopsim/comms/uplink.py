@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 from coopsim.comms.message import DetectionsCodec
 from coopsim.comms.track_codec import TracksCodec, sendable
@@ -13,15 +14,26 @@ from coopsim.types import Message, Observation
 
 
 class Uplink(ABC):
-    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state."""
+    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state.
+
+    Attributes:
+        repeatable: it keeps none: asked again in the same frame, it says the same.
+    """
+
+    repeatable: ClassVar[bool] = False
 
     @abstractmethod
     def message(self, sender: str, observation: Observation) -> Message | None:
         """The message for what `sender` observed just now, or None to stay silent."""
 
+    def hear(self, observation: Observation) -> None:
+        """What arrived in this frame, in the observation's inbox; called after `message`."""
+
 
 class Silence(Uplink):
     """Nothing is sent."""
+
+    repeatable = True
 
     def message(self, sender: str, observation: Observation) -> Message | None:
         return None
@@ -29,6 +41,8 @@ class Silence(Uplink):
 
 class ShareDetections(Uplink):
     """The agent's own detections, in its base frame, with its estimate of its pose."""
+
+    repeatable = True
 
     def __init__(self) -> None:
         self._codec = DetectionsCodec()
