@@ -18,11 +18,14 @@ class AB3DMOTBased(TrackingPolicy):
         hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
-    def __init__(self, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current") -> None:
+    def __init__(
+        self, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current", align: bool = False
+    ) -> None:
         self._settings = (gate, hits, age)
-        super().__init__(late)
+        super().__init__(late, align)
 
     def make_tracker(self) -> Tracker:
         return ab3dmot(*self._settings)

@@ -63,6 +63,7 @@ class CoopFuse(TrackingPolicy):
         sure: how likely a first detection must be right to be reported at once, in [0, 1].
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
         doubt: which of two agents' boxes to believe.
         calibration: how likely a box is on an object.
         likelihood: how likely a track is on an object.
@@ -78,6 +79,7 @@ class CoopFuse(TrackingPolicy):
         sure: float = 0.3,
         age: int = 2,
         late: str = "predict",
+        align: bool = False,
         doubt: Doubt = DOUBT,
         calibration: Calibration = CALIBRATION,
         likelihood: Likelihood = LIKELIHOOD,
@@ -88,7 +90,7 @@ class CoopFuse(TrackingPolicy):
         self._merge_gate, self._doubt = merge_gate, doubt
         self._calibration, self._likelihood = calibration, likelihood
         self._settings = (gate, hits, sure, age)
-        super().__init__(late)
+        super().__init__(late, align)
 
     def make_tracker(self) -> Tracker:
         gate, hits, sure, age = self._settings

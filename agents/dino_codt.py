@@ -38,6 +38,7 @@ class DinoCoDT(PooledBoxes):
         age_per_m_s: frames more per m/s (alpha).
         merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
         appearance: how embeddings are used; None: with the defaults.
     """
 
@@ -49,13 +50,14 @@ class DinoCoDT(PooledBoxes):
         age_per_m_s: float = 0.2,
         merge_iou: float = 0.15,
         late: str = "as_current",
+        align: bool = False,
         appearance: Appearance | None = None,
     ) -> None:
         require_threshold(gate=gate)
         require_instance(Appearance, appearance=appearance)
         self._gate, self._appearance = gate, appearance or Appearance()
         self._lifecycle = Remembered(VelocityAdaptiveAge(hits, age, age_per_m_s), hits, self._appearance.frames)
-        super().__init__(merge_iou, late)
+        super().__init__(merge_iou, late, align)
 
     def make_tracker(self) -> TrackersByClass:
         turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # nobody walks backwards faster

@@ -36,6 +36,7 @@ class GraphLap(AB3DMOTBased):
         hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
     uplink = "detections"
@@ -49,12 +50,13 @@ class GraphLap(AB3DMOTBased):
         hits: int = 3,
         age: int = 2,
         late: str = "as_current",
+        align: bool = False,
     ) -> None:
         require_threshold(match_iou=match_iou)
         require_count(0, neighbours=neighbours)
         require_flag(one_per_object=one_per_object)
         self._match_iou, self._neighbours, self._one_per_object = match_iou, neighbours, one_per_object
-        super().__init__(gate, hits, age, late)
+        super().__init__(gate, hits, age, late, align)
 
     def _pool(self, groups: Sequence[Detections]) -> tuple[Detections, Ints, Ints]:
         """All boxes, the number of each one's agent, and that of its object."""

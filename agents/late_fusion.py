@@ -23,14 +23,15 @@ class PooledBoxes(TrackingPolicy):
     Args:
         merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
     uplink = "detections"
 
-    def __init__(self, merge_iou: float = 0.15, late: str = "as_current") -> None:
+    def __init__(self, merge_iou: float = 0.15, late: str = "as_current", align: bool = False) -> None:
         require_threshold(merge_iou=merge_iou)
         self._merge_iou = merge_iou
-        super().__init__(late)
+        super().__init__(late, align)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         return [merge_duplicates(pool(groups), iou_threshold=self._merge_iou)]
@@ -46,13 +47,14 @@ class LateFusion(PooledBoxes):
         hits: frames with a detection until a track is reported.
         age: frames without a detection until a track is dropped.
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
     def __init__(
-        self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current"
+        self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current", align: bool = False
     ) -> None:
         self._settings = (gate, hits, age)
-        super().__init__(merge_iou, late)
+        super().__init__(merge_iou, late, align)
 
     def make_tracker(self) -> Tracker:
         return ab3dmot(*self._settings)

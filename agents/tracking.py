@@ -9,19 +9,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from coopsim.agents.base import Policy
+from coopsim.checks import require_flag
 from coopsim.comms.message import decode_detections
+from coopsim.fusion.alignment import Heard, PoseAlignment
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
 from coopsim.tracking.odometry import OdometryFrame
 from coopsim.tracking.tracker import Tracker, sane
-from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+from coopsim.geometry.se3 import SE3
+from coopsim.types import AgentSpec, Detections, Mask, Observation, Tracks
 
 
 @dataclass
 class _AgentState:
     tracks: LateMeasurements
     is_object: bool
+    alignment: PoseAlignment | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
 
 
@@ -35,10 +39,12 @@ class TrackingPolicy(Policy):
     Args:
         late: what to do with messages that come late: "as_current", "predict" or "replay" (see
             `coopsim.tracking.late`).
+        align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
     """
 
-    def __init__(self, late: str = "as_current") -> None:
-        self._late = LATE.get(late)
+    def __init__(self, late: str = "as_current", align: bool = False) -> None:
+        require_flag(align=align)
+        self._late, self._align = LATE.get(late), align
         self._states: dict[str, _AgentState] = {}
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
 
@@ -55,22 +61,33 @@ class TrackingPolicy(Policy):
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         first = OWN if spec.frame_owner in (None, spec.name) else spec.frame_owner
-        self._states[spec.name] = _AgentState(self._late(self.make_tracker, self.fuse, first), spec.is_object)
+        late = self._late(self.make_tracker, self.fuse, first)
+        alignment = PoseAlignment.of(self.specs, spec.name) if self._align else None
+        self._states[spec.name] = _AgentState(late, spec.is_object, alignment)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = Measurement(OWN, observation.time_ns, sane(observation.detections).transform(odom_SE3_base))
-        heard = [] if self.uplink == "none" else self.read(agent, observation.inbox, decode_detections)
-        others = [_received(message, found, observation, state) for message, found in heard]
-        tracks = state.tracks.step([own, *others], observation.time_ns)
-        return tracks.transform(odom_SE3_base.inverse())
+        own = sane(observation.detections).transform(odom_SE3_base)
+        read = [] if self.uplink == "none" else self.read(agent, observation.inbox, decode_detections)
+        heard = [Heard(message, sane(found)) for message, found in read]
+        poses = _poses(heard, own, observation, state)
+        measured = [Measurement(OWN, observation.time_ns, own)]
+        measured += [_received(each, pose, state) for each, pose in zip(heard, poses, strict=True)]
+        return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
 
-def _received(message: Message, found: Detections, observation: Observation, state: _AgentState) -> Measurement:
+def _poses(heard: Sequence[Heard], own: Detections, observation: Observation, state: _AgentState) -> list[SE3]:
+    """Where each message's sender was in the odometry frame, at capture."""
+    if state.alignment is not None:
+        return state.alignment.place(observation, state.frame, own, heard)
+    return [state.frame.odom_SE3_sender(each.message, observation) for each in heard]
+
+
+def _received(heard: Heard, odom_SE3_sender: SE3, state: _AgentState) -> Measurement:
     """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
-    found = sane(found).transform(state.frame.odom_SE3_sender(message, observation))
+    message, found = heard.message, heard.found.transform(odom_SE3_sender)
     if state.is_object:
         then = state.frame.pose_at(message.captured_ns)
         found = found[~over_origin(found.boxes.transform(then.inverse()))]

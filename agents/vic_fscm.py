@@ -34,6 +34,7 @@ class VicFSCM(PooledBoxes):
         hits: frames with a detection until a track is reported.
         merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
     def __init__(
@@ -45,12 +46,13 @@ class VicFSCM(PooledBoxes):
         hits: int = 3,
         merge_iou: float = 0.15,
         late: str = "as_current",
+        align: bool = False,
     ) -> None:
         require_count(1, keep=keep)
         require_probability(gate=gate)
         require_finite_number(detection_score=detection_score, track_score=track_score)
         self._settings = (detection_score, track_score, keep, gate, hits)
-        super().__init__(merge_iou, late)
+        super().__init__(merge_iou, late, align)
 
     def make_tracker(self) -> Tracker:
         detection_score, track_score, keep, gate, hits = self._settings

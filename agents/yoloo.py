@@ -25,11 +25,14 @@ class Yoloo(PooledBoxes):
         age: frames without a detection until a track is dropped.
         merge_iou: BEV IoU from which two agents' boxes of a class are the same object, in (0, 1].
         late: what to do with messages that come late, see `TrackingPolicy`.
+        align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
-    def __init__(self, hits: int = 3, age: int = 2, merge_iou: float = 0.15, late: str = "as_current") -> None:
+    def __init__(
+        self, hits: int = 3, age: int = 2, merge_iou: float = 0.15, late: str = "as_current", align: bool = False
+    ) -> None:
         self._settings = (hits, age)
-        super().__init__(merge_iou, late)
+        super().__init__(merge_iou, late, align)
 
     def make_tracker(self) -> Tracker:
         return Tracker(ConstantVelocity(), Cascade([Stage(fgam, greedy, gate=0.0)]), HitsAndAge(*self._settings))

@@ -23,6 +23,7 @@ from coopsim.comms.config import ChannelConfig
 from coopsim.comms.config_files import channel_config
 from coopsim.comms.latency import MOST_S, GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
+from coopsim.comms.selection import SELECTIONS
 from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -56,6 +57,9 @@ class CommonOptions:
         communication_range_m: farther apart than this, nothing arrives.
         channel: a whole channel in the place of the four options above: a `ChannelConfig`, its mapping, or the path of
             a YAML file with that.
+        budget_bytes: largest size of a message of detections, envelope included; None: no limit.
+        selection: which objects are sent first where not all fit: "need", "score" or "random", see
+            `coopsim.comms.selection`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
@@ -69,6 +73,8 @@ class CommonOptions:
     loss: float = 0.0
     communication_range_m: float = 300.0
     channel: ChannelConfig | Mapping[str, Any] | str | Path | None = None
+    budget_bytes: int | None = None
+    selection: str = "need"
     match_iou: float = 0.25
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
@@ -80,6 +86,9 @@ class CommonOptions:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
+        require_choice("selection", self.selection, SELECTIONS.names())
+        if self.budget_bytes is not None:
+            require_count(1, budget_bytes=self.budget_bytes)
         if self.channel is not None:
             _refuse_beside(self, _CHANNEL_OPTIONS, "channel")
             object.__setattr__(self, "channel", channel_config(self.channel))

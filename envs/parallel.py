@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.checks import require_choice, require_instance
+from coopsim.comms.budget import WithinBudget
 from coopsim.comms.channel import Channel, ChannelCounts
+from coopsim.comms.selection import SELECTIONS
 from coopsim.comms.sight import Surroundings
 from coopsim.comms.uplink import Uplink, uplink_maker
 from coopsim.envs.options import CommonOptions
@@ -32,7 +34,7 @@ from coopsim.envs.spaces import action_space, observation_space, pack_image, pac
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
-from coopsim.rng import require_seed
+from coopsim.rng import require_seed, stream
 from coopsim.sensors.picture import TRUTH_MODES
 from coopsim.sensors.visibility import Visibility
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
@@ -158,7 +160,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._halfway = before
             raise
         self._channel = Channel(self._options.channel_config, seed)
-        self._uplinks = {name: self._make_uplink() for name in self.possible_agents}
+        self._uplinks = {name: self._uplink(name, seed) for name in self.possible_agents}
         self._scorer = Scorer(
             tuple(self.possible_agents),
             self._options.match_iou,
@@ -331,6 +333,14 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 maneuvers[name] = maneuver
         return tracks, maneuvers
 
+    def _uplink(self, agent: str, seed: int) -> Uplink:
+        """What makes an agent's messages in an episode."""
+        uplink, budget_bytes = self._make_uplink(), self._options.budget_bytes
+        if budget_bytes is None:
+            return uplink
+        selection = SELECTIONS.get(self._options.selection)(stream(seed, "selection", agent))
+        return WithinBudget(uplink, budget_bytes, selection)
+
     def _exchange(self, frame: Frame) -> dict[str, Packed]:
         """Send every agent's message, deliver what is due, and pack the observations."""
         positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
@@ -345,6 +355,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
+        for name, observation in heard.items():
+            self._uplinks[name].hear(observation)
         return {
             name: pack_observation(
                 each,

@@ -23,17 +23,24 @@ class Uplink(ABC):
     Attributes:
         codecs: the kind of content whose codecs the uplink can be made with, `ShareDetections(codec="cpm")`; None: the
             uplink has no choice.
+        repeatable: it keeps no state: asked again in the same frame, it says the same.
     """
 
     codecs: ClassVar[str | None] = None
+    repeatable: ClassVar[bool] = False
 
     @abstractmethod
     def message(self, sender: str, observation: Observation) -> Message | None:
         """The message for what `sender` observed just now, or None to stay silent."""
 
+    def hear(self, observation: Observation) -> None:
+        """What arrived in this frame, in the observation's inbox; called after `message`."""
+
 
 class Silence(Uplink):
     """Nothing is sent."""
+
+    repeatable = True
 
     def message(self, sender: str, observation: Observation) -> Message | None:
         return None
@@ -49,6 +56,7 @@ class ShareDetections(Uplink):
     """
 
     codecs = "detections"
+    repeatable = True
 
     def __init__(self, codec: str = "detections") -> None:
         require_choice("codec", codec, codecs_of("detections"))

@@ -59,12 +59,14 @@ class TrackersByClass:
         """As `Tracker.step`."""
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
         """As `Tracker.step_in_turn`."""
         self.require_time(time_ns)
         whose = [self._whose(group.label) for group in groups]
         reports = [
-            tracker.step_in_turn([group[of == k] for group, of in zip(groups, whose, strict=True)], time_ns)
+            tracker.step_in_turn(
+                [group[of == k] for group, of in zip(groups, whose, strict=True)], time_ns, awaited=awaited
+            )
             for k, tracker in enumerate(self._trackers)
         ]
         count = len(self._trackers)

@@ -73,8 +73,8 @@ class LateMeasurements(ABC):
             InvalidValueError: time went back.
         """
 
-    def _track(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
-        return self.tracker.step_in_turn(self._fusion(groups), time_ns)
+    def _track(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
+        return self.tracker.step_in_turn(self._fusion(groups), time_ns, awaited=awaited)
 
     def _in_order(self, sources: Iterable[str]) -> list[str]:
         return sorted(sources, key=lambda source: (source != self._first, source))
@@ -128,11 +128,12 @@ class PredictForward(LateMeasurements):
 
 @dataclass(slots=True)
 class _Moment:
-    """One step of the tracker: what it knew before, and what it was given."""
+    """One step of the tracker: what it knew before, what it was given, and whether more was awaited."""
 
     time_ns: int
     groups: dict[str, Detections] = field(default_factory=dict)
     before: Any = None
+    awaited: bool = False
 
 
 class RewindAndReplay(LateMeasurements):
@@ -140,6 +141,10 @@ class RewindAndReplay(LateMeasurements):
 
     Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. Costs as
     many steps as the oldest new measurement is late. The same measurement twice counts once.
+
+    What was captured later than the newest measurement of some source is only half of what will be known of that
+    moment: until that source has been heard, or has been silent for the whole window, no track counts as missed there.
+    Else what only others see would be given up before the news of it can have arrived.
 
     Args:
         make_tracker: gives the tracker.
@@ -155,6 +160,7 @@ class RewindAndReplay(LateMeasurements):
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
+        self._heard_ns: dict[str, int] = {}
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         self.tracker.require_time(now_ns)
@@ -170,8 +176,22 @@ class RewindAndReplay(LateMeasurements):
             if measurement.source not in moment.groups:
                 moment.groups[measurement.source] = measurement.detections
                 first_ns = min(first_ns, captured_ns)
+                self._heard_ns[measurement.source] = max(captured_ns, self._heard_ns.get(measurement.source, 0))
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
-        return self._replay(first_ns)
+        return self._replay(min(first_ns, self._await(now_ns)))
+
+    def _await(self, now_ns: int) -> int:
+        """Mark the moments of which more may come; the first that was one and is none any more, or now."""
+        oldest_ns = now_ns - self._window_ns
+        self._heard_ns = {source: heard_ns for source, heard_ns in self._heard_ns.items() if heard_ns >= oldest_ns}
+        whole_ns = min(self._heard_ns.values(), default=now_ns)
+        changed_ns = now_ns
+        for moment in reversed(self._moments):
+            awaited = moment.time_ns > whole_ns
+            if moment.awaited and not awaited:
+                changed_ns = moment.time_ns
+            moment.awaited = awaited
+        return changed_ns
 
     def _replay(self, first_ns: int) -> Tracks:
         """Track again from the first moment at or after `first_ns`."""
@@ -182,7 +202,8 @@ class RewindAndReplay(LateMeasurements):
             self.tracker.state = known
         for moment in again:
             moment.before = self.tracker.state
-            tracks = self._track([moment.groups[source] for source in self._in_order(moment.groups)], moment.time_ns)
+            groups = [moment.groups[source] for source in self._in_order(moment.groups)]
+            tracks = self._track(groups, moment.time_ns, awaited=moment.awaited)
         return tracks
 
 

@@ -112,7 +112,7 @@ class Tracker:
         """
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
         """Take in one frame's detections from several sources, one after another.
 
         Each group is matched to the tracks as the groups before left them, those that these began included. A frame
@@ -121,6 +121,7 @@ class Tracker:
         Args:
             groups: in the tracker's frame.
             time_ns: of the frame; must not go back.
+            awaited: more of this frame may still come, so that a track without a detection has not been missed yet.
 
         Raises:
             InvalidValueError: time went back.
@@ -137,6 +138,8 @@ class Tracker:
             if len(new):
                 tracked = tracked.join(self._begin(new, next_id, tracked.appearance))
                 next_id += len(new)
+        if awaited:
+            tracked = replace(tracked, misses=np.maximum(tracked.misses - 1, 0))
         lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
         tracked = replace(tracked, score=lost)
         tracked = tracked[self._lifecycle.alive(tracked)]

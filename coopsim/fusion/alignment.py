@@ -1,0 +1,178 @@
+"""Where the senders of messages really were, by the objects that they and the receiver both see.
+
+In each frame: the receiver's own pose is smoothed along its odometry; every message's boxes are matched with what the
+receiver (and other senders) saw at its capture; a pose graph of agents and objects is solved; and a filter for each
+sender carries on what was found, as far as the error lasts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coopsim.fusion.common_objects import ANYTHING, CommonObjects, Seen, common_objects, consensus
+from coopsim.fusion.pose_error import OwnPose, PoseErrorFilter
+from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.tracking.odometry import OdometryFrame
+from coopsim.types import AgentSpec, Detections, Message, Observation, PoseEstimate
+
+_MEMORY_NS = 2_000_000_000
+_GATES_M = (2.0, 1.0)
+"""Farthest apart of two boxes on one object: under the consensus, and once the poses are corrected by it."""
+
+_ASSUMED = np.square([0.5, 0.5, np.radians(0.5)])
+"""Variance of a pose that comes without a covariance, x, y (m^2) and heading (rad^2)."""
+
+_BOX_NOISE_M = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """A message's boxes.
+
+    Attributes:
+        message: who said it, when, and where he believed to be.
+        found: the boxes in the sender's base frame, finite ones only.
+    """
+
+    message: Message
+    found: Detections
+
+
+@dataclass
+class PoseAlignment:
+    """One receiver's corrections of all senders' poses, over one episode.
+
+    Attributes:
+        is_object: of all agents, whether others see it over the origin of its base frame.
+        receiver: the name of the one who listens.
+        least: a message with fewer common objects is placed by what is known from before.
+    """
+
+    is_object: Mapping[str, bool]
+    receiver: str
+    least: int = 2
+    _own: OwnPose | None = None
+    _senders: dict[str, PoseErrorFilter] = field(default_factory=dict)
+    _seen: dict[int, Seen] = field(default_factory=dict)
+    _used_ns: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, specs: Mapping[str, AgentSpec], receiver: str) -> PoseAlignment:
+        """For one of these agents."""
+        return cls({name: spec.is_object for name, spec in specs.items()}, receiver)
+
+    def place(
+        self, observation: Observation, frame: OdometryFrame, own: Detections, heard: Sequence[Heard]
+    ) -> list[SE3]:
+        """`odom_SE3_sender` at capture for each message; must be called in each frame, in order.
+
+        Args:
+            observation: the receiver's.
+            frame: its odometry frame, moved to now.
+            own: its detections in that frame.
+            heard: what arrived.
+        """
+        self._remember(observation, frame, own)
+        odom_SE3_world = frame.odom_SE3_base.compose(self._own_pose(observation).inverse())
+        stated = [odom_SE3_world.compose(each.message.pose.world_SE3_base) for each in heard]
+        placed: list[SE3] = list(stated)
+        for captured_ns in sorted({each.message.captured_ns for each in heard}):
+            now = [row for row, each in enumerate(heard) if each.message.captured_ns == captured_ns]
+            # The same message twice is one, and the graph has each agent once.
+            senders = {heard[row].message.sender: row for row in now}
+            rows = [senders[name] for name in sorted(senders)]
+            found = self._corrections(
+                captured_ns, [heard[row] for row in rows], [stated[row] for row in rows], observation
+            )
+            by_sender = {heard[row].message.sender: each for row, each in zip(rows, found, strict=True)}
+            for row in now:
+                placed[row] = _corrected(stated[row], by_sender[heard[row].message.sender])
+        return placed
+
+    def _own_pose(self, observation: Observation) -> SE3:
+        if self._own is None:
+            self._own = OwnPose(observation.pose, _variance(observation.pose))
+            return observation.pose.world_SE3_base
+        return self._own.step(observation.pose, observation.odometry)
+
+    def _remember(self, observation: Observation, frame: OdometryFrame, own: Detections) -> None:
+        now_ns = observation.time_ns
+        self._seen = {time_ns: seen for time_ns, seen in self._seen.items() if time_ns >= now_ns - _MEMORY_NS}
+        self._seen[now_ns] = _seen(own, frame.odom_SE3_base, SE3.identity(), self.is_object[self.receiver])
+
+    def _corrections(
+        self, captured_ns: int, heard: Sequence[Heard], stated: Sequence[SE3], observation: Observation
+    ) -> list[Floats]:
+        """(3,) for each message of one moment: x, y m in the odometry frame, and heading rad."""
+        filters = [self._filter(each.message, captured_ns, observation.pose) for each in heard]
+        agents = [self._seen[min(self._seen, key=lambda known_ns: abs(known_ns - captured_ns))]]
+        agents += [
+            _seen(each.found, place, place, self.is_object.get(each.message.sender, False))
+            for each, place in zip(heard, stated, strict=True)
+        ]
+        prior = Corrections(
+            np.array([each.mean for each in filters]), np.array([each.covariance for each in filters])
+        )
+        guess: Iterable[Floats] = _coarse(agents, prior)
+        for gate_m in _GATES_M:
+            common = common_objects(agents, [np.zeros(3), *guess], gate_m)
+            if not len(common.agent):
+                break
+            found = align(_graph(agents, common), prior, _BOX_NOISE_M)
+            guess = found.mean
+        for number, one in enumerate(filters):
+            if common.of_agent(number + 1) >= self.least:
+                one.update(found.mean[number], found.covariance[number])
+        return [each.mean for each in filters]
+
+    def _filter(self, message: Message, captured_ns: int, own: PoseEstimate) -> PoseErrorFilter:
+        """The sender's, predicted to this message."""
+        name = message.sender
+        if name not in self._senders:
+            self._senders[name] = PoseErrorFilter(_variance(message.pose) + _variance(own))
+        elif captured_ns > self._used_ns[name]:
+            self._senders[name].predict()
+        self._used_ns[name] = max(captured_ns, self._used_ns.get(name, captured_ns))
+        return self._senders[name]
+
+
+def _coarse(agents: Sequence[Seen], prior: Corrections) -> list[Floats]:
+    """The consensus of each sender with all that the receiver and the senders before it saw."""
+    known, label = agents[0].position, agents[0].label
+    corrections = []
+    for seen, mean, covariance in zip(agents[1:], prior.mean, prior.covariance, strict=True):
+        correction = consensus(known, label, seen, mean, np.sqrt(np.diagonal(covariance)))
+        corrections.append(correction)
+        known = np.concatenate([known, seen.corrected(correction)])
+        label = np.concatenate([label, seen.label])
+    return corrections
+
+
+def _graph(agents: Sequence[Seen], common: CommonObjects) -> PoseGraph:
+    origins = np.array([seen.origin for seen in agents])
+    first = np.cumsum([0, *(len(seen) for seen in agents)])
+    position = np.concatenate([seen.position for seen in agents])[first[common.agent] + common.row]
+    origin = origins[common.agent]
+    return PoseGraph(position - origin, origin, common.agent, common.object)
+
+
+def _seen(found: Detections, dst_SE3_base: SE3, dst_SE3_src: SE3, is_object: bool) -> Seen:
+    """Boxes, and the agent itself where others see it as one."""
+    position, origin = dst_SE3_src.apply(found.boxes.center)[:, :2], dst_SE3_base.translation[:2]
+    if not is_object:
+        return Seen(origin, position, found.label)
+    return Seen(origin, np.concatenate([position, origin[None]]), np.append(found.label, ANYTHING))
+
+
+def _variance(pose: PoseEstimate) -> Floats:
+    """(3,) of x, y and heading, as stated or assumed."""
+    return _ASSUMED if pose.covariance is None else np.diagonal(pose.covariance)
+
+
+def _corrected(odom_SE3_sender: SE3, correction: Floats) -> SE3:
+    xyz = odom_SE3_sender.translation + np.array([correction[0], correction[1], 0.0])
+    return SE3.from_xyz_yaw(xyz, odom_SE3_sender.yaw + float(correction[2]))
