@@ -115,7 +115,8 @@ class SimulationOptions:
         odometry_heading_noise_rad: of the turn in a frame.
         localization: in the place of the four options above: a `LocalizationConfig` for all agents, or one by agent
             (whoever is not named has what the four options say).
-        detector: the detector, or the name of one ("simulated", "pointpillars_v2v4real"); None is `SimulatedDetector()`.
+        detector: the detector, or the name of one ("simulated", "pointpillars_v2v4real"); None is
+            `SimulatedDetector()`.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
         ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".

@@ -1,7 +1,7 @@
 """How false detections last: they are found again where the world has moved past the car.
 
-The recordings have no poses. But most false detections stand in the world, so between two frames most of them move alike, and
-that shift is the car's own motion, as far as it is needed here: for a few seconds, turns left out.
+The recordings have no poses. But most false detections stand in the world, so between two frames most of them move
+alike, and that shift is the car's own motion, as far as it is needed here: for a few seconds, turns left out.
 """
 
 from __future__ import annotations

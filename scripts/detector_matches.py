@@ -26,6 +26,9 @@ from coopsim.tracking.assignment import hungarian
 from coopsim.types import Detections, Ints, Mask, Sweep, Tracks
 from coopsim.world.snapshot import Actors
 
+AGENTS = ("ego", "1")
+"""Names of the recordings' detections by each car alone, the frame's owner first."""
+
 GATE_M = 3.0
 OWN_M = 2.5
 """Labels whose middle is nearer than this are the detecting car itself, as the other car's labels show it."""
@@ -61,9 +64,14 @@ class Matches:
         self.frames += 1
         self._objects.append(
             {
-                **{"episode": np.full(len(ids), episode), "frame": np.full(len(ids), frame), "object": ids},
-                **{"x": truth.center[:, 0], "y": truth.center[:, 1], "returns": returns, "found": of >= 0},
-                **{"score": np.where(of >= 0, np.append(found.score, np.nan)[of], np.nan)},
+                "episode": np.full(len(ids), episode),
+                "frame": np.full(len(ids), frame),
+                "object": ids,
+                "x": truth.center[:, 0],
+                "y": truth.center[:, 1],
+                "returns": returns,
+                "found": of >= 0,
+                "score": np.append(found.score, np.nan)[of],
                 **_errors(truth, found.boxes, of),
             }
         )
@@ -71,8 +79,9 @@ class Matches:
         columns = zip(("x", "y", "z", "length", "width", "height", "yaw"), found.boxes.array[wrong].T, strict=True)
         self._false.append(
             {
-                **{"episode": np.full(len(wrong), episode), "frame": np.full(len(wrong), frame)},
-                **{"score": found.score[wrong]},
+                "episode": np.full(len(wrong), episode),
+                "frame": np.full(len(wrong), frame),
+                "score": found.score[wrong],
                 **dict(columns),
             }
         )
@@ -94,28 +103,28 @@ class Matches:
         return mask
 
 
-def read_matches(folder: Path, without: Sequence[str], agent: str = "ego") -> Matches:
-    """Of the car in whose frame the recordings are: of the other no one knows how far it was from anything.
+def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
+    """By name, of the car in whose frame the recordings are, and of the other, of which no one knows where it was.
 
-    The recordings have no points. Returns are those that the simulator's own line of sight expects of an HDL-32E, with
-    the labelled boxes on a flat road in each other's way.
+    The recordings have no points. Returns are those that the simulator's own line of sight expects of an HDL-32E in the
+    first car, with the labelled boxes on a flat road in each other's way; the other car's objects have the same.
     """
     lidar = LidarConfig()
     sight = LineOfSight([], lidar.beams, lidar.columns, lidar.max_range_m)
     origin = np.array([0.0, 0.0, SENSOR_M])
-    recordings, matches = RecordingSet(folder), Matches()
-    for episode, name in enumerate(each for each in recordings.sequences if each not in without):
-        recording = recordings.load(name, (agent,))
-        for frame in range(recording.frames):
-            truth = recording.truth[frame]
+    recordings, matches = RecordingSet(folder), {name: Matches() for name in AGENTS}
+    for episode, sequence in enumerate(each for each in recordings.sequences if each not in without):
+        recording = recordings.load(sequence, AGENTS)
+        for frame, truth in enumerate(recording.truth):
             boxes = in_car_axes(truth.boxes)
             other = np.linalg.norm(boxes.center[:, :2], axis=1) > OWN_M
             boxes, ids = boxes[other], truth.id[other]
             returns = sight.expected_returns(origin, _standing(boxes), None)
-            found = recording.detections[agent][frame]
-            found = Detections(in_car_axes(found.boxes), found.score, found.label)
-            matches.add(episode, frame, ids, boxes, returns, found)
-    return matches.close()
+            for name, detections in recording.detections.items():
+                found = detections[frame]
+                found = Detections(in_car_axes(found.boxes), found.score, found.label)
+                matches[name].add(episode, frame, ids, boxes, returns, found)
+    return {name: each.close() for name, each in matches.items()}
 
 
 class Watch(Detector):
@@ -176,7 +185,8 @@ def in_car_axes(boxes: Boxes3D) -> Boxes3D:
     """V2V4Real's boxes as its LiDAR has them (x forward, y left, z up).
 
     Its files have KITTI's columns, but the LiDAR's x, y, z stand in the columns x, z, y, and the heading about z in
-    rot_y. `coopsim.data.kitti` takes them for camera axes: that turns the ground by a quarter and mirrors height and heading.
+    rot_y. `coopsim.data.kitti` takes them for camera axes: that turns the ground by a quarter and mirrors height and
+    heading.
     """
     center = np.column_stack([-boxes.center[:, 1], boxes.center[:, 0], boxes.size[:, 2] / 2 - boxes.center[:, 2]])
     return Boxes3D(center, boxes.size, wrap_angle(-boxes.yaw - np.pi / 2))

@@ -9,11 +9,11 @@ numbers are those of the car in whose frame the recordings are. What is fitted h
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from clutter_motion import NEAR_M, ClutterMotion
+from clutter_motion import NEAR_M, Again, ClutterMotion
 from detector_matches import GATE_M, OWN_M, Matches, read_matches
 from scipy.optimize import brentq, least_squares
 from scipy.special import logit, ndtr, ndtri, roots_hermitenorm
@@ -51,9 +51,8 @@ def main() -> None:
 def fit_text(data: Path) -> str:
     """The preset's file."""
     folder = data / "v2v4real" / "train"
-    mine, others = (read_matches(folder, WITHOUT, agent) for agent in ("ego", "1"))
     head = "# Written by scripts/fit_detector.py from V2V4Real's training recordings; docs/detector.md says how.\n"
-    return head + to_yaml(fit(mine, others))
+    return head + to_yaml(fit(*read_matches(folder, WITHOUT).values()))
 
 
 def fit(real: Matches, other: Matches) -> CorrelatedDetectorConfig:
@@ -124,11 +123,12 @@ def _scored(seen: dict[str, Floats], found: Found) -> Scored:
 def _spread(seen: dict[str, Floats], name: str) -> Spread:
     """Tukey's h-distribution by quantiles: spread from the middle 68 %, tail from the middle 95 %."""
     error, range_m, hit = seen[name], seen["range"], seen["found"]
-    wide, narrow = [], []
+    wide, narrow, middles = [], [], []
     for inside in _bins(range_m[hit], RANGES_M):
-        low, *middle, high = np.quantile(error[hit][inside], ndtr([-TAIL, -QUARTER, QUARTER, TAIL]))
+        low, lower, middle, upper, high = np.quantile(error[hit][inside], ndtr([-TAIL, -QUARTER, 0, QUARTER, TAIL]))
         wide.append((high - low) / 2)
-        narrow.append((middle[1] - middle[0]) / 2)
+        narrow.append((upper - lower) / 2)
+        middles.append(middle)
     # In a bin the spread itself varies, and makes a tail of its own, but a slight one.
     tails = np.log(np.array(wide) / np.array(narrow) * QUARTER / TAIL) * 2 / (TAIL**2 - QUARTER**2)
     tail = round(float(np.clip(np.median(tails), 0, 0.5)), DIGITS)
@@ -136,7 +136,8 @@ def _spread(seen: dict[str, Floats], name: str) -> Spread:
     normal = _normal_scores(range_m, np.where(hit, error, np.nan))
     at = np.array([_correlation(seen, normal, lag) for lag in LAGS])
     weight = np.array([len(_pairs(seen, lag)[0]) for lag in LAGS])
-    return Spread(Curve(_middles(range_m[hit]), _rounded(spreads)), tail, _persistence(at, weight))
+    places = _middles(range_m[hit])
+    return Spread(Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight))
 
 
 def _heading_from(seen: dict[str, Floats]) -> float:
@@ -148,7 +149,7 @@ def _heading_from(seen: dict[str, Floats]) -> float:
 
 
 def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> ClutterConfig:
-    """False detections as phantoms: how many are shared tells how often one is believed, and that how many there are."""
+    """False detections as phantoms: the share that both cars have tells how often one is believed, and so how many."""
     false = {name: column[_inside(real.false, reach)] for name, column in real.false.items()}
     believed = _shared(real, other)
     counted = [len(inside) for inside in _bins(false["range"], RANGES_M)]
@@ -161,8 +162,9 @@ def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> Clutt
     sizes = np.log(np.column_stack([false[name] for name in ("length", "width", "height")]))
     narrow = np.subtract(*np.quantile(sizes, [0.84, 0.16], axis=0)).mean() / (2 * QUARTER)
     motion = ClutterMotion(false, reach)
-    lasting, score_lasting, life_s = _clutter_lasting(motion, false, chance)
-    apart_m = motion.after(1).apart_m
+    after = [motion.after(int(lag)) for lag in CLUTTER_LAGS]
+    lasting, score_lasting, life_s = _clutter_lasting(after, false, chance)
+    apart_m = after[0].apart_m
     spread_m = np.subtract(*np.quantile(apart_m, [0.84, 0.16], axis=0)).mean() / (2 * QUARTER)
     return ClutterConfig(
         density_per_m2=float(f"{density:.3g}"),
@@ -178,7 +180,7 @@ def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> Clutt
 
 
 def _clutter_lasting(
-    motion: ClutterMotion, false: dict[str, Floats], chance: Curve
+    after: Sequence[Again], false: dict[str, Floats], chance: Curve
 ) -> tuple[Persistence, Persistence, float]:
     """Of the evidence for phantoms, and of their scores; and how long a phantom lives, s.
 
@@ -187,7 +189,6 @@ def _clutter_lasting(
     """
     normal = _normal_scores(false["range"], false["score"])
     probability = np.maximum(chance(false["range"]), 1e-3)
-    after = [motion.after(int(lag)) for lag in CLUTTER_LAGS]
     share, weight = np.array([again.share for again in after]), np.array([again.count for again in after])
     grid = np.linspace(0, 0.99, 34)  # of correlations: the chance is smooth between
     believed = [_both(probability, probability, correlation, 1 / probability) for correlation in grid]
@@ -272,7 +273,7 @@ def _latent(first: Floats, second: Floats, together: float) -> float:
 
 
 def _both(first: Floats, second: Floats, correlation: float, weight: Floats | float = 1.0) -> float:
-    """The weighted mean probability that two correlated evidences suffice, by Gauss and Hermite in a one-factor model."""
+    """The weighted mean probability that two correlated evidences suffice, by a one-factor model (Gauss-Hermite)."""
     rows = np.linspace(0, len(first) - 1, min(len(first), 2000)).astype(np.int64)  # as good as all, and quick
     level = ndtri(np.clip(np.stack([first, second])[:, rows], 1e-9, 1 - 1e-9))
     node, share = roots_hermitenorm(48)

@@ -1,8 +1,8 @@
 """False positives that stay where they are: things in the world that a detector takes for cars for a while.
 
-Phantoms stand at places of the world that the episode's seed decides, at most one at a time in a cell of a grid, whoever drives
-by. So two agents may believe in the same one, it passes by as the agent moves, and while it is there it comes and goes for
-each of them as its evidence does.
+Phantoms stand at places of the world that the episode's seed decides, at most one at a time in a cell of a grid,
+whoever drives by. So two agents may believe in the same one, it passes by as the agent moves, and while it is there it
+comes and goes for each of them as its evidence does.
 """
 
 from __future__ import annotations

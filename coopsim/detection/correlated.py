@@ -1,7 +1,8 @@
 """A simulated detector whose misses, errors and false positives last, as those of real ones do.
 
-`SimulatedDetector` errs anew in every frame, which a filter averages away. This one errs about an object the same way for a
-while: see `coopsim.detection.persistence`. Its numbers are curves that a fit to recordings gives (`docs/detector.md`).
+`SimulatedDetector` errs anew in every frame, which a filter averages away. This one errs about an object the same way
+for a while: see `coopsim.detection.persistence`. Its numbers are curves that a fit to recordings gives
+(`docs/detector.md`).
 """
 
 from __future__ import annotations
@@ -90,8 +91,8 @@ class CorrelatedDetector(Detector):
             raise InvalidValueError("config must be a coopsim CorrelatedDetectorConfig, got None")
         require_instance(CorrelatedDetectorConfig, config=config)
         self.config = config
-        kinds = (config.found, config.scored, *(config.errors[name] for name in ERRORS))
-        persistences = tuple(kind.persistence for kind in kinds)
+        of_errors = (config.errors[name].persistence for name in ERRORS)
+        persistences = (config.found.persistence, config.scored.persistence, *of_errors)
         self._normals = LastingNormals(seed, f"detector of {agent}", persistences, dt_s)
         self._reach_m = np.array([config.reach_x_m, config.reach_y_m])
         self._clutter = None

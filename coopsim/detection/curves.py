@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit, ndtr, ndtri
 
-from coopsim.checks import require_between, require_finite_number, require_instance, require_probability
+from coopsim.checks import require_between, require_finite_number, require_instance
 from coopsim.detection.persistence import Persistence
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.types import Mask
 
 _EDGE = 1e-12  # of probabilities, so that their normal quantiles are finite
 
@@ -55,7 +56,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Whether an object is found, or a phantom believed: with the probability that a curve gives, and not anew each frame.
+    """Whether an object is found, or a phantom believed: with the probability that a curve gives, not anew each frame.
 
     A standard normal `evidence` that lasts decides: the object is found where it exceeds the normal quantile of
     1 - probability, so that misses come in runs and some objects are overlooked always (a Gaussian copula).
@@ -73,7 +74,7 @@ class Found:
         require_instance(Persistence, persistence=self.persistence)
         self.chance.require_values("chance", 0, 1)
 
-    def decide(self, probability: Floats, evidence: Floats) -> tuple[np.ndarray, Floats]:
+    def decide(self, probability: Floats, evidence: Floats) -> tuple[Mask, Floats]:
         """Who is found (N,), and how clearly, (N,): standard normal among the found; both arguments are (N,)."""
         level = ndtr(-evidence)  # uniform; the smaller, the more evidence
         clearly: Floats = -ndtri(np.clip(level / np.maximum(probability, _EDGE), _EDGE, 1 - _EDGE))
@@ -114,26 +115,28 @@ class Scored:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How one number of a box errs: x = `spread` * z * exp(`tail` * z^2 / 2) with a standard normal z that lasts.
+    """How one number of a box errs: x = `middle` + `spread` * z * exp(`tail` * z^2 / 2) with a normal z that lasts.
 
     That is Tukey's h-distribution: the larger the tail, the more outliers; with 0 it is normal.
 
     Attributes:
         spread: over the range in m.
+        middle: median error over the range in m.
         tail: in [0, 0.5].
         persistence: of z.
     """
 
     spread: Curve
+    middle: Curve = field(default_factory=lambda: Curve((0.0,), (0.0,)))
     tail: float = 0.0
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_instance(Curve, spread=self.spread)
+        require_instance(Curve, spread=self.spread, middle=self.middle)
         require_instance(Persistence, persistence=self.persistence)
         require_between(0, 0.5, tail=self.tail)
         self.spread.require_values("spread", 0, np.inf)
 
     def error(self, range_m: Floats, normal: Floats) -> Floats:
         """(N,) errors from ranges and standard normal numbers, (N,)."""
-        return self.spread(range_m) * normal * np.exp(self.tail * normal**2 / 2)
+        return self.middle(range_m) + self.spread(range_m) * normal * np.exp(self.tail * normal**2 / 2)

@@ -47,8 +47,8 @@ class Persistence:
 class LastingNormals:
     """Standard normal numbers for every object, correlated over time; one owner's, asked once in each frame, in order.
 
-    An object's numbers depend on the seed, the owner, the object's id and the frame alone, so that one more object does not
-    shift the others'. An object that comes back after a pause has its constant part again.
+    An object's numbers depend on the seed, the owner, the object's id and the frames since it came alone, so that one
+    more object does not shift the others'. An object that comes back after a pause has its constant part again.
 
     Args:
         seed: the episode's seed.
@@ -86,7 +86,8 @@ class LastingNormals:
         order = np.argsort(ids)
         self._ids, self._constant, self._lasting = ids[order], constant[order], lasting[order]
         by_constant, by_lasting, by_white = self._weights
-        return by_constant * constant + by_lasting * lasting + by_white * white
+        normals: Floats = by_constant * constant + by_lasting * lasting + by_white * white
+        return normals
 
     def _draw(self, ids: Ints, frame: int) -> Floats:
         drawn: Floats = ndtri(chances(self._seed, self._owner, ids * _FRAMES + frame, 2 * self._count) + _TINY)

@@ -20,7 +20,7 @@ FITTED = Path(__file__).parent / "fitted"
 """Where the fitted detectors' numbers are."""
 
 DETECTORS: Registry[Callable[[], Detector]] = Registry("detector", group="coopsim.detectors")
-"""Functions that make a detector; an installed package adds its own through the entry-point group `coopsim.detectors`."""
+"""Functions that make a detector; an installed package adds its own by the entry-point group `coopsim.detectors`."""
 
 _PARTS: Mapping[str, type[Any]] = {
     "found": Found,
@@ -29,6 +29,7 @@ _PARTS: Mapping[str, type[Any]] = {
     "chance": Curve,
     "logit": Curve,
     "spread": Curve,
+    "middle": Curve,
     "persistence": Persistence,
 }
 
