@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtri
 
-from coopsim.checks import require_between, require_instance, require_non_negative, require_positive
-from coopsim.detection.curves import Curve, Found, Scored
+from coopsim.checks import require_between, require_non_negative, require_positive
+from coopsim.detection.curves import Curve, Found, Scored, require_parts
 from coopsim.detection.persistence import LastingNormals, Persistence
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -58,8 +58,8 @@ class ClutterConfig:
 
     def __post_init__(self) -> None:
         require_between(0, CELL_M**-2, density_per_m2=self.density_per_m2)
-        require_instance(Found, found=self.found)
-        require_instance(Scored, scored=self.scored)
+        require_parts(Found, found=self.found)
+        require_parts(Scored, scored=self.scored)
         require_positive(life_s=self.life_s)
         require_non_negative(density_spread=self.density_spread, size_noise=self.size_noise, jitter_m=self.jitter_m)
         object.__setattr__(self, "size_m", tuple(self.size_m))

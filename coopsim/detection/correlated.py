@@ -14,7 +14,7 @@ import numpy as np
 
 from coopsim.checks import require_count, require_finite_number, require_instance, require_positive
 from coopsim.detection.clutter import Clutter, ClutterConfig
-from coopsim.detection.curves import Found, Scored, Spread
+from coopsim.detection.curves import Found, Scored, Spread, require_parts
 from coopsim.detection.persistence import LastingNormals
 from coopsim.detection.simulated import Detector, count_returns
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -57,11 +57,12 @@ class CorrelatedDetectorConfig:
     def __post_init__(self) -> None:
         require_positive(reach_x_m=self.reach_x_m, reach_y_m=self.reach_y_m)
         require_count(1, min_points=self.min_points)
-        require_instance(Found, found=self.found)
-        require_instance(Scored, scored=self.scored)
+        require_parts(Found, found=self.found)
+        require_parts(Scored, scored=self.scored)
         require_instance(ClutterConfig, clutter=self.clutter)
         if self.heading_from_rad is not None:
             require_finite_number(heading_from_rad=self.heading_from_rad)
+        require_parts(Mapping, errors=self.errors)
         for name in self.errors:
             if name not in ERRORS:
                 raise UnknownNameError("error", name, ERRORS)
@@ -87,9 +88,7 @@ class CorrelatedDetector(Detector):
     def __init__(
         self, config: CorrelatedDetectorConfig, seed: int = 0, agent: str = "agent", dt_s: float = 0.1
     ) -> None:
-        if config is None:
-            raise InvalidValueError("config must be a coopsim CorrelatedDetectorConfig, got None")
-        require_instance(CorrelatedDetectorConfig, config=config)
+        require_parts(CorrelatedDetectorConfig, config=config)
         self.config = config
         of_errors = (config.errors[name].persistence for name in ERRORS)
         persistences = (config.found.persistence, config.scored.persistence, *of_errors)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.special import expit, ndtr, ndtri
 
-from coopsim.checks import require_between, require_finite_number, require_instance
+from coopsim.checks import require_between, require_finite_number
 from coopsim.detection.persistence import Persistence
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
@@ -70,8 +71,8 @@ class Found:
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_instance(Curve, chance=self.chance)
-        require_instance(Persistence, persistence=self.persistence)
+        require_parts(Curve, chance=self.chance)
+        require_parts(Persistence, persistence=self.persistence)
         self.chance.require_values("chance", 0, 1)
 
     def decide(self, probability: Floats, evidence: Floats) -> tuple[Mask, Floats]:
@@ -100,8 +101,8 @@ class Scored:
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_instance(Curve, logit=self.logit, spread=self.spread)
-        require_instance(Persistence, persistence=self.persistence)
+        require_parts(Curve, logit=self.logit, spread=self.spread)
+        require_parts(Persistence, persistence=self.persistence)
         require_between(0, 0.999, floor=self.floor)
         require_between(-1, 1, clearness=self.clearness)
         self.spread.require_values("spread", 0, np.inf)
@@ -132,11 +133,18 @@ class Spread:
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_instance(Curve, spread=self.spread, middle=self.middle)
-        require_instance(Persistence, persistence=self.persistence)
+        require_parts(Curve, spread=self.spread, middle=self.middle)
+        require_parts(Persistence, persistence=self.persistence)
         require_between(0, 0.5, tail=self.tail)
         self.spread.require_values("spread", 0, np.inf)
 
     def error(self, range_m: Floats, normal: Floats) -> Floats:
         """(N,) errors from ranges and standard normal numbers, (N,)."""
         return self.middle(range_m) + self.spread(range_m) * normal * np.exp(self.tail * normal**2 / 2)
+
+
+def require_parts(wanted: type[Any], **parts: object) -> None:
+    """Each must be an object of the class `wanted`; raises `InvalidValueError`."""
+    for name, part in parts.items():
+        if not isinstance(part, wanted):
+            raise InvalidValueError(f"{name} must be a coopsim {wanted.__name__}, got {part!r}")

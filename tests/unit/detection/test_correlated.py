@@ -196,6 +196,8 @@ def test_angles_stay_wrapped() -> None:
         (lambda: replace(PHANTOMS, density_per_m2=0.02), "density_per_m2 must be in"),
         (lambda: replace(PHANTOMS, size_m=(1.0, 2.0)), "size_m must be length, width and height"),
         (lambda: replace(PHANTOMS, life_s=0.0), "life_s must be a finite number > 0"),
+        (lambda: Found(None), "chance must be a coopsim Curve, got None"),  # type: ignore[arg-type]
+        (lambda: replace(EXACT, errors=None), "errors must be a coopsim Mapping"),  # type: ignore[arg-type]
         (lambda: CorrelatedDetector(None), "config must be"),  # type: ignore[arg-type]
     ],
 )

@@ -81,6 +81,13 @@ def test_another_agent_shifts_nobodys_noise() -> None:
         np.testing.assert_array_equal(one, two)
 
 
+def test_played_back_it_detects_the_same(tmp_path: Path) -> None:
+    file = tmp_path / "run.coopsim"
+    first, played = (boxes_over(3, detector=NAME, **{how: file}) for how in ("record", "playback"))
+    for one, two in zip(first, played, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
 def test_an_environment_refuses_what_is_no_detector() -> None:
     with pytest.raises(UnknownNameError, match="unknown detector 'pointpilars'"):
         coopsim.parallel_env("highway", detector="pointpilars")
