@@ -7,6 +7,7 @@ never shifts the noise of another, and the same seed gives the same bits for any
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,15 @@ def chances(seed: int, purpose: str, who: Ints, count: int) -> Floats:
     A row depends on `(seed, purpose, its number, count)` and on nothing else. The numbers are those of SplitMix64
     (Steele, Lea and Flood 2014), in which any place of the stream can be computed by itself.
     """
-    key = np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
+    key = _key(seed, purpose)
     place = who.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
     state = (key + place * _GOLDEN).astype(np.uint64)
     return (_splitmix64(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+@lru_cache(1024)  # who draws in every frame would spend most of its time here
+def _key(seed: int, purpose: str) -> np.uint64:
+    return np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
 
 
 def _splitmix64(state: NDArray[np.uint64]) -> NDArray[np.uint64]:

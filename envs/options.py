@@ -24,6 +24,7 @@ from coopsim.comms.config_files import channel_config
 from coopsim.comms.latency import MOST_S, GaussianLatency
 from coopsim.comms.loss import BernoulliLoss
 from coopsim.comms.selection import SELECTIONS
+from coopsim.detection.presets import make_detector
 from coopsim.detection.simulated import Detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -132,7 +133,8 @@ class SimulationOptions:
         localization: in the place of the four options above: a `LocalizationConfig` for all agents, or one by agent
             (whoever is not named has what the four options say); or a mapping of either, or the path of a YAML file
             with that.
-        detector: the detector; None is `SimulatedDetector()`.
+        detector: the detector, or the name of one ("simulated", "pointpillars_v2v4real"); None is
+            `SimulatedDetector()`.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
         control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
         ground_truth: "visible" (objects that some agent's LiDAR hits count) or "all".
@@ -160,7 +162,7 @@ class SimulationOptions:
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
     localization: LocalizationConfig | Mapping[str, Any] | str | Path | None = None
-    detector: Detector | None = None
+    detector: Detector | str | None = None
     traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
     ground_truth: Literal["visible", "all"] = "visible"
@@ -180,13 +182,15 @@ class SimulationOptions:
         require_count(1, max_cycles=self.max_cycles, threads=self.threads)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
+        if isinstance(self.detector, str):
+            object.__setattr__(self, "detector", make_detector(self.detector))
         require_instance(Detector, detector=self.detector)
         require_instance(Weather, weather=self.weather)
         self._check_files()
         lidars = self.lidars
         self.illumination  # noqa: B018  (its own checks run now)
         self._check_localization()
-        if not lidars and self.detector is not None and self.detector.needs_sweeps:
+        if not lidars and self.chosen_detector is not None and self.chosen_detector.needs_sweeps:
             raise InvalidValueError(f"detector must need no sweeps where lidar is None, got {self.detector!r}")
 
     def _check_files(self) -> None:
@@ -216,6 +220,11 @@ class SimulationOptions:
             name: replace(config, pitch_rad=config.pitch_rad + self.drone_pitch_rad)
             for name, config in self.lidars.items()
         }
+
+    @property
+    def chosen_detector(self) -> Detector | None:
+        """The detector itself, where a name may have been given."""
+        return self.detector if isinstance(self.detector, Detector) else None
 
     @property
     def illumination(self) -> Illumination:

@@ -6,7 +6,7 @@
 | `density` | a factor on the numbers of vehicles and people |
 | `population` | fields of `coopsim.world.scenario.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
-| | and `lidar` is a name, a path, or has those of `LidarConfig` |
+| | and `lidar` is a name, a path, or has those of `LidarConfig`; `detector` is a name |
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from coopsim.world.scenario import SCENARIOS, Population
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
 
-_NOT_IN_FILES = {"detector", "render_mode"}
+_NOT_IN_FILES = {"render_mode"}
 
 
 @dataclass(frozen=True, slots=True)

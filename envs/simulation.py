@@ -71,7 +71,7 @@ class Simulation(FrameSource):
         # Embree's scene is made by the first who casts into it, which two could be at once.
         by_embree = any(lidar.config.backend == "embree" for lidar in on_ground.values())
         self._threads = 1 if by_embree else options.threads
-        self._detector = options.detector or SimulatedDetector()
+        self._detector = options.chosen_detector or SimulatedDetector()
         self.embedding_dim = self._detector.embedding_dim
         self.detection_covariances = self._detector.states_covariance
         self._rig: CameraRig | None = None
@@ -139,6 +139,7 @@ class Simulation(FrameSource):
             self._sights = {
                 kind: LineOfSight(world.static, beams[kind], imagined.columns, imagined.max_range_m) for kind in beams
             }
+        self._detectors = {name: self._detector.begin(seed, name, self._options.dt_s) for name in self.specs}
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
 
@@ -235,11 +236,12 @@ class Simulation(FrameSource):
         other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
         around = actors[other].transform(body.world_SE3_base.inverse())
         pose, odometry = self._localizers[body.name].localize(body.world_SE3_base)
-        rng = self._detector_rngs[body.name]
+        detector, rng = self._detectors[body.name], self._detector_rngs[body.name]
+        detector.move(body.world_SE3_base)
         if sweeps:
-            detections = self._detector.detect(sweeps, around, rng)
+            detections = detector.detect(sweeps, around, rng)
         else:
-            detections = self._detector.detect_from_returns(returns[other], around, rng)
+            detections = detector.detect_from_returns(returns[other], around, rng)
         blind = {sensor: Sweep(sweep.points, sweep.intensity, sweep.beam) for sensor, sweep in sweeps.items()}
         observed = {name: replace(image, instance=None, semantic=None) for name, image in images.items()}
         observation = Observation(self._time_ns, pose, odometry, detections, blind, observed)

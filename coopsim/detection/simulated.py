@@ -26,7 +26,7 @@ from coopsim.checks import (
 )
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.taxonomy import ObjectClass
 from coopsim.types import Detections, Ints, Sweep
 from coopsim.world.snapshot import Actors
@@ -44,6 +44,19 @@ class Detector(ABC):
     embedding_dim: int = 0
     states_covariance: bool = False
     needs_sweeps: ClassVar[bool] = True
+
+    def begin(self, seed: int, agent: str, dt_s: float) -> Detector:
+        """The detector of one agent for one episode: this one itself, unless it remembers anything.
+
+        Args:
+            seed: the episode's seed.
+            agent: the agent's name, which owns its random streams.
+            dt_s: time between two frames.
+        """
+        return self
+
+    def move(self, world_SE3_base: SE3) -> None:
+        """Told before each frame's detection where the agent truly is. For simulated detectors only."""
 
     @abstractmethod
     def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:

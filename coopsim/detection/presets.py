@@ -1,0 +1,114 @@
+"""Detectors by name. Those that were fitted to recordings are files beside this one (`fitted/*.yaml`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from coopsim.detection.clutter import ClutterConfig
+from coopsim.detection.correlated import CorrelatedDetector, CorrelatedDetectorConfig
+from coopsim.detection.curves import Curve, Found, Scored, Spread
+from coopsim.detection.persistence import Persistence
+from coopsim.detection.simulated import Detector, SimulatedDetector
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.registry import Registry
+
+FITTED = Path(__file__).parent / "fitted"
+"""Where the fitted detectors' numbers are."""
+
+DETECTORS: Registry[Callable[[], Detector]] = Registry("detector", group="coopsim.detectors")
+"""Functions that make a detector; an installed package adds its own by the entry-point group `coopsim.detectors`."""
+
+_PARTS: Mapping[str, type[Any]] = {
+    "found": Found,
+    "scored": Scored,
+    "clutter": ClutterConfig,
+    "chance": Curve,
+    "logit": Curve,
+    "spread": Curve,
+    "middle": Curve,
+    "persistence": Persistence,
+}
+
+
+def make_detector(name: str) -> Detector:
+    """The detector called `name`.
+
+    Raises:
+        UnknownNameError: there is none; the message lists the close ones.
+    """
+    return DETECTORS.get(name)()
+
+
+def preset(name: str) -> CorrelatedDetectorConfig:
+    """The numbers of the fitted detector called `name`, to be changed by `dataclasses.replace`.
+
+    Raises:
+        UnknownNameError: there is none; the message lists the close ones.
+    """
+    known = [path.stem for path in FITTED.glob("*.yaml")]
+    if name not in known:
+        raise UnknownNameError("fitted detector", name, known)
+    return read_config(FITTED / f"{name}.yaml")
+
+
+def read_config(path: Path) -> CorrelatedDetectorConfig:
+    """The configuration in a YAML file, whose keys are the fields of `CorrelatedDetectorConfig` and its parts.
+
+    Raises:
+        InvalidValueError: the file cannot be read, or a value is not accepted or missing.
+        UnknownNameError: a key is not a field.
+    """
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidValueError(f"cannot read the detector in {path}: {error}") from error
+    config: CorrelatedDetectorConfig = _build(CorrelatedDetectorConfig, content)
+    return config
+
+
+def to_yaml(config: CorrelatedDetectorConfig) -> str:
+    """What `read_config` reads."""
+    import yaml
+
+    text: str = yaml.safe_dump(_plain(asdict(config)), default_flow_style=None, sort_keys=False, width=120)
+    return text
+
+
+def _build(kind: type[Any], given: Any) -> Any:
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f"{kind.__name__} must be a mapping, got {given!r}")
+    known = [field.name for field in fields(kind)]
+    for name in given:
+        if name not in known:
+            raise UnknownNameError(f"key of {kind.__name__}", name, known)
+    parts = {
+        name: _build(_PARTS[name], part) if name in _PARTS and part is not None else part
+        for name, part in given.items()
+    }
+    if kind is CorrelatedDetectorConfig and isinstance(parts.get("errors"), Mapping):
+        parts["errors"] = {name: _build(Spread, part) for name, part in parts["errors"].items()}
+    try:
+        return kind(**parts)
+    except TypeError as error:
+        raise InvalidValueError(f"{kind.__name__}: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    return [_plain(part) for part in value] if isinstance(value, tuple) else value
+
+
+def _make_fitted(name: str) -> Detector:
+    return CorrelatedDetector(preset(name))
+
+
+DETECTORS.register("simulated")(SimulatedDetector)
+for _file in sorted(FITTED.glob("*.yaml")):
+    DETECTORS.register(_file.stem)(partial(_make_fitted, _file.stem))

@@ -1,0 +1,379 @@
+"""Fit the simulated detector to real detections, and write the preset that ships.
+
+    python scripts/fit_detector.py DATA [--out coopsim/detection/fitted/pointpillars_v2v4real.yaml]
+
+DATA has v2v4real/train with labels/ and detections/. Recording 0000 is left out: it is one of those for testing. The
+numbers are those of the car in whose frame the recordings are. What is fitted how, and what fits: docs/detector.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from clutter_motion import NEAR_M, Again, ClutterMotion
+from detector_matches import GATE_M, OWN_M, Matches, read_matches
+from scipy.optimize import brentq, least_squares
+from scipy.special import logit, ndtr, ndtri, roots_hermitenorm
+from scipy.stats import rankdata
+
+from coopsim.detection.clutter import ClutterConfig
+from coopsim.detection.correlated import ERRORS, CorrelatedDetectorConfig
+from coopsim.detection.curves import Curve, Found, Scored, Spread
+from coopsim.detection.persistence import Persistence
+from coopsim.detection.presets import FITTED, to_yaml
+from coopsim.geometry.se3 import Floats
+from coopsim.rng import stream
+from coopsim.types import Ints, Mask
+
+PRESET = FITTED / "pointpillars_v2v4real.yaml"
+WITHOUT = ("0000",)
+FRAME_S = 0.1
+LAGS = np.array([1, 2, 3, 5, 10, 20, 40, 80])
+CLUTTER_LAGS = np.array([1, 2, 3, 5, 8, 12, 20])
+RANGES_M = np.array([OWN_M, 10, 20, 30, 40, 50, 60, 66, 72])
+RETURNS = np.array([1, 3, 6, 12, 25, 50, 100, 200, 400, 10_000])
+QUARTER, TAIL = ndtri(0.84), ndtri(0.975)
+DIGITS = 3
+
+
+def main() -> None:
+    """Read the arguments, fit, write."""
+    parser = argparse.ArgumentParser(description="Fit the simulated detector to V2V4Real's detections.")
+    parser.add_argument("data", type=Path, help="folder with v2v4real/train")
+    parser.add_argument("--out", type=Path, default=PRESET)
+    args = parser.parse_args()
+    args.out.write_text(fit_text(args.data), encoding="utf-8")
+
+
+def fit_text(data: Path) -> str:
+    """The preset's file."""
+    folder = data / "v2v4real" / "train"
+    head = "# Written by scripts/fit_detector.py from V2V4Real's training recordings; docs/detector.md says how.\n"
+    return head + to_yaml(fit(*read_matches(folder, WITHOUT).values()))
+
+
+def fit(real: Matches, other: Matches) -> CorrelatedDetectorConfig:
+    """All numbers, from the matches of the frame's owner and the other car's false detections in the same frame."""
+    reach = _reach(real)
+    seen = {name: column[real.within(reach)] for name, column in real.objects.items()}
+    found = _found(seen)
+    return CorrelatedDetectorConfig(
+        reach_x_m=reach[0],
+        reach_y_m=reach[1],
+        found=found,
+        scored=_scored(seen, found),
+        errors={name: _spread(seen, name) for name in ERRORS},
+        clutter=_clutter(real, other, reach),
+        heading_from_rad=_heading_from(seen),
+    )
+
+
+def _reach(real: Matches) -> tuple[float, float]:
+    """Within which 99.5 % of all detections are, ahead and aside."""
+    detected = real.objects["found"]
+    sides = (np.concatenate([real.objects[axis][detected], real.false[axis]]) for axis in "xy")
+    along, across = (round(float(np.quantile(np.abs(side), 0.995)), 1) for side in sides)
+    return along, across
+
+
+def _found(seen: dict[str, Floats]) -> Found:
+    """Recall over the logarithm of the returns; how misses last by the latent correlation that pairs of frames show."""
+    logs = np.log(seen["returns"])
+    chance = _curve(logs, np.log(RETURNS), seen["found"], np.mean)
+    probability = chance(logs)
+    at, weight = [], []
+    for lag in LAGS:
+        first, second = _pairs(seen, lag)
+        together = float(np.mean(seen["found"][first] & seen["found"][second]))
+        # Objects that stay long are found more often: what counts is how much more often in both frames than in one.
+        chances = [_shifted(probability[rows], seen["found"][rows].mean()) for rows in (first, second)]
+        at.append(_latent(*chances, together))
+        weight.append(len(first))
+    return Found(chance, _persistence(np.array(at), np.array(weight)))
+
+
+def _scored(seen: dict[str, Floats], found: Found) -> Scored:
+    """The scores of what was found: how they are spread over range, and how they go with the evidence."""
+    floor = round(float(np.nanmin(seen["score"])), 2)
+    hit = seen["found"]
+    score, range_m = _unfloored(seen["score"], floor), seen["range"]
+    mean, spread = _middle_and_spread(range_m[hit], score[hit])
+    normal = _normal_scores(range_m, np.where(hit, score, np.nan))
+    # A score that comes before a miss is the lower, the more it goes with the evidence.
+    first, second = _pairs(seen, 1)
+    before_miss = hit[first] & ~hit[second]
+    observed = float(np.mean(normal[first][before_miss]) - np.mean(normal[first][hit[first] & hit[second]]))
+    kept = _autocorrelation(found.persistence, 1)
+    probability = found.chance(np.log(seen["returns"][first]))
+    clearness = float(np.clip(observed / _clearness_gap(probability, kept), -1, 1))
+    at, weight = [], []
+    for lag in LAGS:
+        own = (_correlation(seen, normal, lag) - clearness**2 * _autocorrelation(found.persistence, lag)) / (
+            1 - clearness**2
+        )
+        at.append(np.clip(own, 0, 1))
+        weight.append(len(_pairs(seen, lag)[0]))
+    persistence = _persistence(np.array(at), np.array(weight))
+    return Scored(floor, mean, spread, round(clearness, DIGITS), persistence)
+
+
+def _spread(seen: dict[str, Floats], name: str) -> Spread:
+    """Tukey's h-distribution by quantiles: spread from the middle 68 %, tail from the middle 95 %."""
+    error, range_m, hit = seen[name], seen["range"], seen["found"]
+    wide, narrow, middles = [], [], []
+    for inside in _bins(range_m[hit], RANGES_M):
+        low, lower, middle, upper, high = np.quantile(error[hit][inside], ndtr([-TAIL, -QUARTER, 0, QUARTER, TAIL]))
+        wide.append((high - low) / 2)
+        narrow.append((upper - lower) / 2)
+        middles.append(middle)
+    # In a bin the spread itself varies, and makes a tail of its own, but a slight one.
+    tails = np.log(np.array(wide) / np.array(narrow) * QUARTER / TAIL) * 2 / (TAIL**2 - QUARTER**2)
+    tail = round(float(np.clip(np.median(tails), 0, 0.5)), DIGITS)
+    spreads = np.array(narrow) / (QUARTER * np.exp(tail * QUARTER**2 / 2))
+    normal = _normal_scores(range_m, np.where(hit, error, np.nan))
+    at = np.array([_correlation(seen, normal, lag) for lag in LAGS])
+    weight = np.array([len(_pairs(seen, lag)[0]) for lag in LAGS])
+    places = _middles(range_m[hit])
+    return Spread(Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight))
+
+
+def _heading_from(seen: dict[str, Floats]) -> float:
+    """Where the half turn begins in which reported headings are: opposite to the fewest, in steps of pi / 32."""
+    steps = np.arange(-32, 32) * np.pi / 32
+    turned = seen["turned"][seen["found"]]
+    inside = [np.mean((turned - start) % (2 * np.pi) < np.pi) for start in steps]
+    return round(float(steps[int(np.argmax(inside))]), DIGITS)
+
+
+def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> ClutterConfig:
+    """False detections as phantoms: the share that both cars have tells how often one is believed, and so how many."""
+    false = {name: column[_inside(real.false, reach)] for name, column in real.false.items()}
+    believed = _shared(real, other)
+    counted = [len(inside) for inside in _bins(false["range"], RANGES_M)]
+    per_m2 = np.array(counted) / real.frames / _areas_m2(reach)
+    density = len(false["x"]) / real.frames / _areas_m2(reach).sum() / believed
+    chance = Curve(_middles(false["range"]), _rounded(np.clip(per_m2 / density, 0, 1)))
+    floor = round(float(false["score"].min()), 2)
+    score = _unfloored(false["score"], floor)
+    mean, spread = _middle_and_spread(false["range"], score)
+    sizes = np.log(np.column_stack([false[name] for name in ("length", "width", "height")]))
+    narrow = np.subtract(*np.quantile(sizes, [0.84, 0.16], axis=0)).mean() / (2 * QUARTER)
+    motion = ClutterMotion(false, reach)
+    after = [motion.after(int(lag)) for lag in CLUTTER_LAGS]
+    lasting, score_lasting, life_s = _clutter_lasting(after, false, chance)
+    apart_m = after[0].apart_m
+    spread_m = np.subtract(*np.quantile(apart_m, [0.84, 0.16], axis=0)).mean() / (2 * QUARTER)
+    return ClutterConfig(
+        density_per_m2=float(f"{density:.3g}"),
+        density_spread=round(_spread_of_density(real, reach), DIGITS),
+        found=Found(chance, lasting),
+        scored=Scored(floor, mean, spread, 0.0, score_lasting),
+        life_s=life_s,
+        size_m=_rounded(np.exp(np.median(sizes, axis=0))),
+        size_noise=round(float(narrow), DIGITS),
+        jitter_m=round(float(spread_m / np.sqrt(2)), DIGITS),
+        turned=_rounded(np.quantile(false["yaw"], np.linspace(0, 1, 17))),
+    )
+
+
+def _clutter_lasting(
+    after: Sequence[Again], false: dict[str, Floats], chance: Curve
+) -> tuple[Persistence, Persistence, float]:
+    """Of the evidence for phantoms, and of their scores; and how long a phantom lives, s.
+
+    A phantom of age uniform in its life is still there after the time t with probability 1 - t / life, and is then
+    believed again as the persistence of its evidence says.
+    """
+    normal = _normal_scores(false["range"], false["score"])
+    probability = np.maximum(chance(false["range"]), 1e-3)
+    share, weight = np.array([again.share for again in after]), np.array([again.count for again in after])
+    grid = np.linspace(0, 0.99, 34)  # of correlations: the chance is smooth between
+    believed = [_both(probability, probability, correlation, 1 / probability) for correlation in grid]
+
+    def off(parts: Floats) -> Floats:
+        whole, constant_share, lasting_s, life_s = parts
+        time_s = CLUTTER_LAGS * FRAME_S
+        kept = whole * (constant_share + (1 - constant_share) * np.exp(-time_s / lasting_s))
+        alive = np.clip(1 - time_s / life_s, 0, 1)
+        return (alive * np.interp(kept, grid, believed) - share) * np.sqrt(weight / weight.sum())
+
+    fitted = least_squares(off, [0.6, 0.3, 0.5, 4.0], bounds=([0, 0, 0.05, 2.1], [0.99, 1, 10, 60])).x
+    scores = np.array([float(np.mean(normal[again.first] * normal[again.second])) for again in after])
+    return _as_persistence(*fitted[:3]), _persistence(scores, weight, CLUTTER_LAGS), round(float(fitted[3]), DIGITS)
+
+
+def _shared(real: Matches, other: Matches) -> float:
+    """Which share of false detections the other car has, too, where it detects at all; less what chance brings."""
+    near, ring, count = 0, 0, 0
+    theirs = _frames_of(other.false)
+    for key, place in _frames_of(real.false).items():
+        if key not in theirs:
+            continue
+        low, high = theirs[key].min(axis=0) - GATE_M, theirs[key].max(axis=0) + GATE_M
+        inside = place[((place > low) & (place < high)).all(axis=1)]
+        distance = np.linalg.norm(inside[:, None] - theirs[key], axis=2)
+        near += (distance.min(axis=1) < NEAR_M).sum()
+        # As large an area a little farther out has what is there by chance.
+        ring += ((distance > 2 * NEAR_M) & (distance < np.sqrt(5) * NEAR_M)).any(axis=1).sum()
+        count += len(inside)
+    return float((near - ring) / (count - ring))
+
+
+def _spread_of_density(real: Matches, reach: tuple[float, float]) -> float:
+    """Standard deviation of the mean number of false detections over the recordings, relative to its mean."""
+    inside = _inside(real.false, reach)
+    means = [
+        inside[real.false["episode"] == episode].sum()
+        / np.ptp(real.objects["frame"][real.objects["episode"] == episode])
+        for episode in np.unique(real.objects["episode"])
+    ]
+    return float(np.std(means) / np.mean(means))
+
+
+def _areas_m2(reach: tuple[float, float]) -> Floats:
+    """What lies within reach in each of the `RANGES_M`, by a grid of half metres."""
+    x, y = (np.arange(-side + 0.25, side, 0.5) for side in reach)
+    range_m = np.hypot(*np.meshgrid(x, y)).ravel()
+    return np.array([0.25 * len(inside) for inside in _bins(range_m, RANGES_M)])
+
+
+def _clearness_gap(probability: Floats, kept: float) -> float:
+    """How much clearer, in standard deviations, what is found again was than what is missed next; by drawing it."""
+    rng = stream(0, "clearness")
+    chosen = rng.choice(probability, 400_000)
+    now, fresh = rng.standard_normal((2, len(chosen)))
+    after = kept * now + np.sqrt(1 - kept**2) * fresh
+    found = Found(Curve((0.0,), (0.0,)))
+    first, clearly = found.decide(chosen, now)
+    second, _ = found.decide(chosen, after)
+    return float(clearly[first & ~second].mean() - clearly[first & second].mean())
+
+
+def _shifted(probability: Floats, mean: float) -> Floats:
+    """Probabilities (N,), all shifted alike in normal quantiles so that they have this mean."""
+    level = ndtri(probability)
+    shift = brentq(lambda by: float(ndtr(level + by).mean()) - mean, -5, 5)
+    shifted: Floats = ndtr(level + shift)
+    return shifted
+
+
+def _latent(first: Floats, second: Floats, together: float) -> float:
+    """The correlation, in [0, 1], of two normal evidences that suffice with `first` and `second` (N,), at which the
+    mean probability that both do is `together`.
+    """
+
+    def gap(correlation: float) -> float:
+        return _both(first, second, correlation) - together
+
+    least, most = 0.0, 0.995
+    return least if gap(least) >= 0 else most if gap(most) <= 0 else float(brentq(gap, least, most))
+
+
+def _both(first: Floats, second: Floats, correlation: float, weight: Floats | float = 1.0) -> float:
+    """The weighted mean probability that two correlated evidences suffice, by a one-factor model (Gauss-Hermite)."""
+    rows = np.linspace(0, len(first) - 1, min(len(first), 2000)).astype(np.int64)  # as good as all, and quick
+    level = ndtri(np.clip(np.stack([first, second])[:, rows], 1e-9, 1 - 1e-9))
+    node, share = roots_hermitenorm(48)
+    both = ndtr((level[..., None] + np.sqrt(correlation) * node) / np.sqrt(1 - correlation)).prod(axis=0)
+    return float(np.mean(np.broadcast_to(weight, np.shape(first))[rows] * (both @ (share / share.sum()))))
+
+
+def _persistence(at: Floats, weight: Ints, lags: Ints = LAGS) -> Persistence:
+    """The least-squares fit to autocorrelations after `lags` frames."""
+
+    def off(parts: Floats) -> Floats:
+        whole, constant_share, lasting_s = parts
+        curve = constant_share + (1 - constant_share) * np.exp(-lags * FRAME_S / lasting_s)
+        return (whole * curve - at) * np.sqrt(weight / weight.sum())
+
+    return _as_persistence(*least_squares(off, [0.7, 0.4, 1.0], bounds=([0, 0, 0.05], [1, 1, 10])).x)
+
+
+def _as_persistence(whole: float, constant_share: float, lasting_s: float) -> Persistence:
+    constant = round(float(whole * constant_share), DIGITS)
+    lasting = min(round(float(whole * (1 - constant_share)), DIGITS), round(1 - constant, DIGITS))
+    return Persistence(constant, lasting, round(float(lasting_s), DIGITS))
+
+
+def _autocorrelation(persistence: Persistence, lag: int) -> float:
+    kept = np.exp(-lag * FRAME_S / persistence.lasting_s)
+    return float(persistence.constant + persistence.lasting * kept)
+
+
+def _pairs(seen: dict[str, Floats], lag: int) -> tuple[Ints, Ints]:
+    """Rows of the same object now and so many frames later."""
+    key = (seen["episode"].astype(np.int64) * 2**20 + seen["object"].astype(np.int64)) * 2**20 + seen["frame"].astype(
+        np.int64
+    )
+    order = np.argsort(key)
+    place = np.minimum(np.searchsorted(key[order], key + lag), len(key) - 1)
+    there = key[order][place] == key + lag
+    return np.flatnonzero(there), order[place[there]]
+
+
+def _correlation(seen: dict[str, Floats], normal: Floats, lag: int) -> float:
+    first, second = _pairs(seen, lag)
+    product = normal[first] * normal[second]
+    return float(np.nanmean(product))
+
+
+def _normal_scores(range_m: Floats, value: Floats) -> Floats:
+    """Values (N,) by their ranks within a bin of range as standard normal numbers; NaN stays."""
+    normal = np.full(len(value), np.nan)
+    for inside in _bins(range_m, RANGES_M):
+        rows = inside[np.isfinite(value[inside])]
+        normal[rows] = ndtri((rankdata(value[rows]) - 0.5) / max(len(rows), 1))
+    return normal
+
+
+def _middle_and_spread(range_m: Floats, score: Floats) -> tuple[Curve, Curve]:
+    """Median, and half the middle 68 % in standard deviations, by range."""
+    quantiles = [np.quantile(score[inside], ndtr([-QUARTER, 0, QUARTER])) for inside in _bins(range_m, RANGES_M)]
+    at = _middles(range_m)
+    middle = Curve(at, _rounded([each[1] for each in quantiles]))
+    return middle, Curve(at, _rounded([(each[2] - each[0]) / 2 / QUARTER for each in quantiles]))
+
+
+def _unfloored(score: Floats, floor: float) -> Floats:
+    unfloored: Floats = logit(np.clip((score - floor) / (1 - floor), 1e-6, 1 - 1e-6))
+    return unfloored
+
+
+def _curve(at: Floats, edges: Floats, value: Floats, of: Callable[[Floats], float]) -> Curve:
+    bins = [inside for inside in _bins(at, edges) if len(inside)]
+    return Curve(_rounded([np.mean(at[inside]) for inside in bins]), _rounded([of(value[inside]) for inside in bins]))
+
+
+def _bins(at: Floats, edges: Floats) -> list[Ints]:
+    """Rows between each two edges; those beyond the last are in the last."""
+    number = np.clip(np.searchsorted(edges, at, "right") - 1, 0, len(edges) - 2)
+    return [np.flatnonzero(number == k) for k in range(len(edges) - 1)]
+
+
+def _middles(range_m: Floats) -> tuple[float, ...]:
+    return _rounded([np.mean(range_m[inside]) for inside in _bins(range_m, RANGES_M)])
+
+
+def _frames_of(false: dict[str, Floats]) -> dict[tuple[int, int], Floats]:
+    """Places (N, 2) by episode and frame."""
+    key = np.column_stack([false["episode"], false["frame"]]).astype(np.int64)
+    order = np.lexsort((key[:, 1], key[:, 0]))
+    unique, starts = np.unique(key[order], axis=0, return_index=True)
+    places = np.split(np.column_stack([false["x"], false["y"]])[order], starts[1:])
+    return {(int(episode), int(frame)): place for (episode, frame), place in zip(unique, places, strict=True)}
+
+
+def _inside(table: dict[str, Floats], reach: tuple[float, float]) -> Mask:
+    inside: Mask = (np.abs(table["x"]) <= reach[0]) & (np.abs(table["y"]) <= reach[1])
+    return inside
+
+
+def _rounded(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(round(float(value), DIGITS) for value in values)
+
+
+if __name__ == "__main__":
+    main()
