@@ -121,6 +121,8 @@ def benchmark(
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
     progress = Progress(len(jobs), len(results))
     on_progress(progress)
+    if progress.stored == progress.cells:  # no engine is started for nothing
+        return [results[job.cell] for job in jobs]
     schedule = Schedule(job for job in jobs if job.cell not in results)
     with closing(engine.run(schedule)) as outcomes:
         for outcome in outcomes:

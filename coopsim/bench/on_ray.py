@@ -11,6 +11,8 @@ from typing import Any
 from coopsim.bench.job import ONE_THREAD, Job, Outcome, died, run_job
 from coopsim.errors import InvalidValueError, MissingDependencyError
 
+_ONE_THREAD = {"env_vars": dict(ONE_THREAD)}
+
 
 def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) -> Generator[Outcome]:
     """Outcomes, in the order in which they come; closing the iterator cancels what is left.
@@ -32,7 +34,8 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
     if ours:
         _start(ray, workers, address)
     try:
-        do = ray.remote(num_cpus=1, runtime_env={"env_vars": dict(ONE_THREAD)})(run_job)
+        # Ray starts processes before there are tasks; with an environment of the task's own they would be for nothing.
+        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": _ONE_THREAD}))(run_job)
         # Twice as many as run: the next one is there when a core becomes free, and the order can still be changed.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
         running = {do.remote(job): job for job in islice(jobs, at_once)}
@@ -61,7 +64,13 @@ def _start(ray: Any, workers: int | None, address: str | None) -> None:
     # Outcomes are small; Ray's own share of the memory would be a third of the machine's.
     here = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
     try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **(here if address == "local" else {}))
+        ray.init(
+            address=address,
+            runtime_env=_ONE_THREAD,
+            log_to_driver=False,
+            logging_level="ERROR",
+            **(here if address == "local" else {}),
+        )
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise InvalidValueError(f"address must be that of a Ray cluster, got {address!r}: {error}") from error
 
