@@ -13,11 +13,11 @@ from coopsim.checks import require_flag
 from coopsim.comms.message import decode_detections
 from coopsim.fusion.alignment import Heard, PoseAlignment
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
 from coopsim.tracking.odometry import OdometryFrame
 from coopsim.tracking.tracker import Tracker, sane
-from coopsim.geometry.se3 import SE3
 from coopsim.types import AgentSpec, Detections, Mask, Observation, Tracks
 
 

@@ -72,6 +72,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = UPLINKS.get(options.uplink)
+        self._uplink("", seed=0)  # so that a wrong setting is refused here, not at the first episode
         clocks = options.channel_config.clocks
         for agent in clocks if isinstance(clocks, Mapping) else ():
             require_choice("agent in clocks", agent, source.specs)

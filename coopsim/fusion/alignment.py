@@ -114,9 +114,7 @@ class PoseAlignment:
             _seen(each.found, place, place, self.is_object.get(each.message.sender, False))
             for each, place in zip(heard, stated, strict=True)
         ]
-        prior = Corrections(
-            np.array([each.mean for each in filters]), np.array([each.covariance for each in filters])
-        )
+        prior = Corrections(np.array([each.mean for each in filters]), np.array([each.covariance for each in filters]))
         guess: Iterable[Floats] = _coarse(agents, prior)
         for gate_m in _GATES_M:
             common = common_objects(agents, [np.zeros(3), *guess], gate_m)
