@@ -91,7 +91,8 @@ class ByNeed(Selection):
 
     The score, times the chance that no other agent has the object in sight (it falls with the distance d to each as
     1 - exp(-(d / 40 m)^2)), times 0.1 if another's last message had it with a higher score: of two who see an object
-    the surer one goes on reporting it. Positions are compared in the world frame, as the agents believe them to be.
+    the surer one goes on reporting it. Times 3 if the agent's own last message had it: trackers need to see a thing
+    repeatedly. Positions are compared in the world frame, as the agents believe them to be.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
