@@ -51,7 +51,13 @@ class LateFusion(PooledBoxes):
     """
 
     def __init__(
-        self, merge_iou: float = 0.15, gate: float = -0.2, hits: int = 3, age: int = 2, late: str = "as_current", align: bool = False
+        self,
+        merge_iou: float = 0.15,
+        gate: float = -0.2,
+        hits: int = 3,
+        age: int = 2,
+        late: str = "as_current",
+        align: bool = False,
     ) -> None:
         self._settings = (gate, hits, age)
         super().__init__(merge_iou, late, align)

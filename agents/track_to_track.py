@@ -13,15 +13,18 @@ import numpy as np
 from coopsim.agents.base import Policy
 from coopsim.agents.tracking import over_origin
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_between, require_choice, require_number
+from coopsim.checks import require_between, require_choice, require_flag, require_number
 from coopsim.comms.message import decode_tracks
+from coopsim.fusion.alignment import Heard, PoseAlignment
 from coopsim.fusion.tracks import fuse_tracks
+from coopsim.geometry.se3 import SE3
 from coopsim.tracking.estimates import TrackEstimates
 from coopsim.tracking.late import OWN
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
-from coopsim.types import NS_PER_S, AgentSpec, Ints, Message, Observation, Tracks, seconds_to_ns
+from coopsim.tracking.tracker import sane
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Observation, Tracks, seconds_to_ns
 
 _FARTHEST_M = 10_000.0
 """What is farther away in x or y is left out: no radio reaches there, and uncertainties grow with its square."""
@@ -46,6 +49,7 @@ class _Heard:
 class _AgentState:
     tracker: OnBoardTracker
     is_object: bool
+    alignment: PoseAlignment | None
     ids: PublicIds = field(default_factory=lambda: PublicIds(seconds_to_ns(_LONGEST_S)))
     heard: dict[str, _Heard] = field(default_factory=dict)
 
@@ -67,6 +71,7 @@ class TrackToTrack(Policy):
         heading_noise_rad: assumed standard deviation of its heading. The defaults are those of V2X-ViT (Xu et al.,
             ECCV 2022): 0.2 m and 0.2 degrees.
         late: "predict" moves a message's tracks on by their velocity, "as_current" takes them as they were.
+        align: correct poses by objects that several agents see, see `coopsim.fusion.alignment`.
     """
 
     uplink = "tracks"
@@ -81,20 +86,23 @@ class TrackToTrack(Policy):
         position_noise_m: float = 0.2,
         heading_noise_rad: float = 0.0035,
         late: str = "predict",
+        align: bool = False,
     ) -> None:
+        require_flag(align=align)
         require_between(-1, 1, fuse_gate=fuse_gate)
         require_number(f"in (0, {_LONGEST_S:g}]", lambda value: 0 < value <= _LONGEST_S, valid_s=valid_s)
         require_between(0, 100, position_noise_m=position_noise_m)
         require_between(0, np.pi, heading_noise_rad=heading_noise_rad)
         require_choice("late", late, ("predict", "as_current"))
         self._settings = (gate, hits, age)
-        self._fuse_gate, self._valid_s, self._late = fuse_gate, valid_s, late
+        self._fuse_gate, self._valid_s, self._late, self._align = fuse_gate, valid_s, late, align
         self._pose_noise = (position_noise_m, heading_noise_rad)
         self._states: dict[str, _AgentState] = {}
         OnBoardTracker(*self._settings)  # so that a wrong setting is refused here, not at the first episode
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        self._states[spec.name] = _AgentState(OnBoardTracker(*self._settings), spec.is_object)
+        alignment = PoseAlignment.of(self.specs, spec.name) if self._align else None
+        self._states[spec.name] = _AgentState(OnBoardTracker(*self._settings), spec.is_object, alignment)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state, now_ns = self._states[agent], observation.time_ns
@@ -106,25 +114,41 @@ class TrackToTrack(Policy):
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each agent's last message, while it is valid, in order of the agents' names."""
-        for message, estimates in self.read(agent, observation.inbox, decode_tracks):
+        read = list(self.read(agent, observation.inbox, decode_tracks))
+        for (message, estimates), pose in zip(read, self._poses(read, observation, state), strict=True):
             captured_ns = min(message.captured_ns, observation.time_ns)
             known = state.heard.get(message.sender)
             if known is None or captured_ns > known.captured_ns:
-                state.heard[message.sender] = _Heard(captured_ns, self._placed(message, estimates, observation, state))
+                state.heard[message.sender] = _Heard(
+                    captured_ns, self._placed(estimates, message.captured_ns, pose, state)
+                )
         oldest_ns = observation.time_ns - seconds_to_ns(self._valid_s)
         state.heard = {name: heard for name, heard in sorted(state.heard.items()) if heard.captured_ns > oldest_ns}
 
+    def _poses(
+        self, read: Sequence[tuple[Message, TrackEstimates]], observation: Observation, state: _AgentState
+    ) -> list[SE3]:
+        """Where each message's sender was in the odometry frame, at capture."""
+        frame = state.tracker.frame
+        if state.alignment is None:
+            return [frame.odom_SE3_sender(message, observation) for message, _ in read]
+        own = sane(observation.detections).transform(frame.odom_SE3_base)
+        heard = [
+            Heard(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
+            for message, each in read
+        ]
+        return state.alignment.place(observation, frame, own, heard)
+
     def _placed(
-        self, message: Message, estimates: TrackEstimates, observation: Observation, state: _AgentState
+        self, estimates: TrackEstimates, captured_ns: int, odom_SE3_sender: SE3, state: _AgentState
     ) -> TrackEstimates:
         """A message's tracks in the odometry frame, as unsure as two estimated poses make them, less the receiver."""
         frame = state.tracker.frame
-        odom_SE3_sender = frame.odom_SE3_sender(message, observation)
         estimates = estimates.transform(odom_SE3_sender)
         away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
         estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= _FARTHEST_M]
         if state.is_object:
-            then = frame.pose_at(message.captured_ns)
+            then = frame.pose_at(captured_ns)
             estimates = estimates[~over_origin(estimates.tracks.boxes.transform(then.inverse()))]
         for pose in (odom_SE3_sender, frame.odom_SE3_base):
             estimates = estimates.placed_from(pose.translation[:2], *self._pose_noise)

@@ -73,6 +73,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
         self._make_uplink = uplink_maker(options.uplink, options.codec)
+        self._uplink("", seed=0)  # so that a wrong setting is refused here, not at the first episode
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)

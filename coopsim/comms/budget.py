@@ -34,6 +34,15 @@ class WithinBudget(Uplink):
         self._uplink, self._budget_bytes, self._selection = uplink, budget_bytes, selection
 
     def message(self, sender: str, observation: Observation) -> Message | None:
+        message = self._fitting(sender, observation)
+        if message is not None:
+            self._selection.sent(message)
+        return message
+
+    def hear(self, observation: Observation) -> None:
+        self._selection.hear(observation)
+
+    def _fitting(self, sender: str, observation: Observation) -> Message | None:
         whole = self._uplink.message(sender, observation)
         if whole is None or len(encode_message(whole)) <= self._budget_bytes:
             return whole
@@ -48,6 +57,3 @@ class WithinBudget(Uplink):
             else:
                 most = count - 1
         return fits
-
-    def hear(self, observation: Observation) -> None:
-        self._selection.hear(observation)

@@ -17,7 +17,7 @@ from coopsim.comms.message import decode_detections
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.registry import Registry
-from coopsim.types import NS_PER_S, Detections, Ints, Message, Observation
+from coopsim.types import NS_PER_S, Detections, Ints, Mask, Message, Observation
 
 _SIGHT_M = 40.0
 """At this distance an agent has an object in sight with the chance 1 / e, as far as one who is elsewhere can tell."""
@@ -25,6 +25,9 @@ _SIGHT_M = 40.0
 _SAME_M = 2.5
 _SAID = 0.1
 """What an object is worth that another agent has just reported, and more surely."""
+
+_KEPT = 3.0
+"""What an object is worth more that the agent reported in its last message: trackers need to see a thing repeatedly."""
 
 _VALID_NS = NS_PER_S // 2
 
@@ -45,6 +48,9 @@ class Selection(ABC):
 
     def hear(self, observation: Observation) -> None:
         """What others said, in the observation's inbox."""
+
+    def sent(self, message: Message) -> None:
+        """What the agent itself said in this frame."""
 
     def order(self, sender: str, observation: Observation) -> Ints:
         """(N,) rows of the detections, the most useful first."""
@@ -74,18 +80,28 @@ class _Said:
     position: Floats
     score: Floats
 
+    def near(self, position: Floats) -> Mask:
+        """(N, M) which of positions (N, 2) and of what was said are one object, as far as positions tell."""
+        apart: Mask = np.hypot(*(position[:, None] - self.position).transpose(2, 0, 1)) < _SAME_M
+        return apart
+
 
 class ByNeed(Selection):
     """The surest of what others are unlikely to know.
 
     The score, times the chance that no other agent has the object in sight (it falls with the distance d to each as
     1 - exp(-(d / 40 m)^2)), times 0.1 if another's last message had it with a higher score: of two who see an object
-    the surer one goes on reporting it. Positions are compared in the world frame, as the agents believe them to be.
+    the surer one goes on reporting it. Times 3 if the agent's own last message had it: trackers need to see a thing
+    repeatedly. Positions are compared in the world frame, as the agents believe them to be.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__(rng)
         self._said: dict[str, _Said] = {}
+        self._own: _Said | None = None
+
+    def sent(self, message: Message) -> None:
+        self._own = _said(message)
 
     def hear(self, observation: Observation) -> None:
         for message in observation.inbox:
@@ -101,9 +117,10 @@ class ByNeed(Selection):
         useful = found.score.copy()
         for name, said in self._said.items():
             useful *= -np.expm1(-np.square(np.hypot(*(position - said.place).T) / _SIGHT_M))
-            apart = np.hypot(*(position[:, None] - said.position).transpose(2, 0, 1))
             surer = (said.score > found.score[:, None]) | ((said.score == found.score[:, None]) & (name < sender))
-            useful[((apart < _SAME_M) & surer).any(axis=1)] *= _SAID
+            useful[(said.near(position) & surer).any(axis=1)] *= _SAID
+        if self._own is not None:
+            useful[self._own.near(position).any(axis=1)] *= _KEPT
         return useful
 
 

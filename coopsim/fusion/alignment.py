@@ -102,21 +102,20 @@ class PoseAlignment:
     def _remember(self, observation: Observation, frame: OdometryFrame, own: Detections) -> None:
         now_ns = observation.time_ns
         self._seen = {time_ns: seen for time_ns, seen in self._seen.items() if time_ns >= now_ns - _MEMORY_NS}
-        self._seen[now_ns] = _seen(own, frame.odom_SE3_base, SE3.identity(), self.is_object[self.receiver])
+        self._seen[now_ns] = _seen(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
 
     def _corrections(
         self, captured_ns: int, heard: Sequence[Heard], stated: Sequence[SE3], observation: Observation
     ) -> list[Floats]:
         """(3,) for each message of one moment: x, y m in the odometry frame, and heading rad."""
+        news = [captured_ns > self._used_ns.get(each.message.sender, -1) for each in heard]
         filters = [self._filter(each.message, captured_ns, observation.pose) for each in heard]
         agents = [self._seen[min(self._seen, key=lambda known_ns: abs(known_ns - captured_ns))]]
         agents += [
-            _seen(each.found, place, place, self.is_object.get(each.message.sender, False))
+            _seen(each.found.transform(place), place, is_object=self.is_object.get(each.message.sender, False))
             for each, place in zip(heard, stated, strict=True)
         ]
-        prior = Corrections(
-            np.array([each.mean for each in filters]), np.array([each.covariance for each in filters])
-        )
+        prior = Corrections(np.array([each.mean for each in filters]), np.array([each.covariance for each in filters]))
         guess: Iterable[Floats] = _coarse(agents, prior)
         for gate_m in _GATES_M:
             common = common_objects(agents, [np.zeros(3), *guess], gate_m)
@@ -124,10 +123,13 @@ class PoseAlignment:
                 break
             found = align(_graph(agents, common), prior, _BOX_NOISE_M)
             guess = found.mean
-        for number, one in enumerate(filters):
+        corrections = [each.mean for each in filters]
+        for number, (one, new) in enumerate(zip(filters, news, strict=True)):
             if common.of_agent(number + 1) >= self.least:
-                one.update(found.mean[number], found.covariance[number])
-        return [each.mean for each in filters]
+                corrections[number] = found.mean[number]
+                if new:  # what was overtaken, or comes a second time, teaches nothing
+                    one.update(found.mean[number], found.covariance[number])
+        return corrections
 
     def _filter(self, message: Message, captured_ns: int, own: PoseEstimate) -> PoseErrorFilter:
         """The sender's, predicted to this message."""
@@ -160,9 +162,9 @@ def _graph(agents: Sequence[Seen], common: CommonObjects) -> PoseGraph:
     return PoseGraph(position - origin, origin, common.agent, common.object)
 
 
-def _seen(found: Detections, dst_SE3_base: SE3, dst_SE3_src: SE3, is_object: bool) -> Seen:
-    """Boxes, and the agent itself where others see it as one."""
-    position, origin = dst_SE3_src.apply(found.boxes.center)[:, :2], dst_SE3_base.translation[:2]
+def _seen(found: Detections, odom_SE3_base: SE3, *, is_object: bool) -> Seen:
+    """Boxes in the odometry frame, and the agent itself where others see it as one."""
+    position, origin = found.boxes.center[:, :2], odom_SE3_base.translation[:2]
     if not is_object:
         return Seen(origin, position, found.label)
     return Seen(origin, np.concatenate([position, origin[None]]), np.append(found.label, ANYTHING))

@@ -46,8 +46,8 @@ class Moments:
     @property
     def correlation(self) -> Floats:
         """(3,) r, in [0, 0.99]."""
-        power = _alike(_FRAMES * self._first + self._square)
-        return np.clip(_alike(self._product) / np.maximum(power, _LEAST), 0.0, _MOST_R)
+        power = np.maximum(_alike(self._square), 0.0) + self.variance  # of one frame more, in which nothing lasted
+        return np.clip(_alike(self._product) / power, 0.0, _MOST_R)
 
     def forget(self) -> None:
         """A frame goes by."""

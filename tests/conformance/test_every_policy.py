@@ -21,6 +21,8 @@ EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
 
 WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in LATE.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).uplink != "none"]
+SWITCHED = [(name, late) for name, late in WAYS if name in LISTENING]
 
 
 def boxes(xy: object, *, score: object = 0.8, label: object = 0) -> Detections:
@@ -240,3 +242,35 @@ def test_a_typo_in_a_setting_is_answered_with_what_is_accepted(name: str) -> Non
         coopsim.make_policy(name, hitz=3)
     with pytest.raises(coopsim.errors.CoopsimError, match="Did you mean 'predict'"):
         coopsim.make_policy(name, late="predikt")
+
+
+@pytest.mark.parametrize(("name", "late"), SWITCHED)
+def test_with_everything_switched_on_bad_input_does_no_harm(name: str, late: str) -> None:
+    """Nobody else, empty frames, one message twice, one from the future, and numbers that are none."""
+    rows = np.tile([10.0, 0, 0.8, 4.5, 1.9, 1.6, 0.0], (4, 1))
+    rows[1, 0], rows[2, 6], rows[3, 3] = np.nan, np.inf, -1.0
+    bad = Detections(Boxes3D.from_array(rows), np.full(4, 0.9), np.zeros(4, dtype=int))
+    good, policy = boxes([[10, 0], [20, 5], [35, -5]]), begin(name, late=late, align=True)
+    frames = [observe(0, good), observe(FRAME_NS, boxes([]))]
+    for k, found in enumerate([good, bad, boxes([]), good, good, good], start=2):
+        heard = message(name, bad if k == 3 else found, k * FRAME_NS)
+        ahead = message(name, found, (k + 9) * FRAME_NS, "cav_9")
+        frames.append(observe(k * FRAME_NS, found, heard, heard, *[ahead] * (k == 6)))
+    reports = play(policy, *frames, observe(8 * FRAME_NS, bad))
+    assert np.isclose(reports[7].boxes.center[:, 0], 35, atol=0.5).any()
+
+
+@pytest.mark.parametrize("name", LISTENING)
+def test_a_sender_with_a_wrong_pose_is_put_right_where_the_policy_aligns(name: str) -> None:
+    """A car that only the sender sees, told by a sender who is a metre off: it is where the shared cars say."""
+    shared, hidden = [[10, 0], [20, 5], [35, -5], [28, 14]], [[45.0, 8]]
+    off = {}
+    for align in (False, True):
+        policy, frames = begin(name, align=align), []
+        for k in range(8):
+            heard = message(name, boxes([*shared, *hidden]), k * FRAME_NS)
+            wrong = replace(heard, pose=PoseEstimate(np.array([0.7, -0.7, 0.0, 0.0])))
+            frames.append(observe(k * FRAME_NS, boxes(shared), wrong))
+        center = play(policy, *frames)[-1].boxes.center[:, :2]
+        off[align] = np.hypot(*(center - hidden[0]).T).min()
+    assert off[False] > 0.7 and off[True] < 0.15
