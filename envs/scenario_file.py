@@ -2,7 +2,8 @@
 
 | key | value |
 |---|---|
-| `scenario` | name of a registered scenario; needed |
+| `scenario` | name of a registered scenario |
+| `place` | a place of one's own instead, see `coopsim.world.own.place` |
 | `density` | a factor on the numbers of vehicles and people |
 | `population` | fields of `coopsim.world.scenario.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
@@ -19,12 +20,13 @@ from typing import Any
 
 import yaml
 
-from coopsim.checks import require_choice
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError, UnknownNameError
+from coopsim.located_yaml import Entry
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
-from coopsim.world.scenario import SCENARIOS, Population
+from coopsim.world.own.place import read_place
+from coopsim.world.scenario import SCENARIOS, Place, Population
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
@@ -38,13 +40,13 @@ class ScenarioFile:
 
     Attributes:
         path: of the file.
-        scenario: the one to start from.
+        scenario: the one to start from: its name, or a place that the file describes.
         keywords: as `coopsim.parallel_env` takes them.
         lines: where each key stands, from 1.
     """
 
     path: Path
-    scenario: str
+    scenario: str | Place
     keywords: Mapping[str, Any]
     lines: Mapping[str, int]
 
@@ -90,18 +92,13 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ScenarioFileError(f"{file}: cannot be read: {error}") from error
     lines: dict[str, int] = {}
-    sections = {"scenario": None, "density": None, "population": _names(Population), "options": _options()}
-    _check_keys(file, node, sections, lines)
-    if "scenario" not in content:
-        raise _error(file, 1, f"scenario is missing. Accepted: {', '.join(SCENARIOS)}")
-    try:
-        require_choice("scenario", content["scenario"], SCENARIOS)
-    except UnknownNameError as error:
-        raise _error(file, lines["scenario"], str(error)) from error
+    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density"))
+    _check_keys(file, node, sections | {"population": _names(Population), "options": _options()}, lines)
+    scenario = _scenario(file, node, lines)
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
     if "density" in content:
         keywords["density"] = content["density"]
-    loaded = ScenarioFile(file, content["scenario"], keywords, lines)
+    loaded = ScenarioFile(file, scenario, keywords, lines)
     for key, kind in (("weather", Weather), ("lidar", LidarConfig)):
         if isinstance(keywords.get(key), dict):
             try:
@@ -109,6 +106,20 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
             except CoopsimError as error:
                 raise loaded.blame(error) from error
     return loaded
+
+
+def _scenario(file: Path, node: yaml.Node, lines: Mapping[str, int]) -> str | Place:
+    """The one that the file names, or describes."""
+    top = Entry(file, node, "scenario file", 1).named()
+    if "place" in top and "scenario" in top:
+        raise top["place"].error("place takes the place of scenario: one of them is accepted")
+    if "place" in top:
+        return read_place(top["place"])
+    if "scenario" not in top:
+        raise _error(
+            file, 1, f"scenario is missing. Accepted: {', '.join(SCENARIOS)}; or place, with roads of your own"
+        )
+    return top["scenario"].choice(SCENARIOS)
 
 
 def _names(kind: type[Any]) -> dict[str, None]:

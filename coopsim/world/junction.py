@@ -88,23 +88,26 @@ class Junction:
         """Renew the grants; `commanded` vehicles obey nobody, so what they are about to do counts as granted."""
         asking: dict[Traveller, int] = {}
         line_m: dict[Traveller, float] = {}
+        lost: set[Traveller] = set()
         for vehicle in vehicles:
             movement, distance_m = self._movement(vehicle)
             if movement is None or distance_m >= REQUEST_M:
                 continue
-            if self._role[movement] == YIELDS and distance_m > COMMIT_M:
-                self._granted.pop(vehicle, None)
             asking[vehicle], line_m[vehicle] = movement, distance_m
+            if self._role[movement] == YIELDS and distance_m > COMMIT_M and self._granted.get(vehicle) == movement:
+                lost.add(vehicle)
         self._granted = {
-            vehicle: movement for vehicle, movement in self._granted.items() if asking.get(vehicle) == movement
+            vehicle: movement
+            for vehicle, movement in self._granted.items()
+            if asking.get(vehicle) == movement and vehicle not in lost
         }
         # Whoever is on the junction already is a fact, however it got there.
         fixed = {vehicle for vehicle in asking if line_m[vehicle] <= 0 or vehicle in commanded}
         self._granted |= {vehicle: asking[vehicle] for vehicle in asking if vehicle in fixed}
         held, short = self._held(asking, line_m, vehicles)
-        revoked = sorted((held - fixed) & set(self._granted), key=lambda vehicle: line_m[vehicle])
-        for vehicle in revoked:
-            del self._granted[vehicle]
+        revoked = sorted((held & set(self._granted) | lost) - fixed, key=lambda vehicle: line_m[vehicle])
+        for vehicle in revoked:  # and they keep their place before all who wait
+            self._granted.pop(vehicle, None)
         order = [*revoked, *(vehicle for vehicle in self._queue if vehicle in asking), *asking]
         waiting = list(dict.fromkeys(vehicle for vehicle in order if vehicle not in self._granted))
         self._serve_nearest_first(waiting, asking, line_m)

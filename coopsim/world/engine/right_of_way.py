@@ -29,6 +29,8 @@ from coopsim.world.junction import (
 GRANTED = 0
 """The ticket of who may go. Who waits has one > 0, in the order of asking; -1: does not ask."""
 
+_LOST = -2  # of who gives way, had been granted and asks again: it keeps its place
+
 
 @njit(cache=True, nogil=True)
 def grant(
@@ -114,7 +116,7 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, 
         vehicle.movement, vehicle.ticket = movement, -1
     # Whoever is on the junction already is a fact, however it got there; who is told what to do obeys nobody.
     if role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
-        vehicle.ticket = -1
+        vehicle.ticket = _LOST
     if distance_m <= 0 or vehicle.driver == CHAUFFEURED:
         vehicle.ticket = GRANTED
     return distance_m, network.roads[route[k, 0]].start
@@ -145,6 +147,7 @@ def _hold(
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[rows[other].movement] == FIRST
     may = held & (rows["ticket"] == GRANTED) & (line_m > 0) & (rows["driver"] != CHAUFFEURED)
+    may |= rows["ticket"] == _LOST
     revoked = [i for i in np.argsort(line_m) if may[i]]
     for i in range(len(rows)):
         if rows[i].ticket > GRANTED:
