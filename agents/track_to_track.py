@@ -24,7 +24,7 @@ from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
 from coopsim.tracking.tracker import sane
-from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Observation, Tracks, seconds_to_ns
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
 
 _FARTHEST_M = 10_000.0
 """What is farther away in x or y is left out: no radio reaches there, and uncertainties grow with its square."""

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import yaml
 
 from coopsim.errors import CoopsimError, UnknownNameError
+from coopsim.located_yaml import Entry
 
 Known: TypeAlias = Mapping[str, "Known | EllipsisType | None"]
 """Keys that there may be, and below each: those of its mapping, ... for whatever keys it has, None for a value."""
@@ -23,12 +24,14 @@ class KeyedYaml:
 
     Attributes:
         path: of the file.
+        root: all of it, each value with its line.
         content: its keys and values.
         lines: where each key stands, from 1.
         error: the class of errors about it.
     """
 
     path: Path
+    root: Entry
     content: Mapping[str, Any]
     lines: Mapping[str, int]
     error: type[CoopsimError]
@@ -91,7 +94,7 @@ def read_keyed_yaml(
                 check(value, below)
 
     check(node, known)
-    return KeyedYaml(path, content, lines, error)
+    return KeyedYaml(path, Entry(path, node, "file", 1), content, lines, error)
 
 
 def _at(error: type[CoopsimError], path: Path, line: int, message: str) -> CoopsimError:

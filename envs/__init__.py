@@ -27,18 +27,18 @@ from coopsim.envs.simulation import Simulation
 from coopsim.envs.spaces import IDLE
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.world.drivers import MANEUVERS
-from coopsim.world.scenario import SCENARIOS, Population, make_scenario
+from coopsim.world.scenario import SCENARIOS, Place, Population, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
 
 def simulation_env(
-    scenario: str, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
+    scenario: str | Place, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
 ) -> CooperativeEnv:
     """A simulated environment.
 
     Args:
-        scenario: name of the scenario.
+        scenario: name of the scenario, or a place of one's own.
         name: the environment's id.
         density: a factor on the numbers of vehicles and people.
         reward: turns a frame's counts into a reward; None is `MotaReward`.

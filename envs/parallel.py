@@ -269,13 +269,19 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """
         return actor_rows(self._current().actors, self._source.capacity)
 
-    def bev_frame(self) -> BevFrame:
-        """The frame that was scored last, with the tracks reported for it, in the world frame."""
+    def bev_frame(self, *, points: bool = True) -> BevFrame:
+        """The frame that was scored last, with the tracks reported for it, in the world frame.
+
+        Args:
+            points: those of all sweeps, too, which takes longer than the rest.
+        """
         self._current()
         frame, tracks = self._shown
         bodies = {name: agent.body for name, agent in frame.agents.items()}
         placed = {name: tracks[name].transform(bodies[name].world_SE3_base) for name in tracks}
-        return BevFrame(frame.time_ns, frame.actors, bodies, world_points(frame), placed)
+        return BevFrame(
+            frame.time_ns, frame.actors, bodies, world_points(frame) if points else np.zeros((0, 3)), placed
+        )
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """The current frame through every agent's cameras, also where `cameras` is off; for pictures.

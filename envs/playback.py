@@ -9,14 +9,15 @@ from coopsim.checks import require_count
 from coopsim.data.episode import Episode
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.world.recorded import recorded_scenario
+from coopsim.world.scenario import Place
 
 
-def as_recorded(episode: Episode, scenario: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def as_recorded(episode: Episode, scenario: str | Place, options: Mapping[str, Any]) -> dict[str, Any]:
     """The options, with the recording's population, `dt_s` and (unless fewer are asked for) `max_cycles`.
 
     Args:
         episode: the recording.
-        scenario: name of the environment's scenario.
+        scenario: the environment's, its name or a place of one's own.
         options: as the user gave them.
 
     Raises:
@@ -24,9 +25,10 @@ def as_recorded(episode: Episode, scenario: str, options: Mapping[str, Any]) -> 
         InvalidValueError: an option asks for something else than what was recorded.
     """
     header, steps = episode.header, episode.frames - 1
-    if header.scenario != scenario:
-        raise RecordingError(f"{episode.path} was recorded in {header.scenario!r}; accepted here: {scenario!r}")
-    recorded_scenario(episode)
+    name = scenario.name if isinstance(scenario, Place) else scenario
+    if header.scenario != name:
+        raise RecordingError(f"{episode.path} was recorded in {header.scenario!r}; accepted here: {name!r}")
+    recorded_scenario(episode, scenario)
     if not steps:
         raise RecordingError(f"{episode.path} holds a single frame and no step; accepted: at least two frames")
     asked = options.get("max_cycles", steps)

@@ -2,7 +2,8 @@
 
 | key | value |
 |---|---|
-| `scenario` | name of a registered scenario; needed |
+| `scenario` | name of a registered scenario |
+| `place` | a place of one's own instead, see `coopsim.world.own.place` |
 | `density` | a factor on the numbers of vehicles and people |
 | `population` | fields of `coopsim.world.scenario.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
@@ -16,13 +17,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from coopsim.checks import require_choice
 from coopsim.envs.options import CommonOptions, SimulationOptions
-from coopsim.errors import CoopsimError, ScenarioFileError, UnknownNameError
+from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.keyed_yaml import KeyedYaml, read_keyed_yaml
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
-from coopsim.world.scenario import SCENARIOS, Population
+from coopsim.world.own.place import read_place
+from coopsim.world.scenario import SCENARIOS, Place, Population
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
@@ -36,12 +37,12 @@ class ScenarioFile:
 
     Attributes:
         file: where it says so.
-        scenario: the one to start from.
+        scenario: the one to start from: its name, or a place that the file describes.
         keywords: as `coopsim.parallel_env` takes them.
     """
 
     file: KeyedYaml
-    scenario: str
+    scenario: str | Place
     keywords: Mapping[str, Any]
 
     def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError:
@@ -73,19 +74,14 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     Raises:
         ScenarioFileError: names the file and, where known, the line.
     """
-    known = {"scenario": None, "density": None, "population": _names(Population), "options": _options()}
+    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density"))
+    known = sections | {"population": _names(Population), "options": _options()}
     file = read_keyed_yaml(find_scenario_file(path), known, ScenarioFileError, may_be_value=("lidar",))
     content = file.content
-    if "scenario" not in content:
-        raise file.wrong(f"scenario is missing. Accepted: {', '.join(SCENARIOS)}")
-    try:
-        require_choice("scenario", content["scenario"], SCENARIOS)
-    except UnknownNameError as error:
-        raise file.wrong(str(error), "scenario") from error
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
     if "density" in content:
         keywords["density"] = content["density"]
-    loaded = ScenarioFile(file, content["scenario"], keywords)
+    loaded = ScenarioFile(file, _scenario(file), keywords)
     for key, kind in (("weather", Weather), ("lidar", LidarConfig)):
         if isinstance(keywords.get(key), dict):
             try:
@@ -93,6 +89,18 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
             except CoopsimError as error:
                 raise loaded.blame(error) from error
     return loaded
+
+
+def _scenario(file: KeyedYaml) -> str | Place:
+    """The one that the file names, or describes."""
+    top = file.root.named()
+    if "place" in top and "scenario" in top:
+        raise top["place"].error("place takes the place of scenario: one of them is accepted")
+    if "place" in top:
+        return read_place(top["place"])
+    if "scenario" not in top:
+        raise file.wrong(f"scenario is missing. Accepted: {', '.join(SCENARIOS)}; or place, with roads of your own")
+    return top["scenario"].choice(SCENARIOS)
 
 
 def _names(kind: type[Any]) -> dict[str, None]:

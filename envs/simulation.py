@@ -123,6 +123,7 @@ class Simulation(FrameSource):
         self.specs = self._specify(world.agents())
         self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
+        self._scene: RayScene | None = None
         self._localizers = {
             name: Localizer(self._options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")
             for name, spec in self.specs.items()
@@ -163,10 +164,10 @@ class Simulation(FrameSource):
         return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
     def visibility(self) -> Mapping[str, Visibility]:
-        if not self.lidars:
+        scene = self._scene
+        if scene is None:
             return {}
         actors, bodies, returns = self._sensed
-        scene = RayScene(self._geometry.triangles(actors))
         return {
             name: self._probes[body.kind].measure(scene, body, actors, returns[name]) for name, body in bodies.items()
         }
@@ -194,7 +195,7 @@ class Simulation(FrameSource):
         """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
         if not self.lidars:
             return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
-        scene = RayScene(self._geometry.triangles(actors))
+        scene = self._scene = RayScene(self._geometry.triangles(actors))
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
 
         def sweep(body: AgentBody) -> tuple[dict[str, Sweep], Ints]:

@@ -1,4 +1,4 @@
-"""Draw docs/scenarios/<name>.png: every scenario from above, with a drone, after a few seconds."""
+"""Draw docs/scenarios/<name>.png: every scenario and the village from above, with a drone, after a few seconds."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ FRAMES = 40
 
 def draw(name: str) -> None:
     """One picture, in few colours to be small."""
-    env = coopsim.parallel_env(name, drones=1, max_cycles=FRAMES + 1)
+    env = coopsim.parallel_env(name if name in SCENARIOS else f"{name}.yaml", drones=1, max_cycles=FRAMES + 1)
     policy = coopsim.make_policy("late_fusion")
     observations, _ = env.reset(seed=3)
     policy.reset(env.agent_specs, seed=3)
@@ -25,5 +25,5 @@ def draw(name: str) -> None:
 
 
 if __name__ == "__main__":
-    for scenario in SCENARIOS:
+    for scenario in (*SCENARIOS, "village"):
         draw(scenario)

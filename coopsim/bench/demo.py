@@ -106,7 +106,7 @@ class Demo:
         recorder = _SceneRecorder(config) if self._scene is None else None
 
         def on_frame(env: CooperativeEnv) -> None:
-            shown = env.bev_frame()
+            shown = env.bev_frame(points=recorder is not None)
             tracks.append(shown.tracks)
             if recorder is not None:
                 recorder.add(env, shown)

@@ -72,6 +72,7 @@ _register("HDL-32E", np.linspace(10.67, -30.67, 32))
 
 # Velodyne HDL-64E S2 manual (63-HDL64ES2): an upper block of 32 beams 1/3 degree apart, a lower one of 1/2 degree. The
 # azimuths of its beams differ by some degrees, in every unit by others, which only its calibration file tells: 0 here.
+# One unit's, 64e_s3-xiesc.yaml of the ROS driver velodyne, has its upper block from 1.96 to -8.56 degrees.
 _register("HDL-64E", np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)]))
 
 # Hesai Pandar64 user manual, appendix I (channel distribution), as in Hesai's open driver, pandarGeneral_internal.cc:

@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.layout import LANE_M, Layout, flights_around, lane_outline, rectangle
-from coopsim.world.scenery import Building, corner_buildings, row_of_buildings, town_map, town_parts
-from coopsim.world.streets import (
-    RSU_HEIGHT_M,
-    SPEED_M_S,
-    Streets,
-    add_arms,
-    add_turns,
-    corner_units,
-    crosswalk_of,
-    inbound_first,
-    pavements_of,
-    place_all,
-    slots_of,
-    stripes_of,
-)
-from coopsim.world.walks import cycleways_of, footways_of
+from coopsim.world.layout import LANE_M, Layout, lane_outline, rectangle
+from coopsim.world.scenery import Building, corner_buildings, row_of_buildings
+from coopsim.world.streets import Streets, add_arms, add_turns, corner_units, place_all
+from coopsim.world.town import town_layout
 
 _QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
@@ -42,24 +28,9 @@ def _junction(streets: Streets) -> Layout:
     network = RoadNetwork()
     add_arms(network, streets)
     movements = add_turns(network, streets)
-    slots, rsus, buildings = slots_of(streets), corner_units(9.5, streets.kerb_m + 5.5), _buildings(streets)
-    lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + _middle(streets)
-    crosswalks = [crosswalk_of(streets, arm) for arm in streets.arms]
-    road_map = town_map(lanes, crosswalks, pavements_of(streets), buildings)
-    return Layout(
-        network,
-        slots,
-        inbound_first(slots),
-        footways_of(streets),
-        rsus,
-        RSU_HEIGHT_M,
-        (0.0, SPEED_M_S / 2, SPEED_M_S),
-        town_parts(road_map, stripes_of(streets), buildings, rsus, RSU_HEIGHT_M),
-        road_map,
-        movements=movements,
-        cycleways=cycleways_of(streets),
-        flights=flights_around(np.zeros(2)),
-    )
+    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + _middle(streets)
+    rsus = corner_units(9.5, streets.kerb_m + 5.5)
+    return town_layout(streets, network, surface, (movements, ()), (_buildings(streets), ()), rsus)
 
 
 def _middle(streets: Streets) -> list[Floats]:

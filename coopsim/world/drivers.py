@@ -13,7 +13,7 @@ from highway_env.vehicle.objects import RoadObject
 from coopsim.geometry.se3 import Floats
 from coopsim.world.engine.car_following import MERGE_M
 from coopsim.world.engine.neighbours import NEAR_M
-from coopsim.world.engine.routes import ROUTE_AHEAD, draw_turn
+from coopsim.world.engine.routes import draw_turn
 from coopsim.world.engine.town import (
     BESIDE_M,
     EASY_BRAKING_M_S2,
@@ -23,6 +23,7 @@ from coopsim.world.engine.town import (
     STOP_MARGIN_M,
 )
 from coopsim.world.junction import Junction
+from coopsim.world.layout import ROADS_AHEAD
 
 MANEUVERS = ("lane_left", "idle", "lane_right", "faster", "slower")
 """The discrete meta-actions, numbered as highway-env numbers them."""
@@ -39,6 +40,7 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
     action: dict[str, float]
     turn_key: int
     turns = 0
+    roads_ahead = ROADS_AHEAD
 
     def fit(self, length_m: float, width_m: float, turn_key: int) -> None:
         """Take on a size, and what decides the turns."""
@@ -55,13 +57,18 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         if not self.route or self.route[0][:2] != self.target_lane_index[:2]:
             # Without the lane's number: MOBIL changes no lane where a route names one.
             self.route = [(*self.target_lane_index[:2], None)]
-        while len(self.route) < ROUTE_AHEAD:
+        while len(self.route) < self.roads_ahead:
             here = self.route[-1][1]
             ways = list(graph.get(here, {}))
             if not ways:
                 return
             self.route.append((here, ways[draw_turn(self.turn_key, self.turns, len(ways))], None))
             self.turns += 1
+
+    def choose_again(self, place: int) -> None:
+        """Draw other turns from that place in the route on."""
+        self.route = (self.route or [])[:place]
+        self.plan_ahead()
 
     def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
         """Roads of the route: index, lane, and distance (m) to its start, <= 0 for the one it is on."""

@@ -14,8 +14,12 @@ from coopsim.taxonomy import ObjectClass
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 LaneIndex = tuple[str, str, int]
+Road = tuple[str, str]
+"""A lane index without the lane's number."""
 
 LANE_M = 4.0
+ROADS_AHEAD = 5
+CLEARANCE_M = 4.2
 
 GROUND = (96, 110, 84)
 ASPHALT = (70, 71, 74)
@@ -31,10 +35,12 @@ class Slot:
     Attributes:
         lane: the lane.
         along_m: distance from the lane's start.
+        route: roads that whoever starts here takes first, the lane's own before all others; then turns are drawn.
     """
 
     lane: LaneIndex
     along_m: float
+    route: tuple[Road, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +142,9 @@ class Layout:
         bays: where vehicles may stand parked; those that have a class of their own are taken first.
         flights: ways of possible drones, in order.
         cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
+        roads_ahead: how many roads a driver plans ahead, the one it is on included: all that one has to brake for.
+        clearance_m: where the middle lines of two straight movements are closer than this, vehicles on both would
+            touch; with a bend among them it is `CLEARANCE_M`, as long vehicles swing out.
     """
 
     network: RoadNetwork
@@ -156,6 +165,8 @@ class Layout:
     cycleways: Footways | None = None
     bays: tuple[Bay, ...] = ()
     flights: tuple[Flight, ...] = ()
+    roads_ahead: int = ROADS_AHEAD
+    clearance_m: float = CLEARANCE_M
 
 
 def box_part(

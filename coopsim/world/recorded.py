@@ -12,14 +12,14 @@ from coopsim.data.episode import Episode, EpisodeAgent, EpisodeHeader, EpisodeWr
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.rng import require_seed
 from coopsim.world.models import make_models
-from coopsim.world.scenario import Scenario, make_scenario
+from coopsim.world.scenario import Place, Scenario, make_scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 
 
 def record(
-    scenario: str,
+    scenario: str | Place,
     path: str | Path,
     *,
     seed: int = 0,
@@ -30,7 +30,7 @@ def record(
     """Let a world happen and record it, without sensing anything.
 
     Args:
-        scenario: name of the scenario, as "crossing".
+        scenario: name of the scenario, as "crossing", or a place of one's own.
         path: the file; an older one is replaced.
         seed: decides everything that happens.
         max_cycles: steps; the file has one frame more.
@@ -138,15 +138,19 @@ class PlayedWorld:
         return dict(self._frame.agents)
 
 
-def recorded_scenario(episode: Episode) -> Scenario:
+def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Scenario:
     """The scenario that an episode was recorded in.
+
+    Args:
+        episode: the recording.
+        place: where that was; None: the registered scenario of the name that the recording has.
 
     Raises:
         RecordingError: there is no such scenario, or no such population.
     """
     header = episode.header
     try:
-        return make_scenario(header.scenario, **header.population)
+        return make_scenario(place or header.scenario, **header.population)
     except (LookupError, ValueError) as error:
         raise RecordingError(f"{episode.path} was recorded in a scenario that is not to be had: {error}") from error
 

@@ -6,25 +6,11 @@ import numpy as np
 import trimesh
 from highway_env.road.road import RoadNetwork
 
-from coopsim.world.layout import GROUND, LANE_M, Layout, flights_around, lane_outline, rectangle
-from coopsim.world.scenery import corner_buildings, town_map, town_parts
+from coopsim.world.layout import GROUND, LANE_M, Layout, lane_outline, rectangle
+from coopsim.world.scenery import corner_buildings
 from coopsim.world.snapshot import StaticPart
-from coopsim.world.streets import (
-    RSU_HEIGHT_M,
-    SPEED_M_S,
-    Streets,
-    add_arms,
-    add_bend,
-    corner_units,
-    crosswalk_of,
-    inbound_first,
-    pavements_of,
-    place,
-    place_all,
-    slots_of,
-    stripes_of,
-)
-from coopsim.world.walks import cycleways_of, footways_of
+from coopsim.world.streets import Streets, add_arms, add_bend, corner_units, place, place_all
+from coopsim.world.town import town_layout
 
 _RING_M = 20.0  # radius of the ring's middle line
 _ENTRY_M = 22.0  # radius of the bends between arms and ring: a bus stays in its lane
@@ -47,30 +33,15 @@ def make_roundabout() -> Layout:
     add_arms(network, streets)
     for arm in streets.arms:
         _add_ring(network, arm)
-    slots, rsus = slots_of(streets), corner_units(_UNIT_M, _UNIT_M)
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     buildings = [building for k in range(4) for building in corner_buildings(_CORNER_M, signs[k], k)]
-    lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
+    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
     medians = rectangle((_STOP_M, streets.length_m), (-_MEDIAN_M / 2, _MEDIAN_M / 2))
-    lanes += [place_all(arm, medians) for arm in streets.arms]
-    crosswalks = [crosswalk_of(streets, arm) for arm in streets.arms]
-    road_map = town_map(lanes, crosswalks, pavements_of(streets), buildings)
+    surface += [place_all(arm, medians) for arm in streets.arms]
     passing = tuple((f"out{arm}", f"in{arm}") for arm in streets.arms)
-    return Layout(
-        network,
-        slots,
-        inbound_first(slots),
-        footways_of(streets),
-        rsus,
-        RSU_HEIGHT_M,
-        (0.0, SPEED_M_S / 2, SPEED_M_S),
-        (*town_parts(road_map, stripes_of(streets), buildings, rsus, RSU_HEIGHT_M), _island()),
-        road_map,
-        movements=(*((f"stop{arm}", f"in{arm}") for arm in streets.arms), *passing),
-        priority=passing,
-        cycleways=cycleways_of(streets),
-        flights=flights_around(np.zeros(2)),
-    )
+    movements = (*((f"stop{arm}", f"in{arm}") for arm in streets.arms), *passing)
+    rsus = corner_units(_UNIT_M, _UNIT_M)
+    return town_layout(streets, network, surface, (movements, passing), (buildings, (_island(),)), rsus)
 
 
 def _add_ring(network: RoadNetwork, arm: int) -> None:

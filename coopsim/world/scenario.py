@@ -185,30 +185,45 @@ _DENSE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Recipe:
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where a scenario is, and who is there unless one says otherwise.
+
+    Attributes:
+        name: of the scenario.
+        make_layout: builds the layout.
+        population: its own numbers.
+    """
+
+    name: str
     make_layout: Callable[[], Layout]
     population: Population
 
 
-SCENARIOS: Registry[_Recipe] = Registry("scenario")
-SCENARIOS.register("crossing")(_Recipe(make_crossing, Population()))
-SCENARIOS.register("t_junction")(_Recipe(make_t_junction, Population(vehicles=18)))
+SCENARIOS: Registry[Place] = Registry("scenario")
+
+
+def _register(name: str, make_layout: Callable[[], Layout], population: Population) -> None:
+    SCENARIOS.register(name)(Place(name, make_layout, population))
+
+
+_register("crossing", make_crossing, Population())
+_register("t_junction", make_t_junction, Population(vehicles=18))
 _STREET = Population(vehicles=14, truck_share=0.1, connected_cars=2)
-SCENARIOS.register("parking_street")(_Recipe(make_parking_street, replace(_STREET, pedestrians=16, parked=40)))
-SCENARIOS.register("occluded_crossing")(_Recipe(make_occluded_crossing, replace(_STREET, parked=12)))
-SCENARIOS.register("roundabout")(_Recipe(make_roundabout, Population(vehicles=24)))
-SCENARIOS.register("merge")(_Recipe(make_merge, Population(vehicles=24, pedestrians=0)))
-SCENARIOS.register("urban_grid")(_Recipe(make_urban_grid, Population(vehicles=40, pedestrians=20, rsus=2)))
-SCENARIOS.register("highway")(_Recipe(make_highway, Population(pedestrians=0)))
-SCENARIOS.register("platoon")(_Recipe(make_platoon, Population(pedestrians=0, connected_cars=4, rsus=0)))
+_register("parking_street", make_parking_street, replace(_STREET, pedestrians=16, parked=40))
+_register("occluded_crossing", make_occluded_crossing, replace(_STREET, parked=12))
+_register("roundabout", make_roundabout, Population(vehicles=24))
+_register("merge", make_merge, Population(vehicles=24, pedestrians=0))
+_register("urban_grid", make_urban_grid, Population(vehicles=40, pedestrians=20, rsus=2))
+_register("highway", make_highway, Population(pedestrians=0))
+_register("platoon", make_platoon, Population(pedestrians=0, connected_cars=4, rsus=0))
 
 
-def make_scenario(name: str, *, density: float = 1.0, **numbers: Any) -> Scenario:
-    """The scenario called `name`, with its own population except for `numbers` (fields of `Population`).
+def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -> Scenario:
+    """A scenario with its own population except for `numbers` (fields of `Population`).
 
     Args:
-        name: as it is registered.
+        place: its name as it is registered, or a place of one's own.
         density: a factor on the numbers of vehicles and people, of all that are not agents.
         **numbers: fields of `Population`.
 
@@ -219,16 +234,16 @@ def make_scenario(name: str, *, density: float = 1.0, **numbers: Any) -> Scenari
     Warns:
         CrowdedWarning: there is not room for all; as many as fit are there.
     """
-    recipe = SCENARIOS.get(name)
+    found = place if isinstance(place, Place) else SCENARIOS.get(place)
     known = [field.name for field in fields(Population)]
     for number in numbers:
         if number not in known:
-            raise UnknownNameError(f"number of scenario {name!r}", number, known)
-    usual = {field: getattr(recipe.population, field) for field in known}
+            raise UnknownNameError(f"number of scenario {found.name!r}", number, known)
+    usual = {field: getattr(found.population, field) for field in known}
     require_non_negative(density=density)
     wanted = usual | numbers
     dense = {field: round(density * wanted[field]) if _is_count(wanted[field]) else wanted[field] for field in _DENSE}
-    return Scenario(name, recipe.make_layout(), Population(**(wanted | dense)))
+    return Scenario(found.name, found.make_layout(), Population(**(wanted | dense)))
 
 
 def _is_count(value: object) -> bool:

@@ -11,8 +11,8 @@ from coopsim.world.snapshot import RoadMap, StaticPart
 Building = tuple[tuple[float, float], tuple[float, float], float]
 """From and to along x, from and to along y, and height, m."""
 
-_PAINTS = ((176, 112, 88), (198, 186, 160), (140, 146, 158), (186, 150, 110))
-_GROUND_HALF_M = 260.0
+PAINTS = ((176, 112, 88), (198, 186, 160), (140, 146, 158), (186, 150, 110))
+_GROUND = rectangle((-260.0, 260.0), (-260.0, 260.0))
 
 
 def town_map(
@@ -24,12 +24,16 @@ def town_map(
 
 
 def town_parts(
-    road_map: RoadMap, stripes: Sequence[Floats], buildings: Sequence[Building], rsus: Sequence[SE3], mast_m: float
+    road_map: RoadMap,
+    stripes: Sequence[Floats],
+    buildings: Sequence[Building],
+    rsus: Sequence[SE3],
+    mast_m: float,
+    ground: Floats = _GROUND,
 ) -> tuple[StaticPart, ...]:
     """Ground, road, pavements, painted stripes, walls, and the masts of roadside units."""
-    edge = (-_GROUND_HALF_M, _GROUND_HALF_M)
     flat = [
-        ("ground", [rectangle(edge, edge)], -0.04, GROUND, 0.3),
+        ("ground", [ground], -0.04, GROUND, 0.3),
         ("pavement", list(road_map.pavements), -0.01, PAVEMENT, 0.35),
         ("road", list(road_map.lanes), 0.0, ASPHALT, 0.18),
         ("marking", list(stripes), 0.02, MARKING, 0.8),
@@ -44,7 +48,7 @@ def town_parts(
 def walls_of(buildings: Sequence[Building]) -> list[StaticPart]:
     """A block for each."""
     return [
-        box_part("building", (x[0], y[0], 0.0), (x[1], y[1], height_m), _PAINTS[k % len(_PAINTS)])
+        box_part("building", (x[0], y[0], 0.0), (x[1], y[1], height_m), PAINTS[k % len(PAINTS)])
         for k, (x, y, height_m) in enumerate(buildings)
     ]
 

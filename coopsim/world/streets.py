@@ -19,10 +19,11 @@ from coopsim.world.layout import LANE_M, Slot, rectangle
 
 SPEED_M_S = 11.0
 APPROACH_SPEED_M_S = 8.0
+LOOP_SPEED_M_S = 5.5
 RSU_HEIGHT_M = 5.0
 
 _APPROACH_M = 24.0  # of an arm's lanes, where a lower speed holds
-_LOOP_SPEED_M_S, _TURN_SPEED_M_S = 5.5, 6.5
+_TURN_SPEED_M_S = 6.5
 _LOOP_RADIUS_M = 10.0
 _NECK_RADIUS_M = 20.0  # of the bends between an arm and its loop: two trucks pass each other in them
 _SLOT_SPACING_M = 15.0
@@ -99,6 +100,7 @@ def add_bend(
     centre: Floats,
     arc: tuple[float, float, float],
     speed_m_s: float,
+    width_m: float = LANE_M,
 ) -> None:
     """A lane along an arc around `centre` (2,) m: its radius (m), and the angles where it starts and ends (rad).
 
@@ -106,15 +108,19 @@ def add_bend(
     """
     radius, start, end = arc
     # highway-env looks at y from above: its clockwise is our left turn.
-    lane = CircularLane(centre, radius, start, end, clockwise=end > start, width=LANE_M, speed_limit=speed_m_s)
+    lane = CircularLane(centre, radius, start, end, clockwise=end > start, width=width_m, speed_limit=speed_m_s)
     network.add_lane(*road, lane)
 
 
 def add_straight(
-    network: RoadNetwork, road: tuple[str, str], ends: tuple[Floats, Floats], speed_m_s: float = SPEED_M_S
+    network: RoadNetwork,
+    road: tuple[str, str],
+    ends: tuple[Floats, Floats],
+    speed_m_s: float = SPEED_M_S,
+    width_m: float = LANE_M,
 ) -> None:
     """A straight lane between two points (2,) m."""
-    network.add_lane(*road, StraightLane(*ends, width=LANE_M, speed_limit=speed_m_s))
+    network.add_lane(*road, StraightLane(*ends, width=width_m, speed_limit=speed_m_s))
 
 
 def usual_node(name: str, arm: int) -> str:
@@ -155,26 +161,38 @@ def _add_lanes(network: RoadNetwork, streets: Streets, arm: int) -> None:
         ("far", "near", (far, near), half, SPEED_M_S),
         ("near", "stop", (near, stop), half, APPROACH_SPEED_M_S),
         ("exit", "bend", (stop, bend), -half, SPEED_M_S),
-        ("bend", "end", (bend, far), -half, _LOOP_SPEED_M_S),
+        ("bend", "end", (bend, far), -half, LOOP_SPEED_M_S),
     ):
         ends = place(arm, (x[0], side)), place(arm, (x[1], side))
         add_straight(network, (f"{start}{arm}", f"{end}{arm}"), ends, speed_m_s)
 
 
 def _add_loop(network: RoadNetwork, streets: Streets, arm: int) -> None:
-    far, neck, half = streets.length_m, _NECK_RADIUS_M, streets.half_m
-    reach = np.sqrt((_LOOP_RADIUS_M + neck) ** 2 - (neck + half) ** 2)  # from the lanes' end to the loop's middle
-    tilt = np.arctan2(neck + half, reach)
-    for start, end, centre, arc in (
-        ("end", "loop", (far, -half - neck), (neck, np.pi / 2, tilt)),
-        # In two halves: highway-env measures along an arc of at most half a turn.
-        ("loop", "apex", (far + reach, 0.0), (_LOOP_RADIUS_M, tilt - np.pi, 0.0)),
-        ("apex", "back", (far + reach, 0.0), (_LOOP_RADIUS_M, 0.0, np.pi - tilt)),
-        ("back", "far", (far, half + neck), (neck, -tilt, -np.pi / 2)),
-    ):
+    roads = (("end", "loop"), ("loop", "apex"), ("apex", "back"), ("back", "far"))
+    for (start, end), ((x, y), arc) in zip(roads, turning_loop(streets.half_m), strict=True):
         quarter = arm * np.pi / 2
         turned = (arc[0], arc[1] + quarter, arc[2] + quarter)
-        add_bend(network, (f"{start}{arm}", f"{end}{arm}"), place(arm, centre), turned, _LOOP_SPEED_M_S)
+        road, centre = (f"{start}{arm}", f"{end}{arm}"), place(arm, (streets.length_m + x, y))
+        add_bend(network, road, centre, turned, LOOP_SPEED_M_S)
+
+
+def turning_loop(half_m: float) -> tuple[tuple[tuple[float, float], tuple[float, float, float]], ...]:
+    """Four bends from one lane to the next, which are `half_m` from the middle line between them.
+
+    Returns:
+        Of each, its centre (m) and its radius (m), first and last angle (rad). The lanes end at x = 0, and x leads on
+        as the one does that is left, at y = -half_m.
+    """
+    neck = _NECK_RADIUS_M
+    reach = np.sqrt((_LOOP_RADIUS_M + neck) ** 2 - (neck + half_m) ** 2)  # from the lanes' end to the loop's middle
+    tilt = np.arctan2(neck + half_m, reach)
+    return (
+        ((0.0, -half_m - neck), (neck, np.pi / 2, tilt)),
+        # In two halves: highway-env measures along an arc of at most half a turn.
+        ((reach, 0.0), (_LOOP_RADIUS_M, tilt - np.pi, 0.0)),
+        ((reach, 0.0), (_LOOP_RADIUS_M, 0.0, np.pi - tilt)),
+        ((0.0, half_m + neck), (neck, -tilt, -np.pi / 2)),
+    )
 
 
 def slots_of(streets: Streets) -> tuple[Slot, ...]:

@@ -15,7 +15,6 @@ from coopsim.world.engine.arrays import ArrayEngine, closest_speed
 from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
 from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
-from coopsim.world.engine.routes import ROUTE_AHEAD
 from coopsim.world.layout import LaneIndex, Layout, Slot
 from coopsim.world.models_by_class import models_of
 from coopsim.world.scenario import Population
@@ -48,7 +47,7 @@ class Engine(Protocol):
 
 _Roads = Sequence[tuple[str, str]]
 
-ENGINES: dict[str, Callable[[Network, _Roads, Sequence[float], _Roads], Engine]] = {
+ENGINES: dict[str, Callable[[Network, _Roads, Sequence[float], _Roads, float], Engine]] = {
     "arrays": ArrayEngine,
     "highway-env": ReferenceEngine,
 }
@@ -80,7 +79,9 @@ class Traffic:
         self._layout, self._models = layout, models
         self._rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
         self._network = Network(layout.network)
-        self._engine = ENGINES[engine](self._network, layout.movements, layout.speeds_m_s, layout.priority)
+        self._engine = ENGINES[engine](
+            self._network, layout.movements, layout.speeds_m_s, layout.priority, layout.clearance_m
+        )
         self._usual_driver = TOWN if layout.window_m is None else HIGHWAY
         self._next_id = 1
         slots = self._choose_slots(population)
@@ -94,7 +95,8 @@ class Traffic:
             company = []
         self._cruise_m_s = layout.cruise_m_s or 0.0
         count = len(slots) + population.parked
-        self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, ROUTE_AHEAD, 2), np.int64))
+        roads_ahead = max([layout.roads_ahead, *(len(slot.route) for slot in layout.slots)])
+        self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
         for k, (slot, label) in enumerate(zip(slots, labels, strict=True)):
             driver = CHAUFFEURED if policy_control and k in self.connected else self._usual_driver
             if driver == HIGHWAY and k in company and layout.convoy_gap_s is not None:
@@ -164,6 +166,9 @@ class Traffic:
         row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once
         row["turn_key"] = self._turns_rng.integers(2**63)
         row["movement"] = row["ticket"] = -1
+        row["route_length"] = len(slot.route)
+        for place, road in enumerate(slot.route):
+            self.fleet.routes[k, place] = self._network.road_number[road], -1
 
     def _park(self, first: int, count: int, seed: int) -> None:
         """Put vehicles into the rows from `first` on: into bays that have a class of their own, then into any."""

@@ -21,7 +21,8 @@ from coopsim.world.engine.motion import SPEED_GAIN_1_S, move, steer
 from coopsim.world.engine.neighbours import LaneLists, list_along_lanes
 from coopsim.world.engine.right_of_way import GRANTED, grant, line_ahead
 from coopsim.world.engine.routes import follow_road, plan_ahead
-from coopsim.world.junction import Road, clearances, roles
+from coopsim.world.junction import clearances, roles
+from coopsim.world.layout import CLEARANCE_M, Road
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -36,6 +37,7 @@ class ArrayEngine:
         movements: roads over a junction; none where roads do not meet.
         speeds_m_s: what a policy can choose from, evenly spaced.
         priority: movements to which others give way.
+        clearance_m: see `coopsim.world.layout.Layout`.
     """
 
     def __init__(
@@ -44,14 +46,17 @@ class ArrayEngine:
         movements: Sequence[Road] = (),
         speeds_m_s: Sequence[float] = (),
         priority: Sequence[Road] = (),
+        clearance_m: float = CLEARANCE_M,
     ) -> None:
         self._network = network.arrays
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
         self._movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
         for k, road in enumerate(movements):
             self._movement_of[network.road_number[road]] = k
-        self._clear_m = clearances(network.source, movements)
-        self._role = roles(self._clear_m, [road in priority for road in movements])
+        clear_m = clearances(network.source, movements, clearance_m)
+        role = roles(clear_m, [road in priority for road in movements])
+        exits = self._network.roads["end"][[network.road_number[road] for road in movements]]
+        self._rule = clear_m, role, exits.astype(np.int64)
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
         """Advance a fleet by `dt_s`.
@@ -64,8 +69,8 @@ class ArrayEngine:
         """
         for row, maneuver in told.items():
             _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
-        if len(self._clear_m):
-            grant(self._network, fleet.rows, fleet.routes, self._movement_of, (self._clear_m, self._role))
+        if len(self._rule[0]):
+            grant(self._network, fleet.rows, fleet.routes, self._movement_of, self._rule)
         _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movement_of)
         move(self._network.lanes, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)

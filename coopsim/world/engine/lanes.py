@@ -127,7 +127,8 @@ class Network:
         source: highway-env's.
         lane_index: highway-env's names by the number of the lane.
         lane_number: the other way round.
-        road_number: by the names of the nodes that a road leads from and to.
+        roads: names of the nodes that each road leads from and to.
+        road_number: the other way round.
     """
 
     def __init__(self, network: RoadNetwork) -> None:
@@ -135,6 +136,7 @@ class Network:
         index: list[LaneIndex] = list(network.lanes_dict())
         roads = [(start, end) for start, ends in network.graph.items() for end in ends]
         self.lane_number = {lane: k for k, lane in enumerate(index)}
+        self.roads = tuple(roads)
         self.road_number = {road: k for k, road in enumerate(roads)}
         self.lane_index = tuple(index)
 

@@ -10,11 +10,13 @@ from highway_env.road.road import Road
 from highway_env.vehicle.objects import RoadObject
 from numpy.typing import NDArray
 
+from coopsim.types import Ints
 from coopsim.world.drivers import MANEUVERS, Chauffeured, Driver, HighwayDriver, Parked, SizedVehicle, TownDriver
 from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.engine.lanes import Network
 from coopsim.world.junction import Junction
-from coopsim.world.junction import Road as RoadIndex
+from coopsim.world.layout import CLEARANCE_M
+from coopsim.world.layout import Road as RoadIndex
 
 _DRIVERS: dict[int, type[SizedVehicle]] = {
     HIGHWAY: HighwayDriver,
@@ -42,10 +44,11 @@ class ReferenceEngine:
         movements: Sequence[RoadIndex] = (),
         speeds_m_s: Sequence[float] = (),
         priority: Sequence[RoadIndex] = (),
+        clearance_m: float = CLEARANCE_M,
     ) -> None:
         self._network, self._speeds = network, tuple(speeds_m_s)
         self._road = Road(network.source)
-        self._junction = Junction(network.source, movements, priority) if movements else None
+        self._junction = Junction(network.source, movements, priority, clearance_m) if movements else None
         self._ids: list[int] = []
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
@@ -67,7 +70,7 @@ class ReferenceEngine:
                 self._ids.append(0)
                 self._road.vehicles.append(None)
             if row["id"] != self._ids[k]:
-                self._ids[k], self._road.vehicles[k] = row["id"], self._vehicle(row)
+                self._ids[k], self._road.vehicles[k] = row["id"], self._vehicle(row, fleet.routes[k])
             if isinstance(self._road.vehicles[k], Driver):
                 self._road.vehicles[k].target_speed = row["target_speed"]
         if len(self._road.objects) != len(people):
@@ -84,7 +87,7 @@ class ReferenceEngine:
             row["lane"] = self._network.lane_number[vehicle.lane_index]
             row["target_lane"] = self._network.lane_number[vehicle.target_lane_index]
 
-    def _vehicle(self, row: NDArray[Any]) -> SizedVehicle:
+    def _vehicle(self, row: NDArray[Any], route: Ints) -> SizedVehicle:
         vehicle = _DRIVERS[int(row["driver"])](
             self._road,
             (row["x"], row["y"]),
@@ -94,6 +97,8 @@ class ReferenceEngine:
             target_speed=row["target_speed"],
         )
         vehicle.fit(float(row["length"]), float(row["width"]), int(row["turn_key"]))
+        vehicle.roads_ahead = len(route)
+        vehicle.route = [(*self._network.roads[road], None) for road, _ in route[: row["route_length"]]]
         if isinstance(vehicle, Driver):
             vehicle.TIME_WANTED = float(row["time_wanted"])
         if isinstance(vehicle, TownDriver) and self._junction is not None:

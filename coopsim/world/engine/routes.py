@@ -16,9 +16,6 @@ from coopsim.world.engine.lanes import (
     position_at,
 )
 
-ROUTE_AHEAD = 5
-"""Roads that a planned route has, the one it is on included."""
-
 
 @njit(cache=True, nogil=True)
 def draw_turn(key: int, count: int, ways: int) -> int:
@@ -34,13 +31,13 @@ def draw_turn(key: int, count: int, ways: int) -> int:
 
 @njit(cache=True, nogil=True)
 def plan_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
-    """Draw turns until the route is long enough, or the road ends."""
+    """Draw turns until the route is as long as there is room for, or the road ends."""
     here = network.lanes[vehicle.target_lane].road
     if vehicle.route_length == 0 or route[0, 0] != here:
         # Without the lane's number: MOBIL changes no lane where a route names one.
         route[0, 0], route[0, 1] = here, -1
         vehicle.route_length = 1
-    while vehicle.route_length < ROUTE_AHEAD:
+    while vehicle.route_length < len(route):
         road: RoadRow = network.roads[route[vehicle.route_length - 1, 0]]
         if road.ways == 0:
             return

@@ -16,7 +16,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.drivers import MANEUVERS
 from coopsim.world.engine import car_following, lanes, motion
 from coopsim.world.engine.arrays import ArrayEngine
-from coopsim.world.engine.fleet import BODY, bodies_of
+from coopsim.world.engine.fleet import BODY, PARKED, bodies_of
 from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.neighbours import behind, in_front, list_along_lanes
 from coopsim.world.scenario import make_scenario
@@ -88,6 +88,25 @@ def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, 
         np.testing.assert_allclose(ours.boxes.array, theirs.boxes.array, rtol=0, atol=1e-6)
         np.testing.assert_allclose(ours.velocity, theirs.velocity, rtol=0, atol=1e-6)
         assert worlds[0].crashed() == worlds[1].crashed()
+
+
+def test_on_either_engine_who_finds_no_room_behind_the_junction_turns_elsewhere() -> None:
+    worlds = [World(make_scenario("crossing", vehicles=22, pedestrians=0), 2, traffic=engine) for engine in ENGINES]
+    exits = {arm: worlds[0]._traffic._network.lane_number[f"exit{arm}", f"bend{arm}", 0] for arm in range(4)}
+    for world in worlds:
+        row, lane = world._traffic.fleet.rows[-1], world._traffic._network.source.get_lane(("exit0", "bend0", 0))
+        row["driver"], row["speed"], row["lane"], row["target_lane"] = PARKED, 0.0, exits[0], exits[0]
+        (row["x"], row["y"]), row["heading"] = lane.position(6.0, 0.0), lane.heading_at(6.0)
+    visited = set()
+    for _ in range(150):
+        for world in worlds:
+            world.step(0.1)
+        ours, theirs = (world.actors() for world in worlds)
+        np.testing.assert_allclose(ours.boxes.array, theirs.boxes.array, rtol=0, atol=1e-6)
+        rows = worlds[0]._traffic.fleet.rows
+        visited |= set(rows["lane"][:-1][np.hypot(rows["x"], rows["y"])[:-1] < 35.0].tolist())
+    assert exits[0] not in visited and visited >= {exits[1], exits[2], exits[3]}
+    assert worlds[0].crashed() == ()
 
 
 def test_constants_are_highway_envs() -> None:
