@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from codec_samples import some_covariances, some_detections
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.codecs.compact_detections import CompactDetectionsCodec as Codec
@@ -18,6 +18,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle
 from coopsim.types import Detections
 
+QUICK = settings(max_examples=60, deadline=None)
 CODEC = Codec()
 FLOAT = 1e-9  # of float64, in the places where an error may be exactly as large as stated
 
@@ -40,6 +41,7 @@ def detections(rows: list[tuple[Any, ...]]) -> Detections:
     return Detections(Boxes3D.from_array(table[:, :7]), table[:, 7], table[:, 8].astype(int))
 
 
+@QUICK
 @given(st.lists(OBJECT, max_size=8))
 def test_all_that_is_in_range_comes_back_within_the_stated_errors(rows: list[tuple[Any, ...]]) -> None:
     sent = detections(rows)
@@ -56,6 +58,7 @@ def test_all_that_is_in_range_comes_back_within_the_stated_errors(rows: list[tup
     assert got.covariance is None and CODEC.encode(got) == payload
 
 
+@QUICK
 @given(st.integers(0, 2**32 - 1))
 def test_uncertainties_come_back_within_the_stated_errors_and_stay_covariances(seed: int) -> None:
     sent = replace(some_detections(6), covariance=some_covariances(6, seed))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from codec_samples import some_features, some_queries
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -18,6 +18,7 @@ from coopsim.comms.codecs.queries import InstanceQueries, QueriesCodec
 from coopsim.comms.codecs.sparse_features import SparseFeaturesCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 
+QUICK = settings(max_examples=60, deadline=None)
 BYTES = {"float32": 4, "float16": 2, "int8": 1}
 EVERY_NUMBER = pytest.mark.parametrize("number", FEATURE_NUMBERS)
 
@@ -34,6 +35,7 @@ def by_row(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 @EVERY_NUMBER
+@QUICK
 @given(content=MAPS, stated=st.booleans())
 def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, content: Any, stated: bool) -> None:
     values, confidence = content
@@ -49,6 +51,7 @@ def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, co
 
 
 @EVERY_NUMBER
+@QUICK
 @given(content=MAPS, most=st.integers(0, 12), least=st.floats(0, 1))
 def test_of_sparse_maps_the_surest_cells_come_back(
     number: FeatureNumber, content: Any, most: int, least: float

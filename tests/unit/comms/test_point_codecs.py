@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from codec_samples import some_points
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
@@ -17,6 +17,7 @@ from coopsim.comms.codecs.voxels import VoxelsCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 from coopsim.types import Sweep
 
+QUICK = settings(max_examples=60, deadline=None)
 NUMBERS: list[tuple[PointNumber, int]] = [("float32", 16), ("float16", 8), ("int16", 7)]
 
 
@@ -30,6 +31,7 @@ def clouds(extent_m: float) -> st.SearchStrategy[PointCloud]:
 
 
 @pytest.mark.parametrize(("number", "size"), NUMBERS)
+@QUICK
 @given(cloud=clouds(2048.0))
 def test_points_come_back_within_the_stated_errors(number: PointNumber, size: int, cloud: PointCloud) -> None:
     codec = PointsCodec(number)
@@ -41,6 +43,7 @@ def test_points_come_back_within_the_stated_errors(number: PointNumber, size: in
 
 
 @pytest.mark.parametrize("voxel_m", [0.05, 0.2, 7.3])
+@QUICK
 @given(cloud=clouds(30.0))
 def test_every_point_has_a_voxel_within_half_its_edge_and_every_voxel_a_point(
     voxel_m: float, cloud: PointCloud
