@@ -29,8 +29,8 @@ DOUBT = Doubt(
     gap=-0.2208,
     gap_away=0.0087,
 )
-CALIBRATION = Calibration(bias=-4.7562, score=9.0323, away=-0.0385, volume=0.843)
-LIKELIHOOD = Likelihood(bias=-3.7591, mean=4.4977, latest=4.0284)
+CALIBRATION = Calibration(bias=-4.7106, score=9.2352, away=-0.0389, volume=0.8028)
+LIKELIHOOD = Likelihood(bias=-3.8272, mean=4.5122, latest=4.1148)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 

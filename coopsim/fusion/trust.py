@@ -19,10 +19,15 @@ from coopsim.types import Detections
 _CLEARLY = 4
 """Power of the score in the weights of what an agent sees clearly: one box at 0.8 counts for 16 at 0.4."""
 
-_REACH_M, _BLUR_M = 0.8, 0.1
-"""Two boxes on a car miss each other (3D IoU < 0.25) from about this difference in height on."""
+_ON_OBJECT, _BLUR = 0.25, 0.03
+"""3D IoU from which on a box is right, as the benchmark has it, and how softly it counts as right about there."""
 
-_SHARES = np.linspace(0.0, 1.0, 9)[:, None]
+_COMMON_GROUND = 0.7
+"""Share of a box's footprint that the object's covers, of boxes that cover less of it than most."""
+
+_SHARES = np.linspace(0.0, 1.0, 9)
+_FLOOR, _ROOF = (_SHARES[each][:, None] for each in np.triu_indices(len(_SHARES)))
+"""How far up from the lower of two boxes to the higher one a floor and a roof may be, the roof at least as far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,7 @@ def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> t
 
     Each group is matched to what the groups before left (Hungarian on the BEV GIoU, per class), and what is new is
     added. A fused box has the heading, covariance and embedding of the likelier one, the best score of all, and a
-    height from which it most likely overlaps the object (`_bottoms`).
+    floor and a roof between which it most likely overlaps the object (`_floor_and_roof`).
 
     Args:
         groups: one per agent, in one frame, the receiver's own first.
@@ -127,25 +132,31 @@ def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> t
 def _between(own: Boxes3D, other: Boxes3D, share: Floats) -> Floats:
     """Centre and size (N, 6) between two boxes, `share` of the way from the own one to the other."""
     extent: Floats = own.array[:, :6] + share[:, None] * (other.array[:, :6] - own.array[:, :6])
-    extent[:, 2] = _bottoms(bottom(own), bottom(other), share) + extent[:, 5] / 2
+    floor, roof = _floor_and_roof(own, other, share)
+    extent[:, 2], extent[:, 5] = (floor + roof) / 2, roof - floor
     return extent
 
 
-def _bottoms(own: Floats, other: Floats, share: Floats) -> Floats:
-    """The height (N,) m between two bottoms from which a box most likely reaches the one that is right.
+def _floor_and_roof(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Floats]:
+    """Heights (N,) m between which a box most likely overlaps the object enough, whichever of two boxes is right.
 
-    Where they differ little the middle reaches both, whichever is right; where they differ much, one must be chosen.
+    Where the two differ little the mean overlaps both; where they differ more, a box in between, taller than either,
+    does; where they differ by more than their own height and one is far likelier, that one is taken.
     """
-    gap = other - own
-
-    def reached(distance_m: Floats) -> Floats:
-        chance: Floats = expit((_REACH_M - np.abs(distance_m)) / _BLUR_M)
-        return chance
-
-    chance = (1 - share) * reached(_SHARES * gap) + share * reached((1 - _SHARES) * gap)
-    best = (chance - 1e-3 * (_SHARES - share) ** 2).argmax(axis=0)
-    bottoms: Floats = own + _SHARES[best, 0] * gap
-    return bottoms
+    floors = np.stack([bottom(own), bottom(other)])
+    roofs = floors + np.stack([own.size[:, 2], other.size[:, 2]])
+    order = np.argsort(floors, axis=0, kind="stable")
+    low_to_high = (np.take_along_axis(each, order, axis=0) for each in (floors, roofs, np.stack([1 - share, share])))
+    floors, roofs, chances = low_to_high
+    floor = floors[0] + _FLOOR * (floors[1] - floors[0])
+    roof = roofs[0] + _ROOF * (roofs[1] - roofs[0])
+    right = -3e-3 * ((_FLOOR - chances[1]) ** 2 + (_ROOF - chances[1]) ** 2)  # of equals the one nearest to the mean
+    for its_floor, its_roof, chance in zip(floors, roofs, chances, strict=True):
+        common = _COMMON_GROUND * np.maximum(np.minimum(roof, its_roof) - np.maximum(floor, its_floor), 0.0)
+        overlap = common / (roof - floor + its_roof - its_floor - common)
+        right = right + chance * expit((overlap - _ON_OBJECT) / _BLUR)
+    best = right.argmax(axis=0), np.arange(len(share))
+    return floor[best], roof[best]
 
 
 def bottom(boxes: Boxes3D) -> Floats:

@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.trust import Doubt, away_from_middle, pair_features, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import iou_3d
 from coopsim.types import Detections
 
 # Decides by the scores alone, and sharply: the better-scored box is right.
@@ -42,6 +45,37 @@ def test_between_equals_lies_the_mean() -> None:
 def test_a_height_that_both_reach_where_there_is_one(gap_m: float) -> None:
     kept, _ = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED)
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
+
+
+@pytest.mark.parametrize("gap_m", [1.5, 2.2, -2.2])
+def test_a_taller_box_reaches_both_where_none_of_their_size_does(gap_m: float) -> None:
+    groups = [found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)]
+    kept, _ = trust_likelier(groups, gate=-0.5, doubt=UNDECIDED)
+    assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
+    assert 1.6 < kept.boxes.size[0, 2] <= 1.6 + abs(gap_m) + 1e-9
+    assert all(iou_3d(kept.boxes.array, group.boxes.array)[0, 0] >= 0.25 for group in groups)
+
+
+HEIGHTS_M, PROBABILITIES = st.floats(0.5, 4.0), st.floats(0.01, 0.99)
+
+
+@given(st.floats(-9.0, 9.0), HEIGHTS_M, HEIGHTS_M, PROBABILITIES)
+def test_never_less_likely_on_the_object_than_either_of_the_two(
+    gap_m: float, own_m: float, other_m: float, share: float
+) -> None:
+    own, other = (
+        replace(each, boxes=Boxes3D([[0, 0, floor_m + height_m / 2]], [[4.5, 1.9, height_m]], [0.0]))
+        for each, floor_m, height_m in ((found((0, 0.5)), 0.0, own_m), (found((0, 0.5)), gap_m, other_m))
+    )
+    odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
+    kept, _ = trust_likelier([own, other], gate=-0.5, doubt=odds)
+
+    def chance_of(boxes: Boxes3D) -> float:
+        reached = [iou_3d(boxes.array, each.boxes.array)[0, 0] >= 0.25 for each in (own, other)]
+        return float(np.dot([1 - share, share], reached))
+
+    # A hundredth, as what just reaches it is worth a little less than what clearly does.
+    assert chance_of(kept.boxes) >= max(chance_of(own.boxes), chance_of(other.boxes)) - 0.01
 
 
 def test_else_the_height_of_the_likelier() -> None:
