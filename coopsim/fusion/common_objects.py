@@ -113,7 +113,7 @@ def consensus(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Float
 
 def _turns(offset: Floats, sigma_rad: float) -> bool:
     """Whether an error of the heading moves boxes at these offsets (P, 2) by what a vote would notice."""
-    return _SIGMAS * sigma_rad * np.abs(offset).max(initial=0.0) > _REACH_M / 4
+    return bool(_SIGMAS * sigma_rad * np.abs(offset).max(initial=0.0) > _REACH_M / 4)
 
 
 def _votes(tried: Floats, shift: Floats) -> Floats:
