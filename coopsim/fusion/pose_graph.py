@@ -67,7 +67,7 @@ def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Correctio
         prior: m and P; what no object speaks of stays there.
         box_noise_m: s, standard deviation of a box's x and of its y.
     """
-    inverse = np.asarray(np.linalg.inv(prior.covariance), np.float64)
+    inverse: Floats = np.linalg.inv(prior.covariance).astype(np.float64)
     information = _block_diagonal(inverse)
     first = np.flatnonzero(np.diff(graph.object, prepend=-1))
     mean, weight = prior.mean.copy(), np.ones(len(graph.object))
