@@ -212,7 +212,7 @@ def test_after_an_error_in_the_middle_only_reset_goes_on(make_small: Make, part:
         ({"reward": MotaReward}, InvalidValueError, r"^reward must be a coopsim Reward.*: write MotaReward\(\)"),
         ({"name": "x"}, UnknownNameError, "^unknown option 'name'"),
         ({"scenario": "highway"}, UnknownNameError, "^unknown option 'scenario'"),
-        ({"detector": "simulated"}, InvalidValueError, "detector must be a coopsim Detector or None"),
+        ({"detector": "simulatd"}, UnknownNameError, "unknown detector 'simulatd'. Did you mean 'simulated'"),
         ({"vehicles": -1}, InvalidValueError, "vehicles"),
         ({"connected_cars": 11, "vehicles": 10}, InvalidValueError, "connected_cars"),
         ({"pedestrians": -1}, InvalidValueError, "pedestrians"),
