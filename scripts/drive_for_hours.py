@@ -6,18 +6,21 @@ Prints a table: crashes, how many actors there are, who stood still for how long
 import argparse
 import resource
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from multiprocessing import Pool
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import yaml
 
+from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.world.engine.fleet import PARKED
-from coopsim.world.scenario import SCENARIOS, make_scenario
+from coopsim.world.scenario import SCENARIOS, Population, Scenario, make_scenario
 from coopsim.world.world import World
 
+COUNTS = [field.name for field in fields(Population)]
 DT_S = 0.1
 STANDING_M_S = 0.1
 COLUMNS = (
@@ -65,10 +68,10 @@ def _place(row: np.void) -> str:
     return f"({row['x']:.1f}, {row['y']:.1f}) m, heading {np.degrees(row['heading']):.0f} degrees"
 
 
-def drive(name_seed: tuple[str, int], *, minutes: float, loud: bool, numbers: dict[str, object]) -> list[str]:
+def drive(name_seed: tuple[str, int], *, minutes: float, loud: bool, numbers: dict[str, Any]) -> list[str]:
     """One episode; a row of the table."""
     name, seed = name_seed
-    world = World(make_scenario(name, **numbers), seed)
+    world = World(_scenario(name, numbers), seed)
     diary, began_s, grown_mb = Diary(world, {}, [], [], {}), perf_counter(), 0.0
     steps = round(minutes * 60 / DT_S)
     for step in range(steps):
@@ -90,6 +93,14 @@ def drive(name_seed: tuple[str, int], *, minutes: float, loud: bool, numbers: di
         f"{grown_mb + _memory_mb():.1f}",
         f"{perf_counter() - began_s:.0f}",
     ]
+
+
+def _scenario(name: str, numbers: dict[str, Any]) -> Scenario:
+    """A registered scenario, or one from a file."""
+    if not name.endswith(".yaml"):
+        return make_scenario(name, **numbers)
+    file = load_scenario_file(name)
+    return make_scenario(file.scenario, **{key: file.keywords[key] for key in file.keywords if key in COUNTS} | numbers)
 
 
 def _memory_mb() -> float:

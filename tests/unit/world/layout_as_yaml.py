@@ -17,7 +17,7 @@ from coopsim.world.layout import Footways, Layout
 def write_layout(layout: Layout, path: Path, **sections: Any) -> Path:
     """A file with the layout as its `place`, and other sections beside."""
     lanes = {(start, end): layout.network.get_lane((start, end, 0)) for start, end, _ in layout.network.lanes_dict()}
-    nodes = {}
+    nodes: dict[str, list[float]] = {}
     for (start, end), lane in lanes.items():
         nodes.setdefault(start, _point(lane.position(0.0, 0.0)))
         nodes.setdefault(end, _point(lane.position(lane.length, 0.0)))
