@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from worlds import frames, make_world, vehicles
@@ -84,6 +84,8 @@ def test_two_who_meet_pass_each_other() -> None:
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=2, max_size=6, unique=True), st.floats(-9, 9))
 def test_social_forces_turn_with_the_world(places: list[tuple[float, float]], angle: float) -> None:
     position = np.round(np.array(places), 2)
+    apart = np.linalg.norm(position[:, None] - position, axis=-1)
+    assume((np.abs(apart - 2.5) > 1e-6).all())  # there the push ends, and rounding decides on which side they are
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     heading = np.tile([1.0, 0.0], (len(position), 1))
 
