@@ -78,7 +78,7 @@ class CoopFuse(TrackingPolicy):
         hits: int = 2,
         sure: float = 0.3,
         age: int = 2,
-        late: str = "predict",
+        late: str = "replay",
         align: bool = False,
         doubt: Doubt = DOUBT,
         calibration: Calibration = CALIBRATION,
