@@ -90,6 +90,9 @@ def test_what_is_no_grid_is_refused(given: dict[str, Any], message: str) -> None
             "policies: [late_fusion]\nscenarios: [replay]\n",
             ":2: scenarios must be simulated, got 'replay'",
         ),
+        ("policies: [late_fusion]\nseeds: [2001-99-99]\n", ": cannot be read: month must be in 1..12"),
+        ("policies: [late_fusion]\n\noptions: {'a(': 1}\n", ":3: unknown option 'a('"),
+        ("policies: [late_fusion]\noptions: {weather: {rain: 1}}\n", ":2: unknown weather option 'rain'. Did you mean"),
         ("policies: [late_fusion]\noptions: {channel: {loss: 1}}\n", ":2: channel must be without loss"),
     ],
 )
@@ -120,6 +123,9 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
     assert find_grid(path=path, policies=TWO).grid().policies == TWO
     with pytest.raises(InvalidValueError, match=r"^losses must be"):  # not the file's fault
         find_grid(path=path, losses=(3,)).grid()
+    path.write_text("policies: late_fusion\n")
+    with pytest.raises(GridFileError, match=":1: policies must be a list"):
+        find_grid(path=path, more_policies=["no_fusion"]).grid()
     with pytest.raises(GridFileError, match="cannot be read"):
         find_grid(path=tmp_path / "nowhere.yaml")
     with pytest.raises(InvalidValueError, match="policies must be at least one"):
