@@ -101,10 +101,11 @@ def _files(value: Any) -> Iterator[str]:
     elif isinstance(value, str) and os.path.isfile(value):
         yield value
         if value.lower().endswith(SCENARIO_SUFFIXES):
-            yield from _files(_yaml(value))
+            yield from _files(yaml_content(value))
 
 
-def _yaml(path: str) -> Any:
+def yaml_content(path: str) -> Any:
+    """What a YAML file says, as plain data; None if it is none."""
     import yaml
 
     try:

@@ -112,6 +112,15 @@ def try_out(path: Path) -> None:
         raise source.blame(error) from error
 
 
+def test_a_scenario_has_no_channel_beside_the_grids(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "scenario: crossing\noptions: {lidar: null, channel: {loss: {model: bernoulli, probability: 1.0}}}\n"
+    )
+    with pytest.raises(InvalidValueError, match="scenarios must have no channel of their own"):
+        check(Grid(("late_fusion",), scenarios=(str(path),)))
+
+
 def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -> None:
     path = tmp_path / "grid.yaml"
     path.write_text(
