@@ -153,7 +153,7 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
             raise InvalidValueError(
                 f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
             )
-        _require_no_channel(scenario)
+        _require_nothing_beside(scenario)
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
         hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
         for condition, text in itertools.product(sorted(hardest), unlike.values()):
@@ -162,15 +162,16 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
     return specs
 
 
-def _require_no_channel(scenario: str) -> None:
-    """A channel of the scenario's own would hold in some cells, under the name of a condition that is another."""
+def _require_nothing_beside(scenario: str) -> None:
+    """What a scenario says of channel and poses would hold in some cells, under the name of another condition."""
     content = yaml_content(scenario) if os.path.isfile(scenario) else None
     options = content.get("options") if isinstance(content, Mapping) else None
-    if isinstance(options, Mapping) and options.get("channel") is not None:
-        raise InvalidValueError(
-            f"scenarios must have no channel of their own in a grid, which has one for all, got {scenario!r}: "
-            "move it to the grid's options, without latency, loss and rate"
-        )
+    for name in ("channel", "localization"):
+        if isinstance(options, Mapping) and options.get(name) is not None:
+            raise InvalidValueError(
+                f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
+                "options, where it is the same in all cells"
+            )
 
 
 def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:

@@ -112,12 +112,11 @@ def try_out(path: Path) -> None:
         raise source.blame(error) from error
 
 
-def test_a_scenario_has_no_channel_beside_the_grids(tmp_path: Path) -> None:
+@pytest.mark.parametrize("own", ["channel: {range_m: 60}", "localization: {cav_0: {pose: {position_noise_m: 3}}}"])
+def test_a_scenario_says_nothing_beside_the_grids_conditions(own: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
-    path.write_text(
-        "scenario: crossing\noptions: {lidar: null, channel: {loss: {model: bernoulli, probability: 1.0}}}\n"
-    )
-    with pytest.raises(InvalidValueError, match="scenarios must have no channel of their own"):
+    path.write_text(f"scenario: crossing\noptions:\n  lidar: null\n  {own}\n")
+    with pytest.raises(InvalidValueError, match=f"scenarios must have no {own.partition(':')[0]} of their own"):
         check(Grid(("late_fusion",), scenarios=(str(path),)))
 
 
