@@ -13,6 +13,7 @@ import yaml
 
 from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.located_yaml import Entry
+from coopsim.mappings import UNREADABLE
 
 Known: TypeAlias = Mapping[str, "Known | EllipsisType | None"]
 """Keys that there may be, and below each: those of its mapping, ... for whatever keys it has, None for a value."""
@@ -48,7 +49,7 @@ class KeyedYaml:
             beside: keys that were given in another way and went before the file's.
         """
         for key in sorted(set(self.lines) - set(beside), key=len, reverse=True):
-            if re.match(rf"(unknown )?(option ')?{key}\b", str(error)):
+            if re.match(rf"(unknown )?(option ')?{re.escape(key)}(?!\w)", str(error)):
                 return self.wrong(str(error), key)
         return None
 
@@ -71,7 +72,7 @@ def read_keyed_yaml(
     except yaml.MarkedYAMLError as broken:
         line = broken.problem_mark.line + 1 if broken.problem_mark else 1
         raise _at(error, path, line, f"this is no YAML: {broken.problem}") from broken
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as broken:
+    except UNREADABLE as broken:
         raise error(f"{path}: cannot be read: {broken}") from broken
     lines: dict[str, int] = {}
 

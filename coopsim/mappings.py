@@ -14,6 +14,9 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 
 Given = Mapping[str, Any]
 
+UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)
+"""What reading YAML may raise: not only its own errors, but those of a day that no month has, or of 1000 brackets."""
+
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 
@@ -81,5 +84,5 @@ def _hint(given: Given) -> str:
 def _read(what: str, path: Path) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except UNREADABLE as error:
         raise InvalidValueError(f"cannot read the {what} in {path}: {error}") from error

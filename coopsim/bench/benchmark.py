@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopsim.bench.cell import Cell, CellResult
 from coopsim.bench.conditions import environment_options
+from coopsim.bench.fingerprint import yaml_content
 from coopsim.bench.grid import Grid
 from coopsim.bench.job import Job, Outcome
 from coopsim.bench.local import run_locally
@@ -152,12 +153,25 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
             raise InvalidValueError(
                 f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
             )
+        _require_nothing_beside(scenario)
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
         hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
         for condition, text in itertools.product(sorted(hardest), unlike.values()):
             options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
             listening_env(scenario, policies[text], options).close()
     return specs
+
+
+def _require_nothing_beside(scenario: str) -> None:
+    """What a scenario says of channel and poses would hold in some cells, under the name of another condition."""
+    content = yaml_content(scenario) if os.path.isfile(scenario) else None
+    options = content.get("options") if isinstance(content, Mapping) else None
+    for name in ("channel", "localization"):
+        if isinstance(options, Mapping) and options.get(name) is not None:
+            raise InvalidValueError(
+                f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
+                "options, where it is the same in all cells"
+            )
 
 
 def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from coopsim.bench.cell import Cell
 from coopsim.errors import InvalidValueError
+from coopsim.mappings import make
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 
@@ -48,10 +49,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
 def _as_object(name: str, value: Any) -> Any:
     if not (isinstance(value, Mapping) and name in _OBJECTS):
         return value
-    try:
-        return _OBJECTS[name](**value)
-    except TypeError as error:
-        raise InvalidValueError(f"{name}: {error}") from error
+    return make(name, _OBJECTS[name], value)
 
 
 def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,9 +18,13 @@ from coopsim.bench.cell import Cell
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
 from coopsim.errors import InvalidValueError
+from coopsim.mappings import UNREADABLE
 
 LAYOUT = 1
 """Raised when the same inputs are to give other results, or another file."""
+
+_PACKAGES = ("numpy", "numba", "scipy", "highway-env")
+"""Whose other versions may give other bits."""
 
 _CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml")
 
@@ -29,7 +33,7 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> s
     """Everything that decides the result of a cell, as JSON with sorted keys.
 
     That is the cell, the options of the environment, the contents of files that they name, and the code: coopsim's
-    version and sources, and those of the package or file that a user's policy is from.
+    version and sources, those of the package or file that a user's policy is from, and `package_versions`.
 
     Args:
         cell: what is run.
@@ -48,8 +52,15 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> s
         code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
     plain = plain_options(options)
     files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files((cell.condition.scenario, plain))))}
+    code["packages"] = package_versions()
     decided = {"layout": LAYOUT, "cell": asdict(cell), "options": plain, "code": code, "files": files}
     return json.dumps(decided, sort_keys=True)
+
+
+@cache
+def package_versions() -> Mapping[str, str]:
+    """Of the packages that compute what coopsim reports."""
+    return {name: version(name) for name in _PACKAGES}
 
 
 def key_of(text: str) -> str:
@@ -90,15 +101,16 @@ def _files(value: Any) -> Iterator[str]:
     elif isinstance(value, str) and os.path.isfile(value):
         yield value
         if value.lower().endswith(SCENARIO_SUFFIXES):
-            yield from _files(_yaml(value))
+            yield from _files(yaml_content(value))
 
 
-def _yaml(path: str) -> Any:
+def yaml_content(path: str) -> Any:
+    """What a YAML file says, as plain data; None if it is none."""
     import yaml
 
     try:
         return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, yaml.YAMLError):  # no YAML that could name another file
+    except UNREADABLE:  # no YAML that could name another file
         return None
 
 

@@ -95,5 +95,6 @@ def find_grid(
     file = None if path is None else read_keyed_yaml(Path(path), _KNOWN, GridFileError)
     if more_policies:
         named = beside.get("policies") or (file.content.get("policies") if file is not None else None) or ()
-        beside["policies"] = (*named, *more_policies)
+        if isinstance(named, (list, tuple)):  # of anything else `Grid` says that it must be a list
+            beside["policies"] = (*named, *more_policies)
     return GridSource(file, beside)

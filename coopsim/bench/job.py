@@ -12,7 +12,6 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ import numpy as np
 import coopsim
 from coopsim.bench.cell import Cell, CellResult
 from coopsim.bench.conditions import environment_options
-from coopsim.bench.fingerprint import fingerprint, key_of
+from coopsim.bench.fingerprint import fingerprint, key_of, package_versions
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.runner import OnFrame, evaluate
 
@@ -134,12 +133,11 @@ def _warm_up(job: Job) -> None:
 
 @cache
 def _circumstances() -> dict[str, Any]:
-    packages = ("numpy", "numba", "scipy", "highway-env")
     return {
         "versions": {
             "coopsim": coopsim.__version__,
             "python": platform.python_version(),
-            **{name: version(name) for name in packages},
+            **package_versions(),
         },
         "platform": platform.platform(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",

@@ -23,11 +23,15 @@ _PROGRAM = "from coopsim.bench.worker import main; main()"
 def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
     """Outcomes, in the order in which they come; closing the iterator ends the processes.
 
+    A job whose process died is done once more before it counts as failed: it may have been killed from outside, as
+    when memory ran out or everything was killed, and then this process had only not been killed yet.
+
     Args:
         jobs: the next is taken when a worker has nothing to do.
         workers: processes at once.
     """
     crew: set[_Worker] = set()
+    repeated: set[Job] = set()
     try:
         with selectors.DefaultSelector() as replies:
 
@@ -43,9 +47,12 @@ def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
                 for ready, _ in replies.select():
                     worker: _Worker = ready.data
                     outcome = worker.take()
-                    yield outcome
                     alive = worker.process.returncode is None
-                    following = next(jobs, None)
+                    if alive or outcome.job in repeated:
+                        yield outcome
+                        following = next(jobs, None)
+                    else:
+                        repeated.add(following := outcome.job)
                     if not alive or following is None:
                         replies.unregister(worker.replies)
                         worker.end()
@@ -62,7 +69,8 @@ class _Worker:
 
     def __init__(self) -> None:
         # It finds what we find, and does not get our terminal's Ctrl-C: we end it.
-        environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        path = os.pathsep.join(place or os.getcwd() for place in sys.path)  # "" is where an interpreter was started
+        environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": path}
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", _PROGRAM],
             stdin=subprocess.PIPE,

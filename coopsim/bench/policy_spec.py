@@ -65,7 +65,7 @@ class PolicySpec:
     @property
     def text(self) -> str:
         """As it stands in results: one spelling for each policy with its parameters."""
-        given = ", ".join(f"{name}={_spelled(value)}" for name, value in self.parameters.items())
+        given = ", ".join(f"{name}={_spelled(value)}" for name, value in sorted(self.parameters.items()))
         return f"{self.target}({given})" if given else self.target
 
     def policy_class(self) -> type[Policy]:
@@ -147,7 +147,10 @@ def _value(node: ast.expr) -> Any:
         return node.id
     if isinstance(node, (ast.List, ast.Tuple)):
         return [_value(each) for each in node.elts]
-    return ast.literal_eval(node)
+    value = ast.literal_eval(node)
+    if not (value is None or isinstance(value, (bool, int, float, str))):  # of a set, the order is not always the same
+        raise ValueError(f"{value!r} is nothing that can be spelled")
+    return value
 
 
 def _spelled(value: Any) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from coopsim.bench.bench_report import About, write_bench_report
 from coopsim.bench.bench_text import to_csv, to_markdown
 from coopsim.bench.cell import Cell, CellResult
 from coopsim.bench.clips import RunCell, film
+from coopsim.bench.fingerprint import package_versions
 from coopsim.bench.grid import LISTS, Grid
 from coopsim.bench.job import Job, run_job
 from coopsim.bench.moments import worst_moments
@@ -23,8 +23,6 @@ from coopsim.bench.runner import OnFrame
 from coopsim.checks import require_count, require_non_negative
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.files import write_whole
-
-_VERSIONS = ("numpy", "numba", "scipy", "highway-env")
 
 
 def publish(
@@ -91,7 +89,7 @@ def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
         **{name: str(value) for name, value in grid.options.items()},
         "versions": ", ".join(
             [f"coopsim {coopsim.__version__}", f"Python {platform.python_version()}"]
-            + [f"{name} {version(name)}" for name in _VERSIONS]
+            + [f"{name} {number}" for name, number in package_versions().items()]
         ),
     }
     return About(title, command, settings)

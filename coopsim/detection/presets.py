@@ -14,6 +14,7 @@ from coopsim.detection.curves import Curve, Found, Scored, Spread
 from coopsim.detection.persistence import Persistence
 from coopsim.detection.simulated import Detector, SimulatedDetector
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.mappings import read_mapping
 from coopsim.registry import Registry
 
 FITTED = Path(__file__).parent / "fitted"
@@ -62,12 +63,7 @@ def read_config(path: Path) -> CorrelatedDetectorConfig:
         InvalidValueError: the file cannot be read, or a value is not accepted or missing.
         UnknownNameError: a key is not a field.
     """
-    import yaml
-
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidValueError(f"cannot read the detector in {path}: {error}") from error
+    content = read_mapping("detector", "a CorrelatedDetectorConfig", path)
     config: CorrelatedDetectorConfig = _build(CorrelatedDetectorConfig, content)
     return config
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.errors import InvalidValueError
+from coopsim.mappings import UNREADABLE
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 
 COLUMNS = ("elevation_deg", "azimuth_deg")
@@ -71,7 +72,7 @@ def _from_yaml(path: Path, text: str) -> dict[str, Any]:
 
     try:
         table = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except UNREADABLE as error:
         raise InvalidValueError(f"{path} is no YAML: {error}") from error
     if not isinstance(table, dict):
         raise InvalidValueError(f"{path}: a beam table is a mapping with elevation_deg, got {type(table).__name__}")

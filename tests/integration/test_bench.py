@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -56,7 +57,14 @@ class Raises(Quiet):
 
 class Dies(Quiet):
     def track(self, agent, observation):
-        os._exit(3)"""
+        os._exit(3)
+
+class Killed(Quiet):
+    def track(self, agent, observation):
+        if os.path.exists(__file__ + ".kill"):
+            os.remove(__file__ + ".kill")
+            os.kill(os.getpid(), 9)
+        return super().track(agent, observation)"""
 
 
 @pytest.fixture
@@ -202,6 +210,23 @@ def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
     few = ["bench", "--policies", f"{trouble}:Raises", *SHORT, "--retry-failed", "--out", str(tmp_path)]
     assert main(few) == 1 and stored(tmp_path) == before
     assert capfd.readouterr().err.count("coopsim: failed: ") == 1
+
+
+def test_a_cell_whose_process_was_killed_is_done_once_more(trouble: Path, tmp_path: Path) -> None:
+    (flag := Path(f"{trouble}.kill")).touch()
+    (result,) = benchmark(Grid((f"{trouble}:Killed",), frames=2, options=FAST), tmp_path, engine=Engine(workers=1))
+    assert not (result.failed or flag.exists())
+
+
+def test_workers_find_what_lies_where_an_interpreter_was_started(trouble: Path, tmp_path: Path) -> None:
+    program = (
+        "import coopsim; from coopsim.bench.grid import Grid; "
+        f"(result,) = coopsim.benchmark(Grid(('trouble:Quiet',), frames=2, options={FAST}), 'out'); "
+        "assert not result.failed, result.traceback"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(coopsim.__file__).parents[1])}
+    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, stderr=subprocess.PIPE)
+    assert run.returncode == 0, run.stderr.decode()
 
 
 def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,6 +90,9 @@ def test_what_is_no_grid_is_refused(given: dict[str, Any], message: str) -> None
             "policies: [late_fusion]\nscenarios: [replay]\n",
             ":2: scenarios must be simulated, got 'replay'",
         ),
+        ("policies: [late_fusion]\nseeds: [2001-99-99]\n", ": cannot be read: month must be in 1..12"),
+        ("policies: [late_fusion]\n\noptions: {'a(': 1}\n", ":3: unknown option 'a('"),
+        ("policies: [late_fusion]\noptions: {weather: {rain: 1}}\n", ":2: unknown weather option 'rain'. Did you mean"),
         ("policies: [late_fusion]\noptions: {channel: {loss: 1}}\n", ":2: channel must be without loss"),
     ],
 )
@@ -109,6 +112,14 @@ def try_out(path: Path) -> None:
         raise source.blame(error) from error
 
 
+@pytest.mark.parametrize("own", ["channel: {range_m: 60}", "localization: {cav_0: {pose: {position_noise_m: 3}}}"])
+def test_a_scenario_says_nothing_beside_the_grids_conditions(own: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"scenario: crossing\noptions:\n  lidar: null\n  {own}\n")
+    with pytest.raises(InvalidValueError, match=f"scenarios must have no {own.partition(':')[0]} of their own"):
+        check(Grid(("late_fusion",), scenarios=(str(path),)))
+
+
 def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -> None:
     path = tmp_path / "grid.yaml"
     path.write_text(
@@ -120,6 +131,9 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
     assert find_grid(path=path, policies=TWO).grid().policies == TWO
     with pytest.raises(InvalidValueError, match=r"^losses must be"):  # not the file's fault
         find_grid(path=path, losses=(3,)).grid()
+    path.write_text("policies: late_fusion\n")
+    with pytest.raises(GridFileError, match=":1: policies must be a list"):
+        find_grid(path=path, more_policies=["no_fusion"]).grid()
     with pytest.raises(GridFileError, match="cannot be read"):
         find_grid(path=tmp_path / "nowhere.yaml")
     with pytest.raises(InvalidValueError, match="policies must be at least one"):

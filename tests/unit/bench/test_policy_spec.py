@@ -41,7 +41,7 @@ class Half(coopsim.Policy):
         (" late_fusion() ", "late_fusion", {}),
         (
             "late_fusion( late = replay,hits=2, gate=-.5)",
-            "late_fusion(late=replay, hits=2, gate=-0.5)",
+            "late_fusion(gate=-0.5, hits=2, late=replay)",
             {"late": "replay", "hits": 2, "gate": -0.5},
         ),
         ("a(b='c d', e=[1, f], g=None)", "a(b='c d', e=[1, f], g=None)", {"b": "c d", "e": [1, "f"], "g": None}),
@@ -88,6 +88,7 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
         ("late_fusion(replay)", InvalidValueError, "parameters must be name=value"),
         ("late_fusion(late=a+b)", InvalidValueError, "parameters must be name=value"),
         ("late_fusion(late=open('x'))", InvalidValueError, "parameters must be name=value"),
+        ("late_fusion(late={{'b', 'a'}})", InvalidValueError, "parameters must be name=value"),
         ("late_fusion(", InvalidValueError, r"must be name, name\(parameter=value"),
         ("", InvalidValueError, r"must be name, name\(parameter=value"),
         ("nunpy:X", InvalidValueError, "there is no module 'nunpy'. Did you mean.*'numpy'"),
