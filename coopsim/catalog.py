@@ -67,10 +67,15 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         InvalidValueError: an option's value is not accepted.
         ScenarioFileError: a scenario file is missing or broken.
     """
-    if isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES):
+    if isinstance(name, Path) or is_scenario_file(name):
         return ENVIRONMENTS.get("file-v0")(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
+
+
+def is_scenario_file(name: object) -> bool:
+    """Whether that is the path of a scenario file, and not the name of an environment."""
+    return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
 
 
 def newest(name: str) -> str:

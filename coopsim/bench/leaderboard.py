@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
+from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
 from coopsim.bench.table import COLUMNS, format_value, score_row
-from coopsim.catalog import make_policy
 from coopsim.errors import InvalidValueError
 from coopsim.files import write_whole
 from coopsim.metrics.ab3dmot import RECALL_POINTS
@@ -38,12 +38,12 @@ def evaluate_all(
     Args:
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
-        policies: names of policies; all are looked up before the first is run.
+        policies: as `PolicySpec` reads them; all are made before the first is run.
         on_policy: called with the name of a policy that is finished.
         **options: of the replay environment, the same for all.
     """
     for name in policies:
-        make_policy(name)
+        PolicySpec.parse(name).make()
     results = {}
     for name in policies:
         results[name] = evaluate_recordings(name, path, detections, **options)
