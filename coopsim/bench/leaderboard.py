@@ -125,6 +125,18 @@ def plot(results: Results, title: str) -> str:
     return text.getvalue()
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder if there is none, before the work that is to be written there.
+
+    Raises:
+        InvalidValueError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
 def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path, ...]:
     """Write `leaderboard.md`, `leaderboard.csv` and `leaderboard.svg`.
 
@@ -133,9 +145,6 @@ def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path,
     """
     if not results:
         raise InvalidValueError("a leaderboard needs at least one policy")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     contents = {"md": to_markdown(results, title), "csv": to_csv(results), "svg": plot(results, title)}
     return tuple(write_whole(folder / f"leaderboard.{kind}", text) for kind, text in contents.items())

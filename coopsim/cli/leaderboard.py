@@ -23,9 +23,10 @@ def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
     from tqdm import tqdm
 
-    from coopsim.bench.leaderboard import evaluate_all, rows_of, write_leaderboard
+    from coopsim.bench.leaderboard import evaluate_all, make_folder, rows_of, write_leaderboard
     from coopsim.bench.table import format_table
 
+    make_folder(options.out)
     ranked = options.policies or coopsim.POLICIES.names()
     with tqdm(total=len(ranked), unit="policy", disable=None, desc="leaderboard") as bar:
         results = evaluate_all(
