@@ -106,4 +106,5 @@ def _read(what: str, path: Path) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidValueError(f"cannot read the {what} in {path}: {error}") from error
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise InvalidValueError(f"{what}: cannot read {path}: {reason}") from error

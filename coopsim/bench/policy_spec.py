@@ -166,9 +166,8 @@ def _import(name: str) -> ModuleType:
         missing = str(error.name)
         close = difflib.get_close_matches(missing, _modules_beside(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        raise InvalidValueError(
-            f"policy module {name!r}: there is no module {missing!r} installed or on PYTHONPATH.{hint}"
-        ) from error
+        told = f"policy module {name!r}: there is no module {missing!r}.{hint}"
+        raise InvalidValueError(f"{told} Accepted: what is installed or on PYTHONPATH") from error
     except Exception as error:  # whatever a user's module raises when it is imported
         raise InvalidValueError(f"policy module {name!r} cannot be imported: {_told(error)}") from error
 

@@ -110,10 +110,9 @@ def _config(options: argparse.Namespace) -> DemoConfig:
 
 def _said_by_file(environment: str) -> Collection[str]:
     """Names of the options that a scenario file sets."""
-    from coopsim.catalog import is_scenario_file
-    from coopsim.envs.scenario_file import load_scenario_file
+    from coopsim.catalog import is_scenario_file, scenario_file_options
 
-    return load_scenario_file(environment).keywords if is_scenario_file(environment) else ()
+    return scenario_file_options(environment) if is_scenario_file(environment) else ()
 
 
 def _degradation(options: argparse.Namespace, said: Collection[str]) -> dict[str, Any]:

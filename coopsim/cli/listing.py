@@ -16,15 +16,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
     from coopsim.bench.grid_file import PRESETS
+    from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import codecs_of
     from coopsim.detection.presets import DETECTORS
-    from coopsim.envs.scenario_file import SHIPPED
     from coopsim.sensors.rigs import RIG_NAMES
 
     listed = {
         "policies": coopsim.POLICIES.names(),
         "environments": coopsim.ENVIRONMENTS.names(),
-        "scenario files": sorted(path.name for path in SHIPPED.glob("*.yaml")),
+        "scenario files": scenario_files(),
         "detectors": DETECTORS.names(),
         "codecs": codecs_of("detections"),
         "camera rigs": RIG_NAMES,

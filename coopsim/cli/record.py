@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import coopsim
 from coopsim.cli.arguments import add_options, add_population, count, count_or_zero, named_options, population
 
 HELP = "simulate traffic and write it to a file that demos can play"
@@ -24,10 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
     from coopsim.data.episode import Episode
-    from coopsim.envs.recording import record
 
     given = {**population(options), **named_options(options, {"max_cycles": "--frames", "seed": "--seed"})}
-    record(options.scenario, options.out, seed=options.seed, max_cycles=options.frames, **given)
+    coopsim.record(options.scenario, options.out, seed=options.seed, max_cycles=options.frames, **given)
     episode = Episode(options.out)
     per_frame = episode.size_bytes / episode.frames
     print(f"written: {options.out}, {episode.frames} frames, {per_frame:.0f} bytes a frame")

@@ -179,7 +179,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
             "cannot read /nonexistent: No such file or directory; accepted: a file",
         ),
         (["demo", "--option", "chanel=wifi.yaml"], "Did you mean 'channel'"),
-        (["demo", "--option", "channel=/nonexistent.yaml"], "cannot read the channel in /nonexistent.yaml"),
+        (["demo", "--option", "channel=/nonexistent.yaml"], "channel: cannot read /nonexistent.yaml"),
         (["demo", "--option", "channel={{}}", "--latencies-ms", "0"], "--latencies-ms must be left out"),
         (["demo", "--option", "codec=compat"], "Did you mean 'compact'"),
         (["demo", "--option", "detector=a", "--option", "detector=b"], "detector must be given once"),
