@@ -74,24 +74,30 @@ def run(options: argparse.Namespace) -> int:
     engine = Engine(options.engine, options.workers, options.address)
     source = find_grid(options.preset, options.grid, more_policies=options.policy, **_beside(options))
     grid = source.grid()
-    conditions = list(grid.conditions())
+    conditions, finished = list(grid.conditions()), 0
     # The time left is ours: a bar would take all cells for equally long.
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
     with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
+
+        def show(progress: Progress) -> None:
+            nonlocal finished
+            finished = progress.stored + progress.done  # the bar does not count where it is not shown
+            _show(bar, progress, engine.at_once, conditions)
+
         try:
             results = benchmark(
                 grid,
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
-                on_progress=lambda progress: _show(bar, progress, engine.at_once, conditions),
+                on_progress=show,
                 on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
             )
         except CoopsimError as error:
             raise source.blame(error) from error
         except KeyboardInterrupt:
             bar.close()
-            stored = f"{bar.n} of {len(grid)} cells are stored in {options.out}"
+            stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
             print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
     return _conclude(grid, results, options)
