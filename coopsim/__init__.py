@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
+    from coopsim.envs.recording import record as record
     from coopsim.errors import CoopsimError as CoopsimError
-    from coopsim.world.recorded import record as record
 
 __version__ = "0.1.0"
 
@@ -46,7 +46,7 @@ _HOMES = {
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
-    "record": "coopsim.world.recorded",
+    "record": "coopsim.envs.recording",
 }
 
 __all__ = ["__version__", *_HOMES]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from coopsim.checks import require_choice
@@ -18,12 +20,14 @@ if TYPE_CHECKING:
 
 NAMESPACE = "coopsim"
 
+ENVIRONMENTS_HOME = "coopsim.envs"
+
 SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", group="coopsim.policies")
 """Policy classes; an installed package adds its own through the entry-point group `coopsim.policies`."""
 
-ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home="coopsim.envs")
+ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
 """Functions that make an environment, by versioned name (`crossing-v0`)."""
 
 
@@ -67,10 +71,30 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         InvalidValueError: an option's value is not accepted.
         ScenarioFileError: a scenario file is missing or broken.
     """
-    if isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES):
+    if isinstance(name, Path) or is_scenario_file(name):
         return ENVIRONMENTS.get("file-v0")(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
+
+
+def is_scenario_file(name: object) -> bool:
+    """Whether that is the path of a scenario file, and not the name of an environment."""
+    return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
+
+
+def scenario_file_options(path: str | Path) -> Mapping[str, Any]:
+    """What a scenario file sets, as keywords of `parallel_env`; raises as that does."""
+    options: Mapping[str, Any] = _scenario_files().load_scenario_file(path).keywords
+    return options
+
+
+def scenario_files() -> list[str]:
+    """Names of the scenario files that come along."""
+    return sorted(path.name for path in _scenario_files().SHIPPED.glob("*.yaml"))
+
+
+def _scenario_files() -> ModuleType:
+    return importlib.import_module(f"{ENVIRONMENTS_HOME}.scenario_file")
 
 
 def newest(name: str) -> str:

@@ -17,11 +17,14 @@ Given = Mapping[str, Any]
 UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)
 """What reading YAML may raise: not only its own errors, but those of a day that no month has, or of 1000 brackets."""
 
+PATH_KEYS = ("channel", "lidar", "localization", "path", "playback")
+"""Keys whose texts may be the path of a file."""
+
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 
 def read_mapping(what: str, kind: str, given: Any) -> Given:
-    """A mapping from itself, or from the path of a YAML file with one.
+    """A mapping from itself, or from the path of a YAML file with one, whose own paths are relative to it.
 
     Args:
         what: its name, for errors.
@@ -33,10 +36,31 @@ def read_mapping(what: str, kind: str, given: Any) -> Given:
     """
     source = ""
     if isinstance(given, (str, Path)):
-        source, given = f"{given}: ", _read(what, Path(given))
+        path = Path(given)
+        source, given = f"{given}: ", _read(what, path)
+        given = with_paths_from(path.parent, given) if isinstance(given, Mapping) else given
     if not isinstance(given, Mapping):
         raise InvalidValueError(f"{source}{what} must be {kind}, a mapping or the path of a YAML file, got {given!r}")
     return given
+
+
+def with_paths_from(folder: Path, given: Given) -> dict[str, Any]:
+    """The same, with paths taken as relative to the folder where there is such a file in it.
+
+    Paths are the texts under the keys of `PATH_KEYS`, at any depth; what lies elsewhere, or is a name, stays as it is.
+    """
+
+    def taken(key: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return with_paths_from(folder, value)
+        return beside(folder, value) if key in PATH_KEYS and isinstance(value, str) else value
+
+    return {key: taken(key, value) for key, value in given.items()}
+
+
+def beside(folder: str | Path, path: str) -> str:
+    """The path of the file in that folder if there is one, else the path as it is."""
+    return str(found) if (found := Path(folder, path)).is_file() else path
 
 
 def make(what: str, made: type[Any], given: Any) -> Any:
@@ -85,4 +109,5 @@ def _read(what: str, path: Path) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except UNREADABLE as error:
-        raise InvalidValueError(f"cannot read the {what} in {path}: {error}") from error
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise InvalidValueError(f"{what}: cannot read {path}: {reason}") from error

@@ -77,7 +77,10 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
     file = load_scenario_file(path)
     try:
-        return simulation_env(file.scenario, name, **{**file.keywords, **options})
+        said = dict(file.keywords)
+        if options.get("playback") is not None:
+            said.pop("density", None)  # it has made the numbers that were recorded
+        return simulation_env(file.scenario, name, **{**said, **options})
     except CoopsimError as error:
         raise file.blame(error, beside=options) from error
 

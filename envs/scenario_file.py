@@ -8,6 +8,8 @@
 | `population` | fields of `coopsim.world.scenario.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
 | | and `lidar` is a name, a path, or has those of `LidarConfig`; `detector` is a name |
+
+Paths in it are relative to the file.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from typing import Any
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.keyed_yaml import KeyedYaml, read_keyed_yaml
+from coopsim.mappings import with_paths_from
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.world.own.place import read_place
@@ -79,6 +82,7 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     file = read_keyed_yaml(find_scenario_file(path), known, ScenarioFileError, may_be_value=("lidar",))
     content = file.content
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
+    keywords = with_paths_from(file.path.parent, keywords)
     if "density" in content:
         keywords["density"] = content["density"]
     loaded = ScenarioFile(file, _scenario(file), keywords)

@@ -46,7 +46,9 @@ class Engine:
         if self.workers is not None:
             require_count(1, workers=self.workers)
         if self.address is not None and self.name != "ray":
-            raise InvalidValueError(f"address must be None for the engine {self.name!r}, got {self.address!r}")
+            raise InvalidValueError(
+                f"address is of a Ray cluster and needs engine 'ray', got {self.address!r} for {self.name!r}"
+            )
 
     @property
     def at_once(self) -> int:

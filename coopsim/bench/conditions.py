@@ -8,7 +8,7 @@ from typing import Any
 
 from coopsim.bench.cell import Cell
 from coopsim.errors import InvalidValueError
-from coopsim.mappings import make
+from coopsim.mappings import make, read_mapping
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 
@@ -24,13 +24,13 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
 
     Args:
         cell: the condition decides latency, loss, noise and bandwidth.
-        options: plain data, as `Grid.options`. A `channel` among them is a mapping without these.
+        options: plain data, as `Grid.options`. A `channel` among them, a mapping or a file with one, is without these.
 
     Raises:
         InvalidValueError: an option is not accepted, or decides what is the condition's.
     """
     condition = cell.condition
-    made = {name: _as_object(name, value) for name, value in options.items() if name != "channel"}
+    made = {name: value for name, value in as_objects(options).items() if name != "channel"}
     limited = math.isfinite(condition.bandwidth_bit_s)
     if limited or options.get("channel") is not None:
         made["channel"] = _channel(cell, options)
@@ -46,6 +46,15 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
     return {**_ONE_THREAD, **made, **on_air, **noise, "max_cycles": cell.frames}
 
 
+def as_objects(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of an environment from plain data: some may be written down as mappings of an object's fields.
+
+    Raises:
+        InvalidValueError: such a mapping is not accepted.
+    """
+    return {name: _as_object(name, value) for name, value in options.items()}
+
+
 def _as_object(name: str, value: Any) -> Any:
     if not (isinstance(value, Mapping) and name in _OBJECTS):
         return value
@@ -54,9 +63,7 @@ def _as_object(name: str, value: Any) -> Any:
 
 def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
     """The whole channel as a mapping: the condition's latency, loss and rate, and what `options` say beside them."""
-    condition, given = cell.condition, options.get("channel") or {}
-    if not isinstance(given, Mapping):
-        raise InvalidValueError(f"channel must be a mapping in a grid, which has its own latency, got {given!r}")
+    condition, given = cell.condition, read_mapping("channel", "None", options.get("channel") or {})
     medium = given.get("bandwidth") or {}
     for name in ("latency", "loss"):
         if name in given:

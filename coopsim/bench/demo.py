@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import coopsim
 from coopsim.bench.bev_data import thinned
+from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report import ReportRun, ReportScene, write_report
-from coopsim.bench.runner import Evaluation, evaluate
+from coopsim.bench.runner import Evaluation, evaluate, listening_env
 from coopsim.bench.table import evaluation_row
-from coopsim.catalog import make_policy
-from coopsim.checks import require_non_negative
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 from coopsim.viz.bev import BevFrame
@@ -31,8 +30,8 @@ class DemoConfig:
 
     Attributes:
         environment: name of the environment.
-        policies: names of the policies.
-        latencies_s: each policy runs under each.
+        policies: as `PolicySpec` reads them.
+        latencies_s: each policy runs under each; None: under what the options or the scenario file say.
         frames: length of each run.
         seed: the same for all runs, so that all see the same traffic.
         options: further options of the environment.
@@ -40,7 +39,7 @@ class DemoConfig:
 
     environment: str = "crossing"
     policies: tuple[str, ...] = ("no_fusion", "late_fusion")
-    latencies_s: tuple[float, ...] = (0.0, 0.3)
+    latencies_s: tuple[float | None, ...] = (0.0, 0.3)
     frames: int = 100
     seed: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -51,32 +50,32 @@ class DemoRun:
     """One finished run of the demonstration."""
 
     policy: str
-    latency_s: float
+    latency_s: float | None
     evaluation: Evaluation
     tracks: Sequence[Mapping[str, Tracks]]
 
     @property
     def about(self) -> dict[str, str]:
         """What the run is, for the table."""
-        return {"policy": self.policy, "latency": f"{self.latency_s * 1000:g} ms"}
+        latency = "the channel's" if self.latency_s is None else f"{self.latency_s * 1000:g} ms"
+        return {"policy": self.policy, "latency": latency}
 
 
 class Demo:
     """Runs the demonstration; what is finished stays in `runs`, also when it is interrupted.
 
     Raises:
-        UnknownNameError: there is no such policy.
-        InvalidValueError: a latency is not accepted. Both at once, since they should not cost the runs before them.
+        CoopsimError: there is no such policy, environment or option, or a value is not accepted. Told at once, since it
+            should not cost the runs before it.
     """
 
     def __init__(self, config: DemoConfig) -> None:
         self.config = config
         self.runs: list[DemoRun] = []
         self._scene: ReportScene | None = None
-        for name in config.policies:
-            make_policy(name)
-        for latency_s in config.latencies_s:
-            require_non_negative(latency_s=latency_s)
+        for policy in [PolicySpec.parse(text).make() for text in config.policies]:
+            for latency_s in config.latencies_s:
+                listening_env(config.environment, policy, self._options(latency_s)).close()
 
     def run(self, tick: Callable[[], object]) -> None:
         """Run everything; `tick` is called after every frame."""
@@ -100,7 +99,11 @@ class Demo:
         ]
         return write_report(path, self._scene, runs)
 
-    def _run_one(self, policy: str, latency_s: float, tick: Callable[[], object]) -> DemoRun:
+    def _options(self, latency_s: float | None) -> dict[str, Any]:
+        latency = {} if latency_s is None else {"latency_s": latency_s}
+        return {**self.config.options, **latency, "max_cycles": self.config.frames}
+
+    def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
         config = self.config
         tracks: list[Mapping[str, Tracks]] = []
         recorder = _SceneRecorder(config) if self._scene is None else None
@@ -117,9 +120,7 @@ class Demo:
             config.environment,
             seed=config.seed,
             on_frame=on_frame,
-            latency_s=latency_s,
-            max_cycles=config.frames,
-            **config.options,
+            **self._options(latency_s),
         )
         if recorder is not None:
             self._scene = recorder.scene(evaluation)

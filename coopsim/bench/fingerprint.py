@@ -18,7 +18,7 @@ from coopsim.bench.cell import Cell
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
 from coopsim.errors import InvalidValueError
-from coopsim.mappings import UNREADABLE
+from coopsim.mappings import UNREADABLE, beside
 
 LAYOUT = 1
 """Raised when the same inputs are to give other results, or another file."""
@@ -91,17 +91,17 @@ def _plain(name: str, value: Any) -> Any:
     )
 
 
-def _files(value: Any) -> Iterator[str]:
-    """Paths of files among the texts in plain data, and in the scenario files that are among them."""
+def _files(value: Any, folder: str = "") -> Iterator[str]:
+    """Paths of files among the texts in plain data, and in the YAML files that are among them, relative to these."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, (list, tuple)):
         for part in value:
-            yield from _files(part)
-    elif isinstance(value, str) and os.path.isfile(value):
-        yield value
-        if value.lower().endswith(SCENARIO_SUFFIXES):
-            yield from _files(yaml_content(value))
+            yield from _files(part, folder)
+    elif isinstance(value, str) and os.path.isfile(path := beside(folder, value)):
+        yield path
+        if path.lower().endswith(SCENARIO_SUFFIXES):
+            yield from _files(yaml_content(path), os.path.dirname(path))
 
 
 def yaml_content(path: str) -> Any:

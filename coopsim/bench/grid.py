@@ -125,7 +125,7 @@ LISTS = tuple(each.name for each in fields(Grid) if each.name not in ("pose", "f
 
 def _listed(name: str, given: Any) -> tuple[Any, ...]:
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise InvalidValueError(f"{name} must be a list of at least one, got {given!r}")
+        raise InvalidValueError(f"{name} must be a list of at least one, in brackets in YAML, got {given!r}")
     return tuple(given)
 
 

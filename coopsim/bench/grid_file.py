@@ -54,7 +54,8 @@ class GridSource:
         if content.get("options") is not None and "options" in self.beside:
             given["options"] = {**content["options"], **self.beside["options"]}
         if not given.get("policies"):
-            raise InvalidValueError("policies must be at least one; name them, or take a preset or a file that does")
+            presets = ", ".join(PRESETS)
+            raise InvalidValueError(f"policies must be at least one; name them, or take a preset ({presets}) or a file")
         try:
             return Grid(**given)
         except CoopsimError as error:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
+from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
 from coopsim.bench.table import COLUMNS, format_value, score_row
-from coopsim.catalog import make_policy
 from coopsim.errors import InvalidValueError
 from coopsim.files import write_whole
 from coopsim.metrics.ab3dmot import RECALL_POINTS
@@ -38,12 +38,12 @@ def evaluate_all(
     Args:
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
-        policies: names of policies; all are looked up before the first is run.
+        policies: as `PolicySpec` reads them; all are made before the first is run.
         on_policy: called with the name of a policy that is finished.
         **options: of the replay environment, the same for all.
     """
     for name in policies:
-        make_policy(name)
+        PolicySpec.parse(name).make()
     results = {}
     for name in policies:
         results[name] = evaluate_recordings(name, path, detections, **options)
@@ -125,6 +125,18 @@ def plot(results: Results, title: str) -> str:
     return text.getvalue()
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder if there is none, before the work that is to be written there.
+
+    Raises:
+        InvalidValueError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
 def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path, ...]:
     """Write `leaderboard.md`, `leaderboard.csv` and `leaderboard.svg`.
 
@@ -133,9 +145,6 @@ def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path,
     """
     if not results:
         raise InvalidValueError("a leaderboard needs at least one policy")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     contents = {"md": to_markdown(results, title), "csv": to_csv(results), "svg": plot(results, title)}
     return tuple(write_whole(folder / f"leaderboard.{kind}", text) for kind, text in contents.items())

@@ -57,9 +57,12 @@ class PolicySpec:
         match = _SHAPE.fullmatch(text.strip()) if isinstance(text, str) else None
         if match is None:
             raise InvalidValueError(
-                f"policy must be name, name(parameter=value, ...), module:Class or file.py:Class, got {text!r}"
+                "policy must be name, name(parameter=value, ...) (in a YAML list in quotes), module:Class or "
+                f"file.py:Class, got {text!r}"
             )
         target = match["target"]
+        if target.endswith(".py"):
+            raise InvalidValueError(f"policy {text!r} must name the class in that file, as {target}:MyTracker")
         return cls(target, _parameters(text, match["parameters"] or ""), _source(target) if _is_file(target) else None)
 
     @property
@@ -166,7 +169,8 @@ def _import(name: str) -> ModuleType:
         missing = str(error.name)
         close = difflib.get_close_matches(missing, _modules_beside(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        raise InvalidValueError(f"policy module {name!r}: there is no module {missing!r}.{hint}") from error
+        told = f"policy module {name!r}: there is no module {missing!r}.{hint}"
+        raise InvalidValueError(f"{told} Accepted: what is installed or on PYTHONPATH") from error
     except Exception as error:  # whatever a user's module raises when it is imported
         raise InvalidValueError(f"policy module {name!r} cannot be imported: {_told(error)}") from error
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.catalog import make_policy, parallel_env
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import parallel_env
 from coopsim.comms.channel import ChannelCounts
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -84,7 +85,7 @@ def evaluate(
     Cameras are drawn only for a policy that says it needs them (`Policy.cameras`), or where `cameras` asks for others.
 
     Args:
-        policy: a policy, or the name of one.
+        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
         environment: name of the environment.
         seed: decides everything in the episode.
         on_frame: called after every step.
@@ -116,7 +117,7 @@ def evaluate_recordings(
     """Run a policy over every sequence of a recording set and pool the scores.
 
     Args:
-        policy: a policy, or the name of one.
+        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
         path: the set's folder.
         detections: a name under `detections/`, or several; each is one agent.
         seed: decides what the channel loses and delays.
@@ -183,7 +184,7 @@ def _warm_up() -> None:
 
 def _instance(policy: Policy | str) -> Policy:
     if isinstance(policy, str):
-        return make_policy(policy)
+        return PolicySpec.parse(policy).make()
     if isinstance(policy, type):
         raise InvalidValueError(f"policy must be an object, got the class {policy.__name__}: write {policy.__name__}()")
     if not hasattr(policy, "act"):
@@ -198,6 +199,8 @@ def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) 
             f"uplink is not an option here: {type(policy).__name__} decides it, and says {policy.uplink!r}"
         )
     needed = {"cameras": policy.cameras} if policy.cameras else {}
+    if policy.uplink == "none":  # a codec is of what the other policies beside this one say
+        options = {name: value for name, value in options.items() if name != "codec"}
     try:
         return parallel_env(environment, **{"uplink": policy.uplink, **needed, **options})
     except UnknownNameError as error:

@@ -5,10 +5,17 @@ from __future__ import annotations
 import argparse
 import difflib
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
+
+from coopsim.cli.status import USER_ERROR
+from coopsim.errors import CoopsimError, InvalidValueError
+
+POPULATION = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
+"""Numbers that have a flag."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,6 +23,10 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**(kwargs | {"allow_abbrev": False}))
+
+    def error(self, message: str) -> NoReturn:
+        """One line: what was wrong should not be lost below a screen of usage."""
+        self.exit(USER_ERROR, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         # A sub-command's parser is asked here, never through parse_args. Before argparse, which would rather complain
@@ -42,8 +53,7 @@ def add_population(parser: argparse.ArgumentParser) -> None:
 
 def population(options: argparse.Namespace) -> dict[str, Any]:
     """Numbers of the scenario that the user named."""
-    asked = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
-    return {name: value for name in asked if (value := getattr(options, name)) is not None}
+    return {name: value for name in POPULATION if (value := getattr(options, name)) is not None}
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +77,54 @@ def names(text: str) -> tuple[str, ...]:
     if not all(named) or len(set(named)) < len(named):
         raise argparse.ArgumentTypeError(f"must be distinct names with commas between them, got {text!r}")
     return named
+
+
+def policy(text: str) -> str:
+    """A policy as `PolicySpec` reads it, in its one spelling."""
+    from coopsim.bench.policy_spec import PolicySpec
+
+    try:
+        return PolicySpec.parse(text).text
+    except CoopsimError as error:  # argparse would hide what it says
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def policies(text: str) -> tuple[str, ...]:
+    """Distinct policies with commas between them; commas in brackets belong to parameters."""
+    from coopsim.bench.policy_spec import split_policies
+
+    found = tuple(policy(part) for part in split_policies(text))
+    if len(set(found)) < len(found):
+        raise argparse.ArgumentTypeError(f"must be distinct policies, got {text!r}")
+    return found
+
+
+def add_options(parser: argparse._ActionsContainer, of: str) -> None:
+    """Whatever has no flag of its own, by `--option name=value`."""
+    metavar, several = "NAME=VALUE", "may be given several times"
+    parser.add_argument(
+        "--option", type=named_value, action="append", default=[], metavar=metavar, help=f"{of}; {several}"
+    )
+
+
+def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """What was said by `--option`, by name.
+
+    Args:
+        options: the command's.
+        flags: by what such options are to be said instead, by name.
+
+    Raises:
+        InvalidValueError: a name is given twice, or is that of a flag.
+    """
+    given: dict[str, Any] = {}
+    for name, value in options.option:
+        if name in given or (name in POPULATION and getattr(options, name, None) is not None):
+            raise InvalidValueError(f"{name} must be given once, got --option {name}={value} beside another")
+        if name in (flags or {}):
+            raise InvalidValueError(f"{name} is none of the options: say it by {(flags or {})[name]}")
+        given[name] = value
+    return given
 
 
 def numbers(text: str) -> tuple[float, ...]:

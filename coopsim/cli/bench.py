@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import count, count_or_zero, named_value, names, numbers, seeds
+from coopsim.cli.arguments import (
+    add_options,
+    count,
+    count_or_zero,
+    named_options,
+    names,
+    numbers,
+    policies,
+    policy,
+    seeds,
+)
 from coopsim.cli.status import FAILED_CELLS, INTERRUPTED
 from coopsim.errors import CoopsimError
 
@@ -16,7 +27,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import Progress
-    from coopsim.bench.cell import CellResult
+    from coopsim.bench.cell import CellResult, Condition
     from coopsim.bench.grid import Grid
 
 HELP = "policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
@@ -28,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = grid.add_argument
     add("--preset", metavar="NAME", help="quick, latency, pose, loss or bandwidth")
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
-    add("--policies", type=_policies, metavar="A,B(x=1)", help="see `list`; or module:Class, or file.py:Class")
-    add("--policy", action="append", default=[], metavar="A", help="one more; may be given several times")
+    add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; or module:Class, or file.py:Class")
+    add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
     add("--scenarios", type=names, metavar="A,B", help="names, or paths of scenario files")
     add("--latencies-ms", type=numbers, metavar="0,300")
     add("--losses", type=numbers, metavar="0,0.1", help="probabilities in [0, 1]")
@@ -39,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
     add("--seeds", type=seeds, metavar="0-4")
     add("--frames", type=count, help="length of each run")
-    add("--option", type=named_value, action="append", default=[], metavar="NAME=VALUE", help="of the environments")
+    add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
     how = parser.add_argument_group("run")
     how.add_argument("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
     how.add_argument("--workers", type=count, help="cells at once (default: as many as cores)")
@@ -63,23 +74,30 @@ def run(options: argparse.Namespace) -> int:
     engine = Engine(options.engine, options.workers, options.address)
     source = find_grid(options.preset, options.grid, more_policies=options.policy, **_beside(options))
     grid = source.grid()
+    conditions, finished = list(grid.conditions()), 0
     # The time left is ours: a bar would take all cells for equally long.
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
     with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
+
+        def show(progress: Progress) -> None:
+            nonlocal finished
+            finished = progress.stored + progress.done  # the bar does not count where it is not shown
+            _show(bar, progress, engine.at_once, conditions)
+
         try:
             results = benchmark(
                 grid,
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
-                on_progress=lambda progress: _show(bar, progress, engine.at_once),
+                on_progress=show,
                 on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
             )
         except CoopsimError as error:
             raise source.blame(error) from error
         except KeyboardInterrupt:
             bar.close()
-            stored = f"{bar.n} of {len(grid)} cells are stored in {options.out}"
+            stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
             print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
     return _conclude(grid, results, options)
@@ -91,19 +109,24 @@ def _beside(options: argparse.Namespace) -> dict[str, Any]:
 
     given = {each.name: getattr(options, each.name, None) for each in fields(Grid)}
     if options.option:
-        given["options"] = dict(options.option)
+        given["options"] = named_options(options)
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _show(bar: tqdm[Any], progress: Progress, workers: int) -> None:
+def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence[Condition]) -> None:
     if progress.outcome is None:
         bar.initial = bar.n = progress.stored
         bar.refresh()
         return
     if progress.outcome.result.failed:
+        from coopsim.bench.axes import label
+
         cell = progress.outcome.result.cell
         reason = (progress.outcome.result.traceback or "").strip().splitlines()[-1]
-        bar.write(f"coopsim: failed: {cell.policy}, {cell.condition}, seed {cell.seed}: {reason}", file=sys.stderr)
+        bar.write(
+            f"coopsim: failed: {cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}: {reason}",
+            file=sys.stderr,
+        )
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
     bar.set_postfix_str(f"about {left} left", refresh=False)
     bar.update()
@@ -126,9 +149,3 @@ def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace
     if failed:
         print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
     return FAILED_CELLS if failed else 0
-
-
-def _policies(text: str) -> tuple[str, ...]:
-    from coopsim.bench.policy_spec import split_policies
-
-    return split_policies(text)

@@ -51,7 +51,14 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
     if options.a == options.b:
         raise InvalidValueError(f"A and B must be two policies, got {options.a!r} for both")
     results, name = _results(options.results), f"{options.b} - {options.a}"
-    return as_one_policy(results, options.a, name), as_one_policy(results, options.b, name)
+    spelled = {_unspaced(result.cell.policy): result.cell.policy for result in results}
+    a, b = (spelled.get(_unspaced(policy), policy) for policy in (options.a, options.b))
+    return as_one_policy(results, a, name), as_one_policy(results, b, name)
+
+
+def _unspaced(policy: str) -> str:
+    """A policy's text as nobody need spell it: a grid writes `late_fusion(late=replay, hits=2)`."""
+    return "".join(policy.split())
 
 
 def _results(folder: Path) -> list[CellResult]:

@@ -6,7 +6,7 @@ import argparse
 
 import coopsim
 
-HELP = "names of policies, environments and camera rigs"
+HELP = "names of policies, environments, scenario files, detectors, codecs, camera rigs and presets"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,9 +15,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
+    from coopsim.bench.grid_file import PRESETS
+    from coopsim.catalog import scenario_files
+    from coopsim.comms.codecs.codec import codecs_of
+    from coopsim.detection.presets import DETECTORS
     from coopsim.sensors.rigs import RIG_NAMES
 
-    print("policies:     " + ", ".join(coopsim.POLICIES.names()))
-    print("environments: " + ", ".join(coopsim.ENVIRONMENTS.names()))
-    print("camera rigs:  " + ", ".join(RIG_NAMES))
+    listed = {
+        "policies": coopsim.POLICIES.names(),
+        "environments": coopsim.ENVIRONMENTS.names(),
+        "scenario files": scenario_files(),
+        "detectors": DETECTORS.names(),
+        "codecs": codecs_of("detections"),
+        "camera rigs": RIG_NAMES,
+        "presets": PRESETS,
+    }
+    for kind, names in listed.items():
+        print(f"{kind + ':':<16}{', '.join(names)}")
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from coopsim.cli.arguments import add_recordings, as_json
+from coopsim.cli.arguments import add_recordings, as_json, policy
 from coopsim.files import require_writable, write_whole
 
 HELP = "score a policy on recorded detections"
@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What the command takes."""
     add_recordings(parser)
     add = parser.add_argument
-    add("--policy", default="ab3dmot", help="see `list` (default: %(default)s)")
+    add("--policy", type=policy, default="ab3dmot", metavar="A(x=1)", help="as in `bench` (default: %(default)s)")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
 
 

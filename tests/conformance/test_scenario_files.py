@@ -40,6 +40,22 @@ def test_a_file_says_the_same_as_keywords(tmp_path: Path) -> None:
     assert file.possible_agents == keywords.possible_agents
 
 
+def test_paths_are_relative_to_the_file_that_has_them(tmp_path: Path) -> None:
+    """A scenario's channel, and that channel's measured delays, wherever the command runs."""
+    (tmp_path / "radio").mkdir()
+    (tmp_path / "radio" / "delays.csv").write_text("delay_s\n0.25\n0.25\n")
+    (tmp_path / "radio" / "channel.yaml").write_text("latency: {model: empirical, path: delays.csv}")
+    (tmp_path / "gnss.yaml").write_text("pose: {position_noise_m: 0.5}")
+    path = write(
+        tmp_path, "scenario: crossing\noptions: {channel: radio/channel.yaml, localization: gnss.yaml, lidar: VLP-16}"
+    )
+    options = coopsim.parallel_env(path)._options
+    assert options.channel_config.latency.samples_s == (0.25, 0.25)
+    here = write(tmp_path, "scenario: crossing\noptions: {channel: nowhere.yaml}")
+    with pytest.raises(ScenarioFileError, match=r"own.yaml:2: channel: cannot read nowhere.yaml"):
+        coopsim.parallel_env(here)
+
+
 def test_keywords_go_before_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "scenario: crossing\npopulation: {rsus: 1}\n")
     assert "rsu_2" in coopsim.parallel_env(path, rsus=3).possible_agents

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -113,6 +114,18 @@ def wait_for_cells(folder: Path, count: int, process: subprocess.Popen[str]) -> 
 def wait_until_gone(processes: list[psutil.Process]) -> None:
     _, alive = psutil.wait_procs(processes, timeout=30)
     assert alive == []
+
+
+def test_an_interrupt_tells_what_is_stored_where_no_bar_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
+        yield from map(run_job, itertools.islice(jobs, 2))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    assert main(["bench", *FLAGS, "--out", str(tmp_path)]) == INTERRUPTED
+    assert "interrupted; 2 of 8 cells are stored" in capsys.readouterr().err and len(stored(tmp_path)) == 2
 
 
 def test_two_workers_give_the_bytes_of_one(reference: dict[str, bytes], tmp_path: Path) -> None:

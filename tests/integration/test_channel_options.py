@@ -158,7 +158,7 @@ def test_everything_at_once_runs_and_is_the_same_again() -> None:
     ("given", "error", "match"),
     [
         (5, InvalidValueError, "channel must be a ChannelConfig, a mapping or the path of a YAML file, got 5"),
-        ("nowhere.yaml", InvalidValueError, "cannot read the channel in nowhere.yaml"),
+        ("nowhere.yaml", InvalidValueError, "channel: cannot read nowhere.yaml"),
         ({"latencies": 1}, UnknownNameError, "unknown channel option 'latencies'. Did you mean 'latency'"),
         ({"range": 5}, UnknownNameError, "unknown channel option 'range'. Did you mean 'range_m'"),
         ({"range_m": -1}, InvalidValueError, "channel: range_m must be >= 0"),

@@ -17,7 +17,27 @@ import pytest
 from coopsim.cli import INTERRUPTED, main
 from coopsim.data.episode import Episode
 
+MINE = """
+import numpy as np
+import coopsim
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Tracks
+
+class Mine(coopsim.Policy):
+    uplink = "none"
+    def track(self, agent, observation):
+        none = np.zeros(0, dtype=int)
+        return Tracks(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)
+"""
+
 QUICK = ["--frames", "6", "--vehicles", "6", "--pedestrians", "2"]
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> str:
+    """A user's policy that tracks nothing."""
+    (tmp_path / "mine.py").write_text(MINE)
+    return f"{tmp_path / 'mine.py'}:Mine"
 
 
 def test_demo_prints_one_table_and_writes_report_and_numbers(
@@ -53,6 +73,65 @@ def test_a_recording_is_made_and_demonstrated(tmp_path: Path, capsys: pytest.Cap
         assert main(command) == 0
         rows.append([{**row, "frames/s": 0} for row in json.loads(numbers.read_text())])
     assert rows[0] == rows[1] and len(rows[0]) == 2
+
+
+def test_the_demonstration_takes_whatever_the_environment_does(tmp_path: Path, mine: str) -> None:
+    """A detector, codec, channel and localization by name or file; policies with parameters, and a user's own."""
+    (tmp_path / "channel.yaml").write_text("latency: {model: gamma, mean_s: 0.1, jitter_s: 0.05}")
+    (tmp_path / "gnss.yaml").write_text("pose: {position_noise_m: 0.5, correlation_s: 5}")
+    numbers = tmp_path / "demo.json"
+    given = {
+        "detector": "pointpillars_v2v4real",
+        "codec": "compact",
+        "channel": tmp_path / "channel.yaml",
+        "localization": tmp_path / "gnss.yaml",
+        "budget_bytes": 300,
+        "weather": "{rain_mm_h: 5}",
+    }
+    command = ["demo", *QUICK, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]
+    command += [word for name, value in given.items() for word in ("--option", f"{name}={value}")]
+    policies = f"no_fusion,late_fusion(late=replay,align=True),{mine}"
+    assert main([*command, "--policies", policies]) == 0
+    rows = json.loads(numbers.read_text())
+    assert [row["policy"] for row in rows] == ["no_fusion", "late_fusion(late=replay, align=True)", mine]
+    assert {row["latency"] for row in rows} == {"the channel's"}
+    report = (tmp_path / "demo.html").read_text()
+    assert "<dt>codec</dt><dd>compact</dd>" in report and "position_noise_m" not in report
+
+
+def test_a_scenario_file_is_recorded_and_demonstrated(tmp_path: Path) -> None:
+    """What the file says goes before what a demonstration has by default; its paths are relative to it."""
+    town, run, numbers = tmp_path / "town.yaml", tmp_path / "run.coopsim", tmp_path / "demo.json"
+    (tmp_path / "channel.yaml").write_text("latency: {model: gamma, mean_s: 0.1, jitter_s: 0.05}")
+    (tmp_path / "gnss.yaml").write_text("pose: {position_noise_m: 0.5}")
+    town.write_text(
+        "scenario: crossing\ndensity: 0.5\npopulation: {vehicles: 20}\n"
+        "options: {dt_s: 0.2, channel: channel.yaml, localization: gnss.yaml}\n"
+    )
+    assert main(["record", str(town), "--frames", "5", "--out", str(run), "--option", "bicycles=2"]) == 0
+    header = Episode(run).header
+    assert header.dt_s == 0.2 and (header.population["vehicles"], header.population["bicycles"]) == (10, 1)
+    command = ["demo", "--environment", str(town), "--playback", str(run), "--policies", "late_fusion"]
+    assert main([*command, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]) == 0
+    assert [row["latency"] for row in json.loads(numbers.read_text())] == ["the channel's"]
+
+
+def test_places_of_files_are_recorded_by_name(tmp_path: Path) -> None:
+    run = tmp_path / "run.coopsim"
+    assert main(["record", "village.yaml", "--frames", "2", "--out", str(run)]) == 0
+    assert Episode(run).header.scenario.startswith("village-")
+
+
+def test_replay_and_leaderboard_take_policies_as_bench_does(
+    recordings: Path, tmp_path: Path, mine: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for policy in ("late_fusion(late=replay,hits=2)", mine):
+        assert main(["replay", str(recordings), "--detections", "ego,1", "--policy", policy]) == 0
+    printed = capsys.readouterr().out
+    assert "late_fusion(late=replay, hits=2)" in printed and mine in printed
+    command = ["leaderboard", str(recordings), "--detections", "ego,1", "--out", str(tmp_path / "board")]
+    assert main([*command, "--policies", f"late_fusion,late_fusion(late=replay,hits=2),{mine}"]) == 0
+    assert "late_fusion(late=replay, hits=2)" in (tmp_path / "board" / "leaderboard.md").read_text()
 
 
 def test_an_interrupted_recording_can_be_played(tmp_path: Path) -> None:
@@ -99,6 +178,19 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
             ["demo", "--playback", "/nonexistent"],
             "cannot read /nonexistent: No such file or directory; accepted: a file",
         ),
+        (["demo", "--option", "chanel=wifi.yaml"], "Did you mean 'channel'"),
+        (["demo", "--option", "channel=/nonexistent.yaml"], "channel: cannot read /nonexistent.yaml"),
+        (["demo", "--option", "channel={{}}", "--latencies-ms", "0"], "--latencies-ms must be left out"),
+        (["demo", "--option", "codec=compat"], "Did you mean 'compact'"),
+        (["demo", "--option", "detector=a", "--option", "detector=b"], "detector must be given once"),
+        (["demo", "--option", "vehicles=8", "--vehicles", "9"], "vehicles must be given once"),
+        (["demo", "--option", "loss=0.5"], "say it by --loss"),
+        (["record", "vilage.yaml", "--out", "{recordings}/run"], "or one of delivery_street.yaml"),
+        (["record", "crossing", "--out", "{recordings}/run", "--option", "bycicles=2"], "Did you mean 'bicycles'"),
+        (
+            ["leaderboard", "{recordings}", "--detections", "ego", "--out", "{recordings}/labels/0000.txt"],
+            "cannot make",
+        ),
         (["record", "crosing", "--out", "{recordings}/run"], "Did you mean 'crossing'"),
         (["record", "crossing", "--out", "/nonexistent/run"], "cannot write /nonexistent/run"),
         (["replay", "/nonexistent", "--detections", "ego"], "/nonexistent"),
@@ -122,7 +214,11 @@ def test_what_the_user_can_mend_is_said_in_one_line(
         (["demo", "--frames", "0"], "must be an integer >= 1"),
         (["demo", "--frames", "many"], "must be an integer >= 1"),
         (["demo", "--latencies-ms", "a,b"], "must be numbers with commas"),
-        (["demo", "--policies", "a,,b"], "must be distinct names"),
+        (["demo", "--policies", "a,,b"], "policy must be name, name(parameter=value, ...)"),
+        (["demo", "--policies", "a(b=1),a( b=1 )"], "must be distinct policies"),
+        (["leaderboard", "x", "--detections", "ego", "--policies", "mine.py"], "as mine.py:MyTracker"),
+        (["replay", "x", "--detections", "ego", "--policy", "/nonexistent/mine.py:A"], "cannot read /nonexistent"),
+        (["demo", "--option", "codec"], "must be name=value"),
         (["replay", "x", "--detection", "ego"], "Did you mean --detections"),
         (["repaly"], "invalid choice"),
         ([], "required: COMMAND"),
@@ -138,7 +234,8 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    assert "late_fusion" in out and "crossing-v0" in out
+    for name in ("late_fusion", "crossing-v0", "village.yaml", "pointpillars_v2v4real", "compact", "quick"):
+        assert name in out
 
 
 def test_ctrl_c_before_anything_is_finished_leaves_older_files(tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_every_error_at_once_runs_and_is_the_same_again() -> None:
             "localization must be a LocalizationConfig, a mapping or the path of a YAML file, got 0.5",
         ),
         ({"localization": {"cav_0": 0.5}}, InvalidValueError, "localization of cav_0 must be a mapping, got 0.5"),
-        ({"localization": "nowhere.yaml"}, InvalidValueError, "cannot read the localization in nowhere.yaml"),
+        ({"localization": "nowhere.yaml"}, InvalidValueError, "localization: cannot read nowhere.yaml"),
         ({"localization": {}}, InvalidValueError, "localization has nothing in it"),
         ({"localization": {"poze": {}}}, UnknownNameError, "unknown localization option 'poze'. Did you mean 'pose'"),
         ({"localization": {"pose": 0.3}}, InvalidValueError, "localization pose must be a mapping, got 0.3"),

@@ -182,10 +182,18 @@ def test_a_bandwidth_changes_nothing_else_of_the_channel() -> None:
     assert (limited.latency, limited.loss, limited.range_m) == (plain.latency, plain.loss, plain.range_m)
 
 
+def test_a_channel_may_be_a_file(tmp_path: Path) -> None:
+    (tmp_path / "radio.yaml").write_text("radio: {scene: urban}")
+    cell = Cell("late_fusion", Condition(latency_s=0.2))
+    made = environment_options(cell, {"channel": str(tmp_path / "radio.yaml")})
+    assert made["channel"] == environment_options(cell, {"channel": {"radio": {"scene": "urban"}}})["channel"]
+
+
 @pytest.mark.parametrize(
     ("channel", "message"),
     [
-        ("radio.yaml", "channel must be a mapping in a grid"),
+        ("nowhere.yaml", "channel: cannot read nowhere.yaml"),
+        (3, "channel must be None, a mapping or the path of a YAML file"),
         ({"latency": {"model": "gamma"}}, "channel must be without latency"),
         ({"bandwidth": {"rate_bit_s": 1.0}}, "channel.bandwidth must be a mapping without rate_bit_s"),
     ],

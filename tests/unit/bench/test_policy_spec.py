@@ -94,6 +94,7 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
         ("nunpy:X", InvalidValueError, "there is no module 'nunpy'. Did you mean.*'numpy'"),
         ("coopsim.agents.late_fusoin:X", InvalidValueError, "Did you mean 'coopsim.agents.late_fusion'"),
         ("coopsim.agents.late_fusion:LateFusio", UnknownNameError, "Did you mean 'LateFusion'"),
+        ("mine.py", InvalidValueError, "must name the class in that file, as mine.py:MyTracker"),
         ("numpy:zeros", InvalidValueError, "must be a class derived from coopsim.Policy"),
         ("nowhere/mine.py:Blind", InvalidValueError, "cannot read nowhere/mine.py: No such file"),
         ("{folder}/mine.py:Blnd", UnknownNameError, "Did you mean 'Blind'"),

@@ -126,7 +126,7 @@ def test_all_that_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
     mine.write_text(policy + "# another\n")
     assert key(options={"lidar": str(lidar)}) != keys[5] and key(policy=f"{mine}:P") != keys[6]
     scenario = tmp_path / "mine.yaml"
-    scenario.write_text(f"scenario: crossing\noptions: {{lidar: {lidar}}}\n")
+    scenario.write_text(f"scenario: crossing\noptions: {{lidar: {lidar.name}}}\n")  # beside it
     before = key(replace(CELL, condition=Condition(str(scenario))))
     lidar.write_text("3\n")
     assert key(replace(CELL, condition=Condition(str(scenario)))) != before
