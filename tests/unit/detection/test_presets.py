@@ -53,7 +53,7 @@ def test_a_preset_is_written_as_it_is_read(tmp_path: Path) -> None:
         (("lasting_s", "lasts_s"), UnknownNameError, "lasting_s"),
         (("reach_x_m: ", "reach_x_m: x"), InvalidValueError, "reach_x_m must be a finite number > 0"),
         (("found:", "found: 3\nx:"), (UnknownNameError, InvalidValueError), "x|Found must be a mapping"),
-        (("reach_x_m:", "[: x"), InvalidValueError, "cannot read the detector"),
+        (("reach_x_m:", "[: x"), InvalidValueError, "detector: cannot read"),
     ],
 )
 def test_a_broken_file_is_refused(tmp_path: Path, change: tuple[str, str], error: type[Exception], match: str) -> None:
