@@ -76,26 +76,20 @@ def read_keyed_yaml(
         raise error(f"{path}: cannot be read: {broken}") from broken
     lines: dict[str, int] = {}
 
-    def check(node: yaml.Node | None, known: Known | EllipsisType) -> None:
-        if not isinstance(node, yaml.MappingNode):
-            line = 1 if node is None else node.start_mark.line + 1
-            accepted = "any" if isinstance(known, EllipsisType) else ", ".join(sorted(known))
-            raise _at(error, path, line, f"expected keys and values. Accepted: {accepted}")
-        here: set[str] = set()
-        for key, value in node.value:
-            line, name = key.start_mark.line + 1, str(key.value)
-            if not isinstance(known, EllipsisType) and name not in known:
-                raise _at(error, path, line, str(UnknownNameError("key", name, known)))
-            if name in here:
-                raise _at(error, path, line, f"{name} is there twice")
-            here.add(name)
-            lines[name] = line
-            below = None if isinstance(known, EllipsisType) else known[name]
-            if below is not None and not (name in may_be_value and isinstance(value, yaml.ScalarNode)):
-                check(value, below)
+    def check(section: Entry, known: Known | EllipsisType) -> None:
+        here: Known | None = None if isinstance(known, EllipsisType) else known
+        accepted = "any" if here is None else ", ".join(sorted(here))
+        for name, entry in section.named(f"Accepted: {accepted}").items():
+            if here is not None and name not in here:
+                raise entry.error(str(UnknownNameError("key", name, here)))
+            lines[name] = entry.line
+            below = None if here is None else here[name]
+            if below is not None and not (name in may_be_value and isinstance(entry.node, yaml.ScalarNode)):
+                check(entry, below)
 
-    check(node, known)
-    return KeyedYaml(path, Entry(path, node, "file", 1), content, lines, error)
+    root = Entry(path, node, "file", 1, error)
+    check(root, known)
+    return KeyedYaml(path, root, content, lines, error)
 
 
 def _at(error: type[CoopsimError], path: Path, line: int, message: str) -> CoopsimError:

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from coopsim.checks import require_choice, require_finite_number
-from coopsim.errors import CoopsimError, ScenarioFileError, UnknownNameError
+from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 
 
@@ -24,14 +24,15 @@ class Entry:
         node: the value, as YAML's composer found it.
         name: its key, or that of the list that it is in.
         line: of the key, from 1.
-
-    Every method raises `ScenarioFileError` if the value is not what it asks for, with the file, the line and the name.
+        kind: of the errors about the file. Every method raises one if the value is not what it asks for, with the
+            file, the line and the name.
     """
 
     file: Path
     node: yaml.Node
     name: str
     line: int
+    kind: type[CoopsimError]
 
     @property
     def value(self) -> Any:
@@ -44,9 +45,9 @@ class Entry:
         finally:
             loader.dispose()
 
-    def error(self, message: str) -> ScenarioFileError:
+    def error(self, message: str) -> CoopsimError:
         """One that says where."""
-        return ScenarioFileError(f"{self.file}:{self.line}: {message}")
+        return self.kind(f"{self.file}:{self.line}: {message}")
 
     def fields(self, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Entry]:
         """Keys and values; all that are `required` are there, and none that is unknown."""
@@ -67,7 +68,7 @@ class Entry:
         found: dict[str, Entry] = {}
         for key, value in self.node.value:
             name, line = str(key.value), key.start_mark.line + 1
-            entry = Entry(self.file, value, name, line)
+            entry = Entry(self.file, value, name, line, self.kind)
             if name in found:
                 raise entry.error(f"{name} is there twice")
             found[name] = entry
@@ -77,7 +78,7 @@ class Entry:
         """What a list consists of."""
         if not isinstance(self.node, yaml.SequenceNode):
             raise self.error(f"{self.name} must be a list, got {self._shown()}")
-        return [Entry(self.file, item, self.name, item.start_mark.line + 1) for item in self.node.value]
+        return [Entry(self.file, item, self.name, item.start_mark.line + 1, self.kind) for item in self.node.value]
 
     def checked(self, check: Callable[..., None], *limits: Any) -> Any:
         """The value, if a function of `coopsim.checks` takes it after `limits`."""

@@ -76,7 +76,7 @@ def test_keywords_go_before_the_file(tmp_path: Path) -> None:
             r"own.yaml:3: vehicles must be an integer >= 0, got 'many'",
         ),
         ("scenario: crossing\ndensity: -1\n", r"own.yaml:2: density must be a finite number >= 0, got -1"),
-        ("scenario: crossing\npopulation: 3\n", r"own.yaml:2: expected keys and values. Accepted: bicycles"),
+        ("scenario: crossing\npopulation: 3\n", r"own.yaml:2: population: expected keys and values. Accepted: bicycles"),
         ("scenario: crossing\noptions:\n  weather: {rain: 3}\n", r"own.yaml:3: unknown key 'rain'"),
         ("scenario: crossing\noptions:\n  weather: {wetness: 3}\n", r"own.yaml:3: wetness must be in \[0, 1\]"),
         ("scenario: crossing\noptions:\n  lidar: VLP\n", r"own.yaml:3: unknown lidar 'VLP'. Did you mean 'VLP-16'"),
@@ -84,7 +84,7 @@ def test_keywords_go_before_the_file(tmp_path: Path) -> None:
         ("scenario: [crossing\n", r"own.yaml:2: this is no YAML"),
         ("scenario: !!python/name:os.system\n", r"own.yaml:1: this is no YAML"),
         ("scenario: highway\npopulation: {vehicles: 2}\n", r"own.yaml: connected_cars must be at most"),
-        ("", r"own.yaml:1: expected keys and values"),
+        ("", r"own.yaml:1: file: expected keys and values"),
     ],
 )
 def test_what_is_wrong_is_said_with_the_line(tmp_path: Path, text: str, message: str) -> None:

@@ -75,7 +75,7 @@ def test_what_is_no_grid_is_refused(given: dict[str, Any], message: str) -> None
         ("policies: [late_fusion]\nlosses: [0, 2]\n", ":2: losses must be in [0, 1], got 2"),
         ("policies: [late_fusion]\nseeds: [1]\nseeds: [2]\n", ":3: seeds is there twice"),
         ("policies: [late_fusion\nseeds: 1", ":2: this is no YAML"),
-        ("- a\n", ":1: expected keys and values"),
+        ("- a\n", ":1: file: expected keys and values"),
         (
             "policies: [late_fusion]\n\noptions:\n  vehicles: 8\n  lidr: null\n",
             ":5: unknown option 'lidr'. Did you mean",
