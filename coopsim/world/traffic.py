@@ -15,7 +15,7 @@ from coopsim.world.engine.arrays import ArrayEngine, closest_speed
 from coopsim.world.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
 from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
-from coopsim.world.layout import LaneIndex, Layout, Slot
+from coopsim.world.layout import LANE_M, LaneIndex, Layout, Slot
 from coopsim.world.models_by_class import models_of
 from coopsim.world.scenario import Population
 from coopsim.world.snapshot import Model
@@ -29,6 +29,9 @@ _CLOSING_M_S = 9.0  # how much faster than its first car those of a convoy would
 _SLOW, _FAST = (0.8, 0.95), (1.1, 1.3)  # shares of the cruising speed
 _ENTRY_M = 30.0  # free road that a new vehicle needs ahead and behind, next to what it takes to adapt its speed
 _EASY_BRAKING_M_S2 = 2.0
+_START_BRAKING_M_S2 = 5.0  # of who starts right behind somebody slower
+_START_GAP_M = 0.5  # left when it has braked
+_START_TURN_RAD = 0.3  # who goes another way is not ahead
 
 _PARKING_M = 0.15  # how far from the middle of its bay somebody stands, at most
 _PARKED_VANS = 0.15  # share of them, where a bay has no class of its own
@@ -102,6 +105,8 @@ class Traffic:
             if driver == HIGHWAY and k in company and layout.convoy_gap_s is not None:
                 driver = TOWN  # who changes no lane
             self._spawn(k, driver, layout.slots[slot], label, layout.cruise_m_s if k in company else None)
+        if self._usual_driver == TOWN:  # on highways lanes are chosen by who is in them
+            self._start_behind_others(len(slots))
         if layout.convoy_gap_s is not None:
             self.fleet.rows["time_wanted"][company] = layout.convoy_gap_s
         self._park(len(slots), population.parked, seed)
@@ -169,6 +174,25 @@ class Traffic:
         row["route_length"] = len(slot.route)
         for place, road in enumerate(slot.route):
             self.fleet.routes[k, place] = self._network.road_number[road], -1
+
+    def _start_behind_others(self, count: int) -> None:
+        """Of the first `count` rows, let nobody start too fast to stop behind who is right ahead.
+
+        There is less than a metre between two buses in neighbouring slots.
+        """
+        rows = self.fleet.rows[:count]
+        direction = np.column_stack([np.cos(rows["heading"]), np.sin(rows["heading"])])
+        offset = self.fleet.position[:count] - self.fleet.position[:count, None]  # (from, to)
+        ahead_m = np.einsum("ijk,ik->ij", offset, direction)
+        aside_m = np.abs(offset[..., 0] * direction[:, None, 1] - offset[..., 1] * direction[:, None, 0])
+        leads = (ahead_m > 0) & (aside_m < LANE_M / 2) & (direction @ direction.T > np.cos(_START_TURN_RAD))
+        gap_m = ahead_m - (rows["length"] + rows["length"][:, None]) / 2 - _START_GAP_M
+        braked = np.where(leads, 2 * _START_BRAKING_M_S2 * np.maximum(gap_m, 0.0), np.inf)
+        for _ in range(count):  # who is slower for one ahead may be too slow for one behind
+            slower = np.minimum(rows["speed"], np.sqrt((rows["speed"] ** 2 + braked).min(axis=1, initial=np.inf)))
+            if (slower == rows["speed"]).all():
+                break
+            rows["speed"] = slower
 
     def _park(self, first: int, count: int, seed: int) -> None:
         """Put vehicles into the rows from `first` on: into bays that have a class of their own, then into any."""

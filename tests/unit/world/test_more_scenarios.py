@@ -113,6 +113,28 @@ def test_an_impossible_density_fills_the_place_and_warns() -> None:
     assert scenario.population.vehicles == len(scenario.layout.slots)
 
 
+@pytest.mark.filterwarnings("ignore::coopsim.errors.CrowdedWarning")
+@pytest.mark.parametrize(
+    ("name", "seed"), [("roundabout", 10), ("parking_street", 2), ("crossing", 10), ("t_junction", 12), ("merge", 22)]
+)
+def test_who_starts_right_behind_a_slower_bus_can_stop(name: str, seed: int) -> None:
+    # All of these began with a bus that ran into the one ahead, within 3 s.
+    world = make_world(name, seed, density=3.0, buses=8, truck_share=0.3)
+    for _ in range(30):
+        world.step(DT_S)
+    assert world.crashed() == ()
+
+
+def test_full_blocks_of_a_grid_go_on_moving() -> None:
+    world = make_world("urban_grid", 1, vehicles=72, pedestrians=0)  # as many as fit
+    speeds = []
+    for _ in range(2500):
+        world.step(DT_S)
+        speeds.append(world._traffic.fleet.rows["speed"].mean())
+    # Measured: 1.7 m/s. It was 0.04 m/s when queues around a block waited for each other.
+    assert np.mean(speeds[-500:]) > 1.0
+
+
 def test_who_is_on_the_ring_does_not_stop_for_who_waits_outside() -> None:
     world = make_world("roundabout", 0, pedestrians=0)
     traffic: Traffic = world._traffic
