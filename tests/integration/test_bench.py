@@ -250,7 +250,7 @@ def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.C
         (["--policies", "no_fusion", "--option", "vehicels=3"], "Did you mean 'vehicles'"),
         (["--policies", "no_fusion", "--latencies-ms=-1"], "latencies_ms must be a finite number >= 0"),
         (["--policies", "no_fusion", "--engine", "rya"], "Did you mean 'ray'"),
-        (["--policies", "no_fusion", "--address", "x:1"], "address must be None for the engine 'local'"),
+        (["--policies", "no_fusion", "--address", "x:1"], "address is of a Ray cluster and needs engine 'ray'"),
         (["--preset", "quik"], "Did you mean 'quick'"),
         ([], "policies must be at least one"),
     ]:
