@@ -11,6 +11,12 @@ from coopsim.arrays import frozen, require_finite
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.registry import Registry
+from coopsim.sensors.calibrations import (
+    HDL_64E_ELEVATION_DEG,
+    HDL_64E_LEFT_DEG,
+    OS1_128_CLOCKWISE_DEG,
+    OS1_128_ELEVATION_DEG,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +62,7 @@ class BeamPattern:
 
 
 PATTERNS: Registry[BeamPattern] = Registry("LiDAR")
-"""Beam tables of real sensors, by name; angles are nominal, and each unit made differs from them by its calibration."""
+"""Beam tables of real sensors, by name: of a model's design, or of one unit where its makers publish no design."""
 
 
 def _register(name: str, elevation_deg: ArrayLike, clockwise_deg: ArrayLike | None = None) -> None:
@@ -64,31 +70,29 @@ def _register(name: str, elevation_deg: ArrayLike, clockwise_deg: ArrayLike | No
     PATTERNS.register(name)(BeamPattern(name, np.radians(elevation_deg), azimuth))
 
 
-# Velodyne VLP-16 user manual (63-9243), table 9-1: 16 beams 2 degrees apart.
+# Velodyne VLP-16 user manual (63-9243), table 9-1: 16 beams 2 degrees apart; VLP16db.yaml of the ROS driver velodyne
+# has the same.
 _register("VLP-16", np.linspace(15.0, -15.0, 16))
 
-# Velodyne HDL-32E user manual (63-9113), appendix: 32 beams 4/3 degrees apart.
+# Velodyne HDL-32E user manual (63-9113), firing order: 32 beams 4/3 degrees apart, rounded to hundredths, from which
+# these are at most 0.01 degrees off, as from 32db.yaml of the ROS driver.
 _register("HDL-32E", np.linspace(10.67, -30.67, 32))
 
-# Velodyne HDL-64E S2 manual (63-HDL64ES2): an upper block of 32 beams 1/3 degree apart, a lower one of 1/2 degree. The
-# azimuths of its beams differ by some degrees, in every unit by others, which only its calibration file tells: 0 here.
-# One unit's, 64e_s3-xiesc.yaml of the ROS driver velodyne, has its upper block from 1.96 to -8.56 degrees.
-_register("HDL-64E", np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)]))
+# One unit's calibration each.
+_register("HDL-64E", HDL_64E_ELEVATION_DEG, -HDL_64E_LEFT_DEG)
+_register("OS1-128", OS1_128_ELEVATION_DEG, OS1_128_CLOCKWISE_DEG)
 
-# Hesai Pandar64 user manual, appendix I (channel distribution), as in Hesai's open driver, pandarGeneral_internal.cc:
-# a sixth of a degree apart around the horizon, up to 6 degrees at the ends; fired in groups that point aside.
+# Hesai Pandar64, the design: pandarGeneral_internal.cc of Hesai's open driver. A sixth of a degree apart around the
+# horizon, up to 6 degrees at the ends; fired in groups that point aside, clockwise positive. The driver has channel 58
+# at -9.885; angle_correction_Pandar64.csv, which comes with it, has every channel 0.079 lower but this one 0.239 lower,
+# and a unit's file in Hesai's SDK 2.0 (Pandar64E3X) has it at -10.084 between neighbours at -9.080 and -11.052.
 _PANDAR64 = """
     14.882 11.032 8.059 5.057 3.04 2.028 1.86 1.688 1.522 1.351 1.184 1.013 0.846 0.675 0.508 0.337 0.169 0 -0.169
     -0.337 -0.508 -0.675 -0.845 -1.013 -1.184 -1.351 -1.522 -1.688 -1.86 -2.028 -2.198 -2.365 -2.536 -2.7 -2.873 -3.04
     -3.21 -3.375 -3.548 -3.712 -3.884 -4.05 -4.221 -4.385 -4.558 -4.72 -4.892 -5.057 -5.229 -5.391 -5.565 -5.726 -5.898
-    -6.061 -7.063 -8.059 -9.06 -9.885 -11.032 -12.006 -12.974 -13.93 -18.889 -24.897"""
+    -6.061 -7.063 -8.059 -9.06 -10.045 -11.032 -12.006 -12.974 -13.93 -18.889 -24.897"""
 _register(
     "Pandar64",
     np.array(_PANDAR64.split(), dtype=np.float64),
     [*[-1.042] * 6, *[1.042, 3.125, 5.208, -5.208, -3.125, -1.042] * 8, *[-1.042] * 10],
 )
-
-# Ouster OS1 data sheet, rev. 7: 128 beams over 42.4 degrees, here evenly. Measured tables of units (the metadata that
-# come with Ouster's SDK) are a few tenths of a degree off that, and have the beams in four columns that are 8 firings
-# of 1024 apart.
-_register("OS1-128", np.linspace(21.2, -21.2, 128), np.tile([4.22, 1.41, -1.41, -4.22], 32))
