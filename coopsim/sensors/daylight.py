@@ -13,14 +13,14 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.registry import Registry
 from coopsim.sensors.air import Weather
+from coopsim.sensors.returns import under_water
 
 RGB = tuple[float, float, float]
 
 GAMMA = 2.2
 _CLOUDED_MM_H = 2.0  # e-folding rain rate from a clear sky to a closed one; ours
 _CLOUDY_AMBIENT, _CLOUDY_SKY = 0.55, 0.35  # of their clear values, under a closed sky; ours
-_FOG_M = 1000.0  # visibility below which it is called fog
-_WET_ALBEDO = 0.55  # of the dry one: rough surfaces, Lekner and Dorf, "Why some things are darker when wet", 1988
+_FOG_M = 1000.0  # visibility below which it is called fog (WMO)
 _SOAKED_MM_H = 1.0  # e-folding rain rate from dry surfaces to wet ones; ours
 
 
@@ -69,8 +69,8 @@ class Illumination:
     """Daylight as the weather lets it through.
 
     Clouds of rain take the sun away and dim the sky. Surfaces get wet, and so darker. Air of extinction b per metre
-    shows of what is r away the share exp(-b r), and for the rest the sky's light (Koschmieder 1924). Fog of
-    visibility V has b = ln(20) / V (WMO: contrast falls to 5 %), rain of R mm/h has 1.076 R^0.67 dB/km (ITU-R P.1814).
+    shows of what is r away the share exp(-b r), and for the rest the sky's light (Koschmieder 1924); b is
+    `Weather.extinction_per_m`.
 
     Args:
         daylight: sun and sky.
@@ -80,14 +80,12 @@ class Illumination:
     def __init__(self, daylight: Daylight, weather: Weather | None = None) -> None:
         weather = weather or Weather()
         clear = np.exp(-weather.rain_mm_h / _CLOUDED_MM_H)
-        wet = max(weather.wetness, -np.expm1(-weather.rain_mm_h / _SOAKED_MM_H))
+        self._wet = max(weather.wetness, float(-np.expm1(-weather.rain_mm_h / _SOAKED_MM_H)))
         self._towards_sun = daylight.towards_sun
         self._sun = np.array(daylight.sun) * clear * (daylight.sun_elevation_rad > 0)
         self._ambient = np.array(daylight.ambient) * (clear + _CLOUDY_AMBIENT * (1 - clear))
-        self._albedo = 1 + wet * (_WET_ALBEDO - 1)
         # A closed sky, and one behind fog, has no hue of its own.
-        rain_per_m = 1.076 * weather.rain_mm_h**0.67 * np.log(10) / 10 / 1000
-        self.extinction_per_m = float(np.log(20.0) / weather.fog_visibility_m + rain_per_m)
+        self.extinction_per_m = weather.extinction_per_m
         sky = np.array(daylight.sky)
         grey = max(1 - clear, min(1.0, _FOG_M / weather.fog_visibility_m))
         hueless = sky + grey * (sky.mean() - sky)
@@ -96,7 +94,8 @@ class Illumination:
     def shade(self, color: NDArray[np.uint8], normals: Floats) -> NDArray[np.float32]:
         """Light (F, 3), linear, that comes from matt faces of these colours and outward unit normals, each (F, 3)."""
         facing = np.maximum(normals @ self._towards_sun, 0.0)[:, None]
-        albedo = self._albedo * (color / 255.0) ** GAMMA
+        albedo = (color / 255.0) ** GAMMA
+        albedo += self._wet * (under_water(albedo) - albedo)
         light: NDArray[np.float32] = (albedo * (self._ambient + facing * self._sun)).astype(np.float32)
         return light
 

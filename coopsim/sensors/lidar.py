@@ -42,12 +42,13 @@ class LidarConfig:
     The energy of a return follows the LiDAR equation for a surface larger than the beam: proportional to
     reflectivity * cos(incidence) / range^2. A return is lost with probability exp(-energy / `dropout_energy`), where
     energy is 1 for a white surface met head-on at `reference_range_m`. So what is dark or met aslant is seen less far.
+    Default energies, ranges and noise are ours: half of the returns of an albedo of 0.1 are left at 134 m.
 
     Attributes:
         pattern: name of a beam table, path of one (see `load_pattern`), or a table of one's own.
         columns: firings per turn.
-        min_range_m: nearest return.
-        max_range_m: farthest return.
+        min_range_m: nearest return (HDL-32E manual: about 1).
+        max_range_m: farthest return (the same: 100).
         range_noise_m: standard deviation along the ray.
         reference_range_m: where the energy of a white surface is 1.
         dropout_energy: energy at which 37 % of the returns are lost; 0 loses none.
@@ -58,8 +59,9 @@ class LidarConfig:
         pitch_rad: turn about its y axis, second: looking down is positive.
         yaw_rad: turn about its z axis, last: looking to the left is positive.
         divergence_rad: full angle of the beams' cones, 0 for none: mixed pixels at edges, at five times the rays (a
-            Velodyne's is 0.003).
-        pulse_m: echoes within one beam that are closer together than this merge.
+            Velodyne's is 0.003 to the sides, and half of it up and down).
+        pulse_m: echoes within one beam that are closer together than this merge: half the way of light in the pulse's
+            time, 5 ns by default.
         turn_s: time of a turn, over which the agent and all others move; 0: all rays at one time. Points are where the
             moving agent would have them at the end of the turn.
         backend: "grid" draws all rays at once (see `coopsim.sensors.grid`); "embree" casts each, as a reference.

@@ -88,9 +88,11 @@ def test_without_a_lidar_the_same_seed_gives_the_same_bits(run: Make) -> None:
 
 
 def test_weather_is_everybodys() -> None:
-    clear, rainy = (make(lidar={"roof": ROOF}, weather=weather).reset(seed=5)[0] for weather in (None, Weather(40.0)))
+    fog = Weather(fog_visibility_m=30.0)
+    clear, foggy = (make(lidar={"roof": ROOF}, weather=weather).reset(seed=5)[0] for weather in (None, fog))
     for agent in clear:
-        assert len(rainy[agent]["sweeps"]["roof"]) < len(clear[agent]["sweeps"]["roof"])
+        reach_m = [np.linalg.norm(seen[agent]["sweeps"]["roof"][:, :3], axis=1).max() for seen in (clear, foggy)]
+        assert reach_m[1] < 35.0 < reach_m[0]
 
 
 @pytest.mark.parametrize("name", ["crossing", "highway"])

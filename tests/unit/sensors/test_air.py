@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from sensor_scenes import box_part, ground, triangles
 
 from coopsim.errors import InvalidValueError
@@ -13,10 +14,12 @@ from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
 from coopsim.sensors.air import Clutter, Weather
 from coopsim.sensors.lidar import Lidar, LidarConfig
+from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.returns import CLUTTER_ID, reflect
+from coopsim.sensors.returns import CLUTTER_ID, reflect, under_water
 from coopsim.types import Sweep
 
+SWEEP_FIELDS = ("points", "intensity", "beam", "instance")
 WALLS = [box_part([x, 0.0, 5.0], (0.2, 40.0, 10.0), reflectivity=0.5) for x in (-60.0, 20.0)]
 SCENE = RayScene(triangles(static=[ground(), *WALLS]))
 
@@ -35,8 +38,18 @@ def test_clear_air_changes_nothing() -> None:
         np.testing.assert_array_equal(sense(weather).points, sense().points)
 
 
-def test_attenuation_follows_goodin_and_hahner() -> None:
-    assert Weather(rain_mm_h=10.0).extinction_per_m == pytest.approx(0.01 * 10**0.6)
+@pytest.mark.parametrize("rain_mm_h", [0.5, 2.5, 10.0, 50.0, 200.0])
+def test_rain_dims_by_somewhat_less_than_what_its_drops_take(rain_mm_h: float) -> None:
+    """Marshall and Palmer's drops by Beer and Lambert; large ones take twice their cross section."""
+    mm = np.linspace(0.0, 20.0, 4001)
+    drops_per_m3_mm = 8000.0 * np.exp(-4.1 * rain_mm_h**-0.21 * mm)
+    by_geometry_per_m = np.trapezoid(2 * np.pi / 4 * (1e-3 * mm) ** 2 * drops_per_m3_mm, mm)
+    extinction = Weather(rain_mm_h=rain_mm_h).extinction_per_m
+    assert 0.6 * by_geometry_per_m < extinction < by_geometry_per_m
+    assert 10 * 1000 * extinction / np.log(10) == pytest.approx(1.076 * rain_mm_h**0.67)
+
+
+def test_returns_are_dimmed_there_and_back() -> None:
     assert np.exp(-Weather(fog_visibility_m=200.0).extinction_per_m * 200.0) == pytest.approx(0.05)
     weather = Weather(rain_mm_h=2.0, fog_visibility_m=100.0)
     exact: dict[str, Any] = {"range_noise_m": 0.0, "dropout_energy": 0.0}
@@ -55,11 +68,50 @@ def test_attenuation_follows_goodin_and_hahner() -> None:
         (Weather(fog_visibility_m=500.0), Weather(fog_visibility_m=50.0)),
     ],
 )
-def test_worse_weather_leaves_less_and_nearer(light: Weather, heavy: Weather) -> None:
-    counts = [real(sense(weather)).sum() for weather in (None, light, heavy)]
-    assert counts[0] > counts[1] > counts[2] > 0
-    reach = [np.percentile(np.linalg.norm(s.points[real(s)], axis=1), 95) for s in map(sense, (None, light, heavy))]
-    assert reach[0] > reach[1] > reach[2]
+def test_worse_weather_leaves_fewer_returns_and_dimmer(light: Weather, heavy: Weather) -> None:
+    sweeps = [sense(weather) for weather in (None, light, heavy)]
+    for left in ([real(s).sum() for s in sweeps], [s.intensity[real(s)].mean() for s in sweeps]):
+        assert left[0] > left[1] > left[2] > 0
+
+
+def wall_returns(weather: Weather, range_m: float) -> Sweep:
+    """Twenty sweeps of 200 rays each, all of which meet a wall, albedo 0.5, at a range."""
+    scene = RayScene(triangles(static=[box_part([range_m + 0.1, 0.0, 0.0], (0.2, 20.0, 20.0), reflectivity=0.5)]))
+    straight = BeamPattern("straight", np.radians(np.linspace(-1.0, 1.0, 200)))
+    lidar, rng = Lidar(LidarConfig(straight, columns=1, max_range_m=1000.0), weather), stream(0, "lidar")
+    sweeps = [lidar.sense(scene, SE3.identity(), 0.0, None, rng) for _ in range(20)]
+    return Sweep(*(np.concatenate([getattr(s, name) for s in sweeps]) for name in SWEEP_FIELDS))
+
+
+def range_of_energy(energy: float, weather: Weather) -> float:
+    """Where a wall, albedo 0.5, has an energy, by the LiDAR equation."""
+    return float(brentq(lambda r: 0.5 * (50.0 / r) ** 2 * np.exp(-2 * weather.extinction_per_m * r) - energy, 1, 1e3))
+
+
+@pytest.mark.parametrize("weather", [Weather(), Weather(50.0), *(Weather(0.0, v) for v in (100.0, 200.0, 500.0))])
+def test_half_of_the_returns_are_lost_where_the_lidar_equation_says(weather: Weather) -> None:
+    """But for beams in which a drop outshines the wall, whose energy is there below that of any drop one can tell."""
+    sweep = wall_returns(weather, range_of_energy(0.02 * np.log(2), weather))
+    drops = Clutter(weather, 50.0, 0.02, 1000.0).mean_drops
+    assert real(sweep).sum() / 4000 == pytest.approx(0.5 * np.exp(-drops), abs=0.03)
+
+
+@pytest.mark.parametrize("visibility_m", [20.0, 30.0, 50.0])
+def test_thick_fog_outshines_what_is_about_as_far_as_one_sees(visibility_m: float) -> None:
+    weather = Weather(fog_visibility_m=visibility_m)
+    _, energy = Clutter(weather, 50.0, 0.02, 120.0).draw(1, np.random.default_rng(0))
+    reach_m = range_of_energy(float(energy[0]), weather)
+    assert 0.5 * visibility_m < reach_m < visibility_m
+    assert real(wall_returns(weather, 0.97 * reach_m)).all() and not real(wall_returns(weather, 1.03 * reach_m)).any()
+
+
+def test_fog_returns_from_where_the_receiver_begins_to_see() -> None:
+    """Within the pulse's length of it, at the ranges that the pulse's peak has."""
+    for visibility_m in (10.0, 50.0):
+        sweep = wall_returns(Weather(fog_visibility_m=visibility_m), 500.0)
+        range_m = np.linalg.norm(sweep.points - [0.0, 0.0, 0.35], axis=1)
+        assert len(range_m) > 2000 and not real(sweep).any()
+        assert range_m.min() >= 1.0 and range_m.max() < 2.5
 
 
 def test_rain_makes_ranges_noisier_in_proportion() -> None:
@@ -112,6 +164,7 @@ def test_wet_is_darker_and_more_so_aslant() -> None:
     dry, damp, wet = (reflect(face, cosine, albedo, wetness) for wetness in (0.0, 0.5, 1.0))
     np.testing.assert_allclose(dry, 0.3 * cosine, rtol=1e-6)
     np.testing.assert_allclose(damp, (dry + wet) / 2, rtol=1e-5)
+    assert under_water(albedo) == pytest.approx(0.3 / (1.33**2 * 0.7 + 0.3))
     head_on = 0.3 / (1.33**2 * 0.7 + 0.3) * (1 - (0.33 / 2.33) ** 2) ** 2
     assert wet[-1] == pytest.approx(head_on, rel=1e-5)
     assert (np.diff(wet / dry) > -1e-6).all() and wet[0] / dry[0] < 0.1 * wet[-1] / dry[-1]

@@ -74,6 +74,14 @@ def test_rain_and_wetness_darken(weather: Weather) -> None:
     assert (wet[170] < 0.9 * dry[170]).all()
 
 
+def test_dark_surfaces_darken_most_when_wet_and_white_ones_not() -> None:
+    """To 1 / n^2 of their light at the least, the share that leaves the water again."""
+    grey, up = np.array([[10, 80, 255]], dtype=np.uint8), np.array([[0.0, 0.0, 1.0]])
+    ratio = Illumination(DAY, Weather(wetness=1.0)).shade(grey, up) / Illumination(DAY).shade(grey, up)
+    assert ratio[0, 0] == pytest.approx(1 / 1.33**2, abs=0.001)
+    assert ratio[0, 0] < ratio[0, 1] < 0.65 and ratio[0, 2] == pytest.approx(1.0)
+
+
 def test_the_names_of_hours() -> None:
     assert as_daylight("dusk") is DAYLIGHTS.get("dusk") and as_daylight(DAY) is DAY
     for bad in ("nigth", None, 12):
