@@ -115,6 +115,31 @@ def test_the_bits_are_those_that_unaligned_per_gives() -> None:
     assert CODEC.encode(sent) == message
 
 
+FOREIGN = bytes.fromhex(
+    "020e00001267000000001771ad24d7035a4fc887ffffff088c39b7822f00c06d388000200302697ffbfc19fff00287ffd115"
+    "bf3f21fc1c27e0ff897cb3e02d649c400030017e0c3ffe0c1cfff8016bffce0ffc23f06f82fc1053b4e20002800ecec1ffe4"
+    "c507ffbfffffff017ffdf9fff09a5f843e0bf11f82540000"
+)
+"""A message by another implementation: pycrate 0.8.1's compiler, from ETSI's own modules (CPM-PDU-Descriptions of
+TS 103 324 V2.1.1, and the common data dictionary)."""
+
+
+def test_a_message_of_another_implementation_is_read_and_written_alike() -> None:
+    """A car with a velocity, a pedestrian, and an e-scooter far away and fast."""
+    got = CODEC.decode(FOREIGN)
+    assert (got.station_id, got.captured_ns) == (4711, 1_500_000_000)
+    np.testing.assert_allclose(got.position, [111.31949, -222.63898, 1.5])
+    assert got.objects.label.tolist() == [ObjectClass.CAR, PEDESTRIAN, ObjectClass.SCOOTER]
+    np.testing.assert_allclose(got.objects.score, [0.87, 0.40, 0.01])
+    center = [[12.335, -5.005, 0.795], [-20.005, 30.995, 0.895], [919.995, -920.005, -0.015]]
+    np.testing.assert_allclose(got.objects.boxes.center, center)
+    np.testing.assert_allclose(got.objects.boxes.size, [[4.45, 1.85, 1.55], [0.55, 0.65, 1.75], [1.75, 0.55, 1.65]])
+    np.testing.assert_allclose(np.degrees(got.objects.boxes.yaw), [89.95, -0.15, 123.35])
+    assert got.velocity is not None
+    np.testing.assert_allclose(got.velocity, [[11.105, -2.225], [np.nan, np.nan], [-160.005, 159.995]])
+    assert CODEC.encode(got) == FOREIGN
+
+
 def observed(found: Detections, pose: PoseEstimate) -> Observation:
     return Observation(3_000_000_000, pose, Odometry(np.zeros(4)), found)
 
