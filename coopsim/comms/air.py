@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from coopsim.comms.radio import Fading, Radio
+from coopsim.comms.radio import DECORRELATION_M, Fading, Radio
 from coopsim.comms.sight import Sight, Surroundings
 from coopsim.rng import stream
 from coopsim.types import Ints
@@ -71,11 +71,12 @@ class Air:
         """How strong each of a pair is at the other, dBm, and what is in between."""
         if (first, second) not in self._fading:
             rng = stream(self._seed, "shadowing", first, second)
-            self._fading[first, second] = Fading(rng, self._radio.decorrelation_m)
+            self._fading[first, second] = Fading(rng)
         ends_m = np.stack([around.antennas[first], around.antennas[second]])
         sight = around.between(first, second)
         distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
-        return self._radio.received_dbm(distance_m, sight, self._fading[first, second].at(ends_m)), sight
+        fading = self._fading[first, second].at(ends_m, DECORRELATION_M[sight.state])
+        return self._radio.received_dbm(distance_m, sight, fading), sight
 
 
 def _pair(one: str, other: str) -> LinkName:

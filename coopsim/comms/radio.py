@@ -1,10 +1,10 @@
 """How much of a signal arrives over a distance, and what chance a message then has.
 
-Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 has them, which cites its
-table; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances and with the
-transmitter and receiver of WiLabV2Xsim. The report has blockage as max(0 dB, log-normal); here it is normal in dB, the
-sense in which shadowing is called log-normal, and without which the maximum would never be 0. ns-3 reads it as
-log-normal in dB.
+Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 and QuaDRiGa have them,
+which cite its tables; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances
+of the report's table 6.2.3-1. Transmitter and receiver are WiLabV2Xsim's. The report has blockage as max(0 dB,
+log-normal); here it is normal in dB, the sense in which shadowing is called log-normal, and without which the maximum
+would never be 0. ns-3 reads it as log-normal in dB.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from coopsim.comms.sight import Sight
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 
+DECORRELATION_M = {"LOS": 10.0, "NLOSv": 13.0, "NLOS": 13.0}
+"""The way over which shadowing keeps 1/e of its correlation, by what is in between (table 6.2.3-1)."""
+
 _NEAREST_M = 1.0  # the formulas are for antennas that are apart
 _SHADOWING_DB = {"LOS": 3.0, "NLOSv": 3.0, "NLOS": 4.0}
 _BLOCKAGE_DB = {0: (9.0, 4.5), 1: (5.0, 4.0)}
 """Mean and deviation by how many of the antennas are above the vehicles in the way; with both above there is none."""
-_DECORRELATION_M = {"urban": 10.0, "highway": 25.0}
 _THERMAL_DBM_HZ = -174.0
 
 
@@ -107,11 +109,6 @@ class Radio:
             return ErrorCurve(self.snr_half_db, self.snr_spread_db)
         return ERROR_CURVES[self.scene, "free" if sight.state == "LOS" else "blocked"][self.mcs]
 
-    @property
-    def decorrelation_m(self) -> float:
-        """The way over which shadowing keeps 1/e of its correlation."""
-        return _DECORRELATION_M[self.scene]
-
 
 @dataclass(slots=True, eq=False)
 class Fading:
@@ -119,25 +116,24 @@ class Fading:
 
     Attributes:
         rng: the pair's stream.
-        decorrelation_m: of both.
     """
 
     rng: np.random.Generator
-    decorrelation_m: float
     _ends: Floats | None = field(default=None, init=False)
     _value: Floats = field(default_factory=lambda: np.zeros(2), init=False)
 
-    def at(self, ends_m: Floats) -> Floats:
+    def at(self, ends_m: Floats, decorrelation_m: float) -> Floats:
         """(2,) standard normal shadowing and blockage where the two ends are at (2, 3) m, in the same order each time.
 
-        The way is what both ends have moved since the last call, added up.
+        The way, over which they keep 1/e of their correlation in each `decorrelation_m`, is what both ends have moved
+        since the last call, added up.
         """
         if self._ends is None:
             self._value = self.rng.standard_normal(2)
         else:
             moved_m = float(np.linalg.norm(ends_m - self._ends, axis=1).sum())
             if moved_m > 0:
-                kept = math.exp(-moved_m / self.decorrelation_m)
+                kept = math.exp(-moved_m / decorrelation_m)
                 self._value = kept * self._value + math.sqrt(1 - kept**2) * self.rng.standard_normal(2)
         self._ends = ends_m
         return self._value

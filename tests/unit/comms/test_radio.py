@@ -47,12 +47,12 @@ def test_vehicles_cost_less_the_more_antennas_are_above_them() -> None:
 
 
 def test_shadowing_has_unit_variance_and_loses_1_over_e_over_its_distance() -> None:
-    fading = Fading(np.random.default_rng(0), 10.0)
+    fading = Fading(np.random.default_rng(0))
     still = np.zeros(3)
-    values = np.array([fading.at(np.stack([still, [2.0 * k, 0, 0]]))[0] for k in range(40_000)])
+    values = np.array([fading.at(np.stack([still, [2.0 * k, 0, 0]]), 10.0)[0] for k in range(40_000)])
     assert values.std() == pytest.approx(1.0, abs=0.05)
     assert np.corrcoef(values[:-5], values[5:])[0, 1] == pytest.approx(np.exp(-1), abs=0.05)
-    again = fading.at(np.stack([still, [2.0 * 39_999, 0, 0]]))[0]
+    again = fading.at(np.stack([still, [2.0 * 39_999, 0, 0]]), 10.0)[0]
     assert again == values[-1]  # nobody moved
 
 
