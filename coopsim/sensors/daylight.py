@@ -59,6 +59,7 @@ class Daylight:
         return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(self.sun_elevation_rad)])
 
 
+# Suns and skies of no certain place, made to look like their hour.
 DAYLIGHTS: Registry[Daylight] = Registry("time_of_day")
 DAYLIGHTS.register("day")(Daylight(0.62, 1.12, (0.5, 0.5, 0.5), (0.55, 0.55, 0.55), (0.40, 0.56, 0.74)))
 DAYLIGHTS.register("dusk")(Daylight(2.9, 0.10, (0.62, 0.30, 0.12), (0.17, 0.16, 0.21), (0.52, 0.26, 0.20)))

@@ -15,7 +15,7 @@ from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints
 
 _AROUND = 0.35
-"""Where the four rays are, in divergences from the middle: half the beam's light is within."""
+"""Where the four rays are, in divergences from the middle: half of a uniform beam's light is within."""
 
 
 def rays_of(pattern: BeamPattern, divergence_rad: float) -> list[BeamPattern]:

@@ -14,7 +14,7 @@ RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[C
 """What users write: False, True (as "surround"), the name of a rig, cameras; or one of these by agent."""
 
 UNIT_PITCH_RAD = np.radians(20.0)
-"""How far the named rigs of a roadside unit look down."""
+"""How far the named rigs of a roadside unit look down; ours, as all of them are."""
 
 DRONE_PITCH_RAD = np.radians(45.0)
 """The same for a drone."""
