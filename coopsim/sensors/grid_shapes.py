@@ -59,7 +59,7 @@ class Shapes(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _azimuth(x: np.float32, y: np.float32) -> np.float32:
-    """Arctangent of y / x, rad, to 1e-5; by a polynomial (Abramowitz and Stegun 4.4.49), as it vectorizes."""
+    """Arctangent of y / x, rad, to 1e-5; by a polynomial (Abramowitz and Stegun 4.4.47), as it vectorizes."""
     wide, deep = abs(x), abs(y)
     ratio = min(wide, deep) / max(max(wide, deep), np.float32(1e-20))
     q = ratio * ratio
