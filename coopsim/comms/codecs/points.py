@@ -98,8 +98,9 @@ class PointsCodec(Codec[PointCloud]):
 
     def error_m(self, extent_m: float) -> float:
         """How far a coordinate of a cloud may come back from where it was, if its largest is `extent_m`."""
-        bounds = {"float32": 0.0, "float16": max(extent_m * 2.0**-11, 2.0**-25), "int16": extent_m / 65_000}
-        return bounds[self._number]
+        least = {"float32": 0.0, "float16": 2.0**-25, "int16": 2.0**-126}  # where numbers, or the step, run out of bits
+        share = {"float32": 0.0, "float16": 2.0**-11, "int16": 1 / 65_000}
+        return max(extent_m * share[self._number], least[self._number])
 
     @property
     def intensity_error(self) -> float:
