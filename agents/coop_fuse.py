@@ -19,7 +19,7 @@ from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections, Mask
 
-MERGE_GATE = 0.08
+MERGE_GATE, LEAST_CHANCE = 0.08, 0.05
 DOUBT = Doubt(
     bias=-1.2977,
     own_score=-4.8722,
@@ -29,8 +29,8 @@ DOUBT = Doubt(
     gap=-0.2208,
     gap_away=0.0087,
 )
-CALIBRATION = Calibration(bias=-4.7106, score=9.2352, away=-0.0389, volume=0.8028)
-LIKELIHOOD = Likelihood(bias=-3.8272, mean=4.5122, latest=4.1148)
+CALIBRATION = Calibration(bias=-4.7102, score=9.0318, away=-0.037, volume=0.811, chance=1.9346)
+LIKELIHOOD = Likelihood(bias=-3.7732, mean=4.4963, latest=4.0567)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 
@@ -58,6 +58,8 @@ class CoopFuse(TrackingPolicy):
 
     Args:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
+        least_chance: where two agents' heights exclude each other, how likely the less likely one must be to be
+            tracked too, with the score that is left to it, in [0, 1]; 1: never.
         gate: smallest 3D GIoU of a track and a box, in [-1, 1].
         hits: frames with a detection until a track is reported.
         sure: how likely a first detection must be right to be reported at once, in [0, 1].
@@ -74,6 +76,7 @@ class CoopFuse(TrackingPolicy):
     def __init__(
         self,
         merge_gate: float = MERGE_GATE,
+        least_chance: float = LEAST_CHANCE,
         gate: float = -0.2,
         hits: int = 2,
         sure: float = 0.3,
@@ -85,9 +88,9 @@ class CoopFuse(TrackingPolicy):
         likelihood: Likelihood = LIKELIHOOD,
     ) -> None:
         require_between(-1, 1, merge_gate=merge_gate, gate=gate)
-        require_probability(sure=sure)
+        require_probability(sure=sure, least_chance=least_chance)
         require_count(1, hits=hits, age=age)
-        self._merge_gate, self._doubt = merge_gate, doubt
+        self._merge_gate, self._least_chance, self._doubt = merge_gate, least_chance, doubt
         self._calibration, self._likelihood = calibration, likelihood
         self._settings = (gate, hits, sure, age)
         super().__init__(late, align)
@@ -98,5 +101,5 @@ class CoopFuse(TrackingPolicy):
         return Tracker(ConstantVelocity(), stages, _SeenAgainOrSure(hits, sure, age), scoring=self._likelihood)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        found, away_m = trust_likelier(groups, self._merge_gate, self._doubt)
-        return [replace(found, score=self._calibration.of(found, away_m))]
+        believed = trust_likelier(groups, self._merge_gate, self._doubt, self._least_chance)
+        return [replace(believed.found, score=self._calibration.of(believed))]

@@ -19,10 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from coopsim.agents.coop_fuse import LIKELIHOOD, MERGE_GATE, CoopFuse
+from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse
 from coopsim.data.recording import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.trust import Doubt, away_from_middle, bottom, pair_features, trust_likelier
+from coopsim.fusion.compromise import bottom
+from coopsim.fusion.trust import Doubt, away_from_middle, pair_features, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev, iou_3d
 from coopsim.geometry.se3 import Floats
@@ -140,9 +141,9 @@ def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt) -> tuple[
     for recording in recordings:
         for frame in range(min(recording.frames, frames)):
             groups = [found[frame] for found in recording.detections.values()]
-            fused, away_m = trust_likelier(groups, MERGE_GATE, doubt)
-            features.append(Calibration.features(fused, away_m))
-            right.append(_on_object(fused.boxes.array, recording.truth[frame].boxes.array))
+            believed = trust_likelier(groups, MERGE_GATE, doubt, LEAST_CHANCE)
+            features.append(Calibration.features(believed))
+            right.append(_on_object(believed.found.boxes.array, recording.truth[frame].boxes.array))
     return np.concatenate(features), np.concatenate(right)
 
 

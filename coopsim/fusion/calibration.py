@@ -7,42 +7,45 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
+from coopsim.fusion.trust import Believed
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Detections
+
+_LEAST_CHANCE = 1e-3
+"""What is less likely counts as that, so that the logarithm is finite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Log odds that a box is on an object: linear in its score, in how far off it is, and in how large.
+    """Log odds that a box is on an object: linear in its score, how far off it is, how large, and how undisputed.
 
     A score says how much some points look like an object, not whether the box around them overlaps it. Of two boxes
     with the same score the one far from what is seen clearly is the likelier to miss, most of all in height, and the
-    larger one is the likelier to overlap: the same error is less of it.
+    larger one is the likelier to overlap: the same error is less of it. Where agents differ, one of them at most is
+    right.
 
     Attributes:
         bias: with everything else 0.
         score: per unit of score.
         away: per metre from the middle of what the nearest agent that sees it sees clearly.
         volume: per unit of the logarithm of its volume in m^3.
+        chance: per unit of the logarithm of `Believed.chance`.
     """
 
     bias: float
     score: float
     away: float
     volume: float
+    chance: float
 
-    def of(self, detections: Detections, away_m: Floats) -> Floats:
-        """Probability (N,) of being on an object; the arguments are those of `features`."""
-        weights = np.array([self.score, self.away, self.volume])
-        probability: Floats = expit(self.bias + self.features(detections, away_m) @ weights)
+    def of(self, believed: Believed) -> Floats:
+        """Probability (N,) of being on an object."""
+        weights = np.array([self.score, self.away, self.volume, self.chance])
+        probability: Floats = expit(self.bias + self.features(believed) @ weights)
         return probability
 
     @staticmethod
-    def features(detections: Detections, away_m: Floats) -> Floats:
-        """What the weights after the bias are for, (N, 3).
-
-        Args:
-            detections: N boxes with sizes > 0 and a detector's scores.
-            away_m: (N,) m over ground, as `coopsim.fusion.trust.trust_likelier` gives it.
-        """
-        return np.stack([detections.score, away_m, np.log(detections.boxes.size).sum(axis=1)], axis=1)
+    def features(believed: Believed) -> Floats:
+        """What the weights after the bias are for, (N, 4), of boxes with sizes > 0."""
+        found, chance = believed.found, np.maximum(believed.chance, _LEAST_CHANCE)
+        volume = np.log(found.boxes.size).sum(axis=1)
+        return np.stack([found.score, believed.nearest_m, volume, np.log(chance)], axis=1)

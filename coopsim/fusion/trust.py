@@ -8,26 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from coopsim.checks import require_between
+from coopsim.checks import require_between, require_probability
+from coopsim.fusion.compromise import ON_OBJECT, bottom, compromise
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev
+from coopsim.geometry.iou import giou_bev, iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.tracker import sane
-from coopsim.types import Detections
+from coopsim.types import Detections, Ints, Mask
 
 _CLEARLY = 4
 """Power of the score in the weights of what an agent sees clearly: one box at 0.8 counts for 16 at 0.4."""
-
-_ON_OBJECT, _BLUR = 0.25, 0.03
-"""3D IoU from which on a box is right, as the benchmark has it, and how softly it counts as right about there."""
-
-_COMMON_GROUND = 0.7
-"""Share of a box's footprint that the object's covers, of boxes that cover less of it than most."""
-
-_SHARES = np.linspace(0.0, 1.0, 9)
-_FLOOR, _ROOF = (_SHARES[each][:, None] for each in np.triu_indices(len(_SHARES)))
-"""How far up from the lower of two boxes to the higher one a floor and a roof may be, the roof at least as far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,81 +76,87 @@ def away_from_middle(detections: Detections) -> Floats:
     return distance
 
 
-def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt) -> tuple[Detections, Floats]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Believed:
+    """K boxes that agents see, fused, and what tells how likely each is on an object.
+
+    Attributes:
+        found: the boxes, each with the best score of all agents that see it.
+        chance: (K,) that it is on the object if one of the agents is right about it; 1 if only one sees it.
+        nearest_m: (K,) m over ground from the middle of what the nearest agent that sees it sees clearly.
+        score: (K,) of the likeliest agent.
+        away_m: (K,) m over ground from the middle of what that agent sees clearly.
+    """
+
+    found: Detections
+    chance: Floats
+    nearest_m: Floats
+    score: Floats
+    away_m: Floats
+
+    @classmethod
+    def of_one(cls, found: Detections) -> Believed:
+        """What one agent sees."""
+        away_m = away_from_middle(found)
+        return cls(found, np.ones(len(found)), away_m, found.score, away_m)
+
+    def __getitem__(self, rows: Ints | Mask) -> Believed:
+        return Believed(self.found[rows], self.chance[rows], self.nearest_m[rows], self.score[rows], self.away_m[rows])
+
+    def join(self, other: Believed) -> Believed:
+        """These and then the others."""
+        columns = ("chance", "nearest_m", "score", "away_m")
+        joined = [np.concatenate([getattr(self, each), getattr(other, each)]) for each in columns]
+        return Believed(Detections.concatenate([self.found, other.found]), *joined)
+
+
+def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt, least_chance: float = 1.0) -> Believed:
     """One box per object: the mean of the agents' boxes, weighted by how likely each is the right one.
 
     Each group is matched to what the groups before left (Hungarian on the BEV GIoU, per class), and what is new is
     added. A fused box has the heading, covariance and embedding of the likelier one, the best score of all, and a
-    floor and a roof between which it most likely overlaps the object (`_floor_and_roof`).
+    floor and a roof between which it most likely overlaps the object (`compromise`). Where that box does not
+    overlap one of the two enough to be right if that is, the one given up may be kept as a box of its own, last of all.
 
     Args:
-        groups: one per agent, in one frame, the receiver's own first.
+        groups: one per agent, in one frame, the receiver's own first. Boxes that are not finite or have no size are
+            left out.
         gate: smallest BEV GIoU of boxes on one object, in [-1, 1].
         doubt: what makes a box doubtful.
-
-    Returns:
-        (K,) detections, and how far (K,) m each is from the middle of what the nearest of the agents that see it sees
-        clearly. Boxes that are not finite or have no size are left out.
+        least_chance: from which probability on, in [0, 1], a box that was given up is kept; 1: none is.
     """
     require_between(-1, 1, gate=gate)
-    fused = Detections.empty()
-    held, away = np.zeros(0), np.zeros(0)  # of the likelier box; `fused` has the best score of all agents
-    nearest = np.zeros(0)
-    for group in map(sane, groups):
-        group_away = away_from_middle(group)
-        affinity = giou_bev(fused.boxes.array, group.boxes.array)
-        affinity[fused.label[:, None] != group.label] = -np.inf
+    require_probability(least_chance=least_chance)
+    fused, given_up = Believed.of_one(Detections.empty()), Believed.of_one(Detections.empty())
+    for group in (Believed.of_one(sane(each)) for each in groups):
+        affinity = giou_bev(fused.found.boxes.array, group.found.boxes.array)
+        affinity[fused.found.label[:, None] != group.found.label] = -np.inf
         mine, theirs = hungarian(affinity, gate)
-        own, other = fused.boxes[mine], group.boxes[theirs]
-        gap_m = bottom(other) - bottom(own)
-        share = doubt.of_own(pair_features(held[mine], group.score[theirs], away[mine], group_away[theirs], gap_m))
-        new = np.setdiff1d(np.arange(len(group)), theirs)
-        score = np.concatenate([fused.score, group.score[new]])
-        score[mine] = np.maximum(score[mine], group.score[theirs])
-        nearest = np.concatenate([nearest, group_away[new]])
-        nearest[mine] = np.minimum(nearest[mine], group_away[theirs])
-        # Whose box is the likelier: rows of the fused ones, then of the group's.
-        likelier = np.concatenate([np.arange(len(fused)), len(fused) + new])
-        likelier[mine] = np.where(share > 0.5, len(fused) + theirs, mine)
-        held, away = np.concatenate([held, group.score])[likelier], np.concatenate([away, group_away])[likelier]
-        joined = Detections.concatenate([fused, group])[likelier]
-        boxes = joined.boxes.array.copy()
-        boxes[mine, :6] = _between(own, other, share)
-        fused = replace(joined, boxes=Boxes3D.from_array(boxes), score=score)
-    return fused, nearest
+        agreed, other = _fuse(fused[mine], group[theirs], doubt)
+        given_up = given_up.join(other[other.chance >= least_chance])
+        new = np.setdiff1d(np.arange(len(group.found)), theirs)
+        alone = np.setdiff1d(np.arange(len(fused.found)), mine)
+        order = np.argsort(np.concatenate([mine, alone]), kind="stable")
+        fused = agreed.join(fused[alone])[order].join(group[new])
+    return fused.join(given_up)
 
 
-def _between(own: Boxes3D, other: Boxes3D, share: Floats) -> Floats:
-    """Centre and size (N, 6) between two boxes, `share` of the way from the own one to the other."""
-    extent: Floats = own.array[:, :6] + share[:, None] * (other.array[:, :6] - own.array[:, :6])
-    floor, roof = _floor_and_roof(own, other, share)
-    extent[:, 2], extent[:, 5] = (floor + roof) / 2, roof - floor
-    return extent
-
-
-def _floor_and_roof(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Floats]:
-    """Heights (N,) m between which a box most likely overlaps the object enough, whichever of two boxes is right.
-
-    Where the two differ little the mean overlaps both; where they differ more, a box in between, taller than either,
-    does; where they differ by more than their own height and one is far likelier, that one is taken.
-    """
-    floors = np.stack([bottom(own), bottom(other)])
-    roofs = floors + np.stack([own.size[:, 2], other.size[:, 2]])
-    order = np.argsort(floors, axis=0, kind="stable")
-    low_to_high = (np.take_along_axis(each, order, axis=0) for each in (floors, roofs, np.stack([1 - share, share])))
-    floors, roofs, chances = low_to_high
-    floor = floors[0] + _FLOOR * (floors[1] - floors[0])
-    roof = roofs[0] + _ROOF * (roofs[1] - roofs[0])
-    right = -3e-3 * ((_FLOOR - chances[1]) ** 2 + (_ROOF - chances[1]) ** 2)  # of equals the one nearest to the mean
-    for its_floor, its_roof, chance in zip(floors, roofs, chances, strict=True):
-        common = _COMMON_GROUND * np.maximum(np.minimum(roof, its_roof) - np.maximum(floor, its_floor), 0.0)
-        overlap = common / (roof - floor + its_roof - its_floor - common)
-        right = right + chance * expit((overlap - _ON_OBJECT) / _BLUR)
-    best = right.argmax(axis=0), np.arange(len(share))
-    return floor[best], roof[best]
-
-
-def bottom(boxes: Boxes3D) -> Floats:
-    """Height (N,) m of the undersides."""
-    height: Floats = boxes.center[:, 2] - boxes.size[:, 2] / 2
-    return height
+def _fuse(own: Believed, other: Believed, doubt: Doubt) -> tuple[Believed, Believed]:
+    """Fused boxes of N pairs, and those of the pairs' boxes that they do not overlap enough."""
+    gap_m = bottom(other.found.boxes) - bottom(own.found.boxes)
+    share = doubt.of_own(pair_features(own.score, other.score, own.away_m, other.away_m, gap_m))
+    extent, chance = compromise(own.found.boxes, other.found.boxes, share)
+    best, nearest_m = np.maximum(own.found.score, other.found.score), np.minimum(own.nearest_m, other.nearest_m)
+    pairs = own.join(other)  # all own ones, then all others
+    pairs = replace(
+        pairs,
+        found=replace(pairs.found, score=np.tile(best, 2)),
+        chance=pairs.chance * np.concatenate([1 - share, share]),
+        nearest_m=np.tile(nearest_m, 2),
+    )
+    likelier = pairs[np.arange(len(share)) + len(share) * (share > 0.5)]
+    boxes = likelier.found.boxes.array.copy()
+    boxes[:, :6] = extent
+    reached = np.concatenate([np.diag(iou_3d(boxes, each.found.boxes.array)) for each in (own, other)]) >= ON_OBJECT
+    found = replace(likelier.found, boxes=Boxes3D.from_array(boxes))
+    return replace(likelier, found=found, chance=own.chance * chance), pairs[~reached]

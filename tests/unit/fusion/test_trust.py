@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
@@ -26,7 +26,7 @@ def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) 
 
 
 def fused(*groups: Detections, doubt: Doubt = BY_SCORE) -> list[tuple[float, float]]:
-    kept, _ = trust_likelier(groups, gate=0.1, doubt=doubt)
+    kept = trust_likelier(groups, gate=0.1, doubt=doubt).found
     return sorted(zip(kept.boxes.center[:, 0].tolist(), kept.score.tolist(), strict=True))
 
 
@@ -43,14 +43,14 @@ def test_between_equals_lies_the_mean() -> None:
 
 @pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.2, -1.2])
 def test_a_height_that_both_reach_where_there_is_one(gap_m: float) -> None:
-    kept, _ = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED)
+    kept = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED).found
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
 
 
 @pytest.mark.parametrize("gap_m", [1.5, 2.2, -2.2])
 def test_a_taller_box_reaches_both_where_none_of_their_size_does(gap_m: float) -> None:
     groups = [found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)]
-    kept, _ = trust_likelier(groups, gate=-0.5, doubt=UNDECIDED)
+    kept = trust_likelier(groups, gate=-0.5, doubt=UNDECIDED).found
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
     assert 1.6 < kept.boxes.size[0, 2] <= 1.6 + abs(gap_m) + 1e-9
     assert all(iou_3d(kept.boxes.array, group.boxes.array)[0, 0] >= 0.25 for group in groups)
@@ -59,6 +59,7 @@ def test_a_taller_box_reaches_both_where_none_of_their_size_does(gap_m: float) -
 HEIGHTS_M, PROBABILITIES = st.floats(0.5, 4.0), st.floats(0.01, 0.99)
 
 
+@settings(deadline=None)  # the first call may compile
 @given(st.floats(-9.0, 9.0), HEIGHTS_M, HEIGHTS_M, PROBABILITIES)
 def test_never_less_likely_on_the_object_than_either_of_the_two(
     gap_m: float, own_m: float, other_m: float, share: float
@@ -68,7 +69,7 @@ def test_never_less_likely_on_the_object_than_either_of_the_two(
         for each, floor_m, height_m in ((found((0, 0.5)), 0.0, own_m), (found((0, 0.5)), gap_m, other_m))
     )
     odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
-    kept, _ = trust_likelier([own, other], gate=-0.5, doubt=odds)
+    kept = trust_likelier([own, other], gate=-0.5, doubt=odds).found
 
     def chance_of(boxes: Boxes3D) -> float:
         reached = [iou_3d(boxes.array, each.boxes.array)[0, 0] >= 0.25 for each in (own, other)]
@@ -81,8 +82,37 @@ def test_never_less_likely_on_the_object_than_either_of_the_two(
 def test_else_the_height_of_the_likelier() -> None:
     for own, expected in ((0.6, 0.0), (0.4, 3.0)):
         groups = [found((0, own)), found((0, 0.5), bottom_m=3.0)]
-        kept, _ = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30))
+        kept = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30)).found
         assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(expected)
+
+
+ODDS_OF_A_QUARTER = replace(UNDECIDED, bias=float(np.log(0.25 / 0.75)))
+
+
+def test_a_height_that_is_given_up_may_stay_as_a_box_of_its_own() -> None:
+    groups = [found((0, 0.4), (30, 0.7)), found((0.4, 0.6), bottom_m=4.0)]
+    kept = trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER, least_chance=0.2)
+    np.testing.assert_allclose(kept.found.boxes.center, [[0.1, 0, 0.8], [30, 0, 0.8], [0.4, 0, 4.8]], atol=1e-12)
+    assert kept.found.score.tolist() == [0.6, 0.7, 0.6]
+    np.testing.assert_allclose(kept.chance, [0.75, 1, 0.25], atol=1e-3)
+    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER, least_chance=0.3).found) == 2
+    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER).found) == 2
+    # Also if it is the own one.
+    kept = trust_likelier(
+        groups, gate=-0.5, doubt=replace(ODDS_OF_A_QUARTER, bias=-ODDS_OF_A_QUARTER.bias), least_chance=0.2
+    )
+    np.testing.assert_allclose(kept.found.boxes.center[:, 2], [4.8, 0.8, 0.8], atol=1e-12)
+
+
+@settings(deadline=None)
+@given(st.floats(-9.0, 9.0), PROBABILITIES)
+def test_nothing_is_out_of_reach_if_all_that_is_given_up_stays(gap_m: float, share: float) -> None:
+    groups = [found((0, 0.5)), found((0, 0.5), bottom_m=gap_m)]
+    odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
+    kept = trust_likelier(groups, gate=-0.5, doubt=odds, least_chance=0.0).found
+    for each in groups:
+        assert iou_3d(kept.boxes.array, each.boxes.array).max() >= 0.25
+    assert len(kept) == 1 or abs(gap_m) > 1.0
 
 
 def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
@@ -94,12 +124,12 @@ def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
 
 def test_how_far_a_fused_box_is_from_what_the_nearest_agent_sees_clearly() -> None:
     near_first, near_last = found((0, 0.9), (40, 0.01)), found((0, 0.01), (40, 0.9), (70, 0.01))
-    kept, away = trust_likelier([near_first, near_last], gate=0.1, doubt=BY_SCORE)
-    assert kept.boxes.center[:, 0].tolist() == [0, 40, 70]
-    np.testing.assert_allclose(away, [0, 0, 30], atol=0.01)
-    swapped, swapped_away = trust_likelier([near_last, near_first], gate=0.1, doubt=BY_SCORE)
-    assert swapped.boxes.center[:, 0].tolist() == [0, 40, 70]
-    np.testing.assert_allclose(swapped_away, away)
+    kept = trust_likelier([near_first, near_last], gate=0.1, doubt=BY_SCORE)
+    assert kept.found.boxes.center[:, 0].tolist() == [0, 40, 70]
+    np.testing.assert_allclose(kept.nearest_m, [0, 0, 30], atol=0.01)
+    swapped = trust_likelier([near_last, near_first], gate=0.1, doubt=BY_SCORE)
+    assert swapped.found.boxes.center[:, 0].tolist() == [0, 40, 70]
+    np.testing.assert_allclose(swapped.nearest_m, kept.nearest_m)
 
 
 def test_every_weight_is_of_its_own_feature() -> None:
@@ -133,6 +163,12 @@ def test_bad_settings(gate: float) -> None:
         trust_likelier([], gate, BY_SCORE)
 
 
+@pytest.mark.parametrize("least_chance", [1.5, -0.1, float("nan")])
+def test_bad_chances(least_chance: float) -> None:
+    with pytest.raises(InvalidValueError, match="least_chance"):
+        trust_likelier([], 0.1, BY_SCORE, least_chance)
+
+
 def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
     groups = [
         replace(
@@ -141,7 +177,7 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
         replace(found((0.4, 0.9), (30.4, 0.4)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
         replace(found((60, 0.4)), covariance=5 * np.eye(7)[None], embedding=[[5, 0]]),
     ]
-    kept, _ = trust_likelier(groups, gate=0.1, doubt=BY_SCORE)
+    kept = trust_likelier(groups, gate=0.1, doubt=BY_SCORE).found
     np.testing.assert_allclose(kept.boxes.center[:, 0], [0.4, 30, 60])
     assert kept.covariance is not None and kept.covariance[:, 0, 0].tolist() == [3, 2, 5]
     assert kept.embedding is not None and kept.embedding[:, 0].tolist() == [3, 2, 5]
@@ -150,4 +186,4 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
 def test_embeddings_that_only_one_has_or_of_another_width_raise_nothing() -> None:
     groups = [found((0, 0.5)), replace(found((30, 0.5)), embedding=[[1, 2]]), replace(found((60, 1)), embedding=[[1]])]
     nan = [np.nan, np.nan]
-    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE)[0].embedding, [nan, [1, 2], nan])
+    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE).found.embedding, [nan, [1, 2], nan])
