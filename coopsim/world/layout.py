@@ -119,7 +119,7 @@ class Footways:
         return int(length_m[once].sum() / 2.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Layout:
     """A place.
 
