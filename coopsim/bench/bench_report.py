@@ -64,8 +64,8 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
         style=("report.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js"),
         data=_data(table, clips),
-        title=html.escape(about.title),
-        summary=html.escape(_summary(table)),
+        title=about.title,
+        summary=_summary(table),
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
             for name in shown
