@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,30 +25,20 @@ Results = Mapping[str, RecordingsEvaluation]
 _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ignored"}
 
 
-def evaluate_all(
-    path: str | Path,
-    detections: Sequence[str],
-    policies: Sequence[str],
-    *,
-    on_policy: Callable[[str], object] = lambda name: None,
-    **options: Any,
-) -> dict[str, RecordingsEvaluation]:
-    """Run policies over a recording set, one after another.
+def evaluate_each(
+    path: str | Path, detections: Sequence[str], policies: Sequence[str], **options: Any
+) -> Iterator[tuple[str, RecordingsEvaluation]]:
+    """Run policies over a recording set, one for each step of the iterator, which gives its name and how it did.
 
     Args:
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
-        policies: as `PolicySpec` reads them; all are made before the first is run.
-        on_policy: called with the name of a policy that is finished.
+        policies: as `PolicySpec` reads them; all are made now, so that a slip in the last costs no run of the first.
         **options: of the replay environment, the same for all.
     """
     for name in policies:
         PolicySpec.parse(name).make()
-    results = {}
-    for name in policies:
-        results[name] = evaluate_recordings(name, path, detections, **options)
-        on_policy(name)
-    return results
+    return ((name, evaluate_recordings(name, path, detections, **options)) for name in policies)
 
 
 def rows_of(results: Results) -> list[dict[str, Any]]:
