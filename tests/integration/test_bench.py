@@ -216,7 +216,10 @@ def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
     assert not (results["no_fusion"].failed or results["Quiet"].failed)
     raised, died = results["Raises"].traceback or "", results["Dies"].traceback or ""
     assert 'in track\n    raise ZeroDivisionError(f"of {object()}")' in raised
-    assert "object object at 0x..." in raised and "died: exit status 3" in died
+    assert "object object at 0x..." in raised and died == "the process that ran this cell died\n"
+    assert "process that ran this cell died: exit status 3" in shown.err
+    told = [json.loads(path.read_text()).get("died") for path in (tmp_path / "cells").glob("*.json")]
+    assert sorted(filter(None, told)) == ["exit status 3"]
     before = stored(tmp_path)
     assert main(command) == 1 and stored(tmp_path) == before
     assert "coopsim: failed: " not in capfd.readouterr().err  # it is not run again
