@@ -13,8 +13,9 @@ from coopsim.bench.axes import Axis, label, varying_axes
 from coopsim.bench.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.bev_data import DRAWING
 from coopsim.bench.clips import Clip
+from coopsim.bench.metric_names import BYTES, LESS_IS_BETTER, METRICS
 from coopsim.bench.page import definitions, fill
-from coopsim.bench.result_table import BYTES, LESS_IS_BETTER, METRICS, ResultTable
+from coopsim.bench.result_table import ResultTable
 from coopsim.bench.statistics import mean_interval
 from coopsim.files import write_whole
 

@@ -79,11 +79,9 @@ class Outcome:
 
     @property
     def reason(self) -> str | None:
-        """Why it failed, in one line; None if it did not."""
-        if self.result.traceback is None:
-            return None
-        last = self.result.traceback.strip().splitlines()[-1]
-        return f"{last}: {self.circumstances['died']}" if "died" in self.circumstances else last
+        """Why it failed, in one line, and how its process died if it did; None if it did not fail."""
+        how = self.circumstances.get("died")
+        return self.result.reason if how is None else f"{self.result.reason}: {how}"
 
 
 def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:

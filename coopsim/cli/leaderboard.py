@@ -30,7 +30,8 @@ def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
     from tqdm import tqdm
 
-    from coopsim.bench.leaderboard import evaluate_each, make_folder
+    from coopsim.bench.leaderboard import evaluate_each
+    from coopsim.files import make_folder
 
     make_folder(options.out)
     ranked = options.policies or coopsim.POLICIES.names()
