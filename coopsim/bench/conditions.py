@@ -16,7 +16,7 @@ from coopsim.sensors.lidar import LidarConfig
 _ONE_THREAD = {"threads": 1}
 """As many cells at once as there are cores; each on one of them."""
 
-_ELSEWHERE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
+_JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
 """Options that say what a whole channel says itself, and their defaults, which say nothing beside one."""
 
 _OBJECTS = {"weather": Weather, "lidar": LidarConfig}
@@ -38,7 +38,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
     limited = math.isfinite(condition.bandwidth_bit_s)
     if limited or options.get("channel") is not None:
         made["channel"] = _channel(cell, options)
-        on_air = {"latency_s": 0.0, "loss": 0.0, **_ELSEWHERE}  # not a scenario file's, either
+        on_air = {"latency_s": 0.0, "loss": 0.0, **_JITTER_AND_RANGE}  # not a scenario file's, either
     else:
         on_air = {"latency_s": condition.latency_s, "loss": condition.loss}
     noise = {
@@ -83,7 +83,7 @@ def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
             raise InvalidValueError(f"channel must be without {name}, which is the grid's, got {given[name]!r}")
     if not isinstance(medium, Mapping) or "rate_bit_s" in medium:
         raise InvalidValueError(f"channel.bandwidth must be a mapping without rate_bit_s, the grid's, got {medium!r}")
-    beside = {**_ELSEWHERE, **scenario_options(condition.scenario), **options}
+    beside = {**_JITTER_AND_RANGE, **scenario_options(condition.scenario), **options}
     limited = math.isfinite(condition.bandwidth_bit_s)
     return {
         "range_m": beside["communication_range_m"],

@@ -70,7 +70,6 @@ def make_highway() -> Layout:
         network=network,
         slots=slots,
         connected_first=_connected_first(slots),
-        footways=None,
         rsus=rsus,
         rsu_height_m=RSU_HEIGHT_M,
         speeds_m_s=(20.0, CRUISE_M_S, 30.0),

@@ -150,7 +150,7 @@ class Layout:
     network: RoadNetwork
     slots: tuple[Slot, ...]
     connected_first: tuple[int, ...]
-    footways: Footways | None
+    footways: Footways | None = None
     rsus: tuple[SE3, ...]
     rsu_height_m: float
     speeds_m_s: tuple[float, ...]

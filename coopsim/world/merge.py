@@ -62,7 +62,6 @@ def make_merge() -> Layout:
         network=network,
         slots=slots,
         connected_first=_connected_first(slots),
-        footways=None,
         rsus=rsus,
         rsu_height_m=_MAST_M,
         speeds_m_s=(0.0, _MAIN_SPEED_M_S / 2, _MAIN_SPEED_M_S),
