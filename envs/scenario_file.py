@@ -21,7 +21,7 @@ from typing import Any
 
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
-from coopsim.keyed_yaml import KeyedYaml, KeyPath, read_keyed_yaml
+from coopsim.keyed_yaml import KeyedYaml, read_keyed_yaml
 from coopsim.mappings import with_paths_from
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
@@ -48,12 +48,12 @@ class ScenarioFile:
     scenario: str | Place
     keywords: Mapping[str, Any]
 
-    def blame(self, error: CoopsimError, beside: Collection[str] = (), within: KeyPath = ()) -> CoopsimError:
+    def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError:
         """The same error with the file and the line of the key that it names, if that is not one of `beside`.
 
         An error that names no key of the file may be the fault of those beside, if there are any.
         """
-        blamed = self.file.blame(error, beside, within)
+        blamed = self.file.blame(error, beside)
         return blamed or (error if beside else ScenarioFileError(f"{self.file.path}: {error}"))
 
 
@@ -91,7 +91,8 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
             try:
                 keywords[key] = kind(**keywords[key])
             except CoopsimError as error:
-                raise loaded.blame(error, within=("options", key)) from error
+                section = "options", key
+                raise file.blame(error, within=section) or file.wrong(str(error), *section) from error
     return loaded
 
 
