@@ -15,6 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from interruptible import interruptible
 
 import coopsim
 from coopsim.bench.benchmark import Engine, Progress, benchmark
@@ -101,8 +102,7 @@ def stored(folder: Path) -> dict[str, bytes]:
 
 
 def start(folder: Path, *flags: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "coopsim", "bench", *flags, "--out", str(folder)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return interruptible("bench", *flags, "--out", str(folder), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def wait_for_cells(folder: Path, count: int, process: subprocess.Popen[str]) -> None:
