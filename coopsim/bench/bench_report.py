@@ -62,7 +62,7 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
     shown = table.shown
     return fill(
         "bench.html",
-        style=("report.css", "bench.css"),
+        style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js"),
         data=_data(table, clips),
         title=about.title,

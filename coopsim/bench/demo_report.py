@@ -1,4 +1,4 @@
-"""One HTML file that shows what happened: opens without a network, and carries all it needs."""
+"""The demonstration as one HTML file: opens without a network, and carries all it needs."""
 
 from __future__ import annotations
 
@@ -104,9 +104,9 @@ def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:
             )
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)} of {frames} frames ({frames * scene.dt_s:g} s)"
     return fill(
-        "report.html",
-        style=("report.css",),
-        script=("bev.js", "report.js"),
+        "demo.html",
+        style=("page.css",),
+        script=("bev.js", "demo.js"),
         data=_data(scene, runs),
         title=scene.title,
         summary=counted + " in the same traffic" * (len(runs) > 1),
