@@ -7,8 +7,6 @@ from coopsim.catalog import POLICIES
 from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.tracker import Tracker
 
-__all__ = ["AB3DMOT", "AB3DMOTBased", "ab3dmot"]
-
 
 class AB3DMOTBased(TrackingPolicy):
     """A policy whose tracker is AB3DMOT's.

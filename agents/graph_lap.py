@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.agents.ab3dmot import AB3DMOTBased, ab3dmot
+from coopsim.agents.ab3dmot import AB3DMOTBased
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_count, require_flag, require_threshold
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody

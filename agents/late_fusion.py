@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.agents.tracking import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_threshold
 from coopsim.fusion.late import merge_duplicates, pool
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
 

@@ -1,7 +1,6 @@
 """The tracking side of YOLOO (Gu et al., eq. 8-9): the flexible geometric constraint and greedy matching.
 
-The learned similarity of point clouds, the other half of its cost, comes later; until then this is the geometric part
-alone.
+The learned similarity of point clouds, the other half of its cost, is not part of this policy.
 """
 
 from __future__ import annotations

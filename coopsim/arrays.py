@@ -1,4 +1,4 @@
-"""The one place where input becomes an array of known dtype and shape."""
+"""The one place where input becomes an array of known dtype and shape; and looking up many ids at once."""
 
 from __future__ import annotations
 
@@ -91,3 +91,11 @@ def require_finite(array: NDArray[Any], what: str) -> None:
     if not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InvalidValueError(f"{what} must be finite, got {array[index]} at index {index}")
+
+
+def look_up(rising: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Where each of `wanted` (N,) is, or would have to be put, in an array that rises, and whether it is there."""
+    place = np.searchsorted(rising, wanted)
+    there = place < len(rising)
+    there[there] = rising[place[there]] == wanted[there]
+    return place, there

@@ -55,6 +55,12 @@ def require_threshold(**values: object) -> None:
     require_number("in (0, 1]", lambda value: 0 < value <= 1, **values)
 
 
+def require_frame_time(dt_s: object) -> None:
+    """The time between two frames must be one that nanoseconds can tell, and whose sum they can hold."""
+    require_positive(dt_s=dt_s)
+    require_between(1e-6, 3600, dt_s=dt_s)
+
+
 def require_count(least: int, most: int | None = None, **values: object) -> None:
     """Each must be an integer >= `least` and, if there is a `most`, not more than that."""
     accepted = f">= {least}" if most is None else f"in {least}..{most}"

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and the folders that they are in."""
 
 from __future__ import annotations
 
@@ -16,6 +16,18 @@ def require_writable(path: Path) -> None:
     ready = os.access(target, os.W_OK) if _is_special(target) else parent.is_dir() and os.access(parent, os.W_OK)
     if target.is_dir() or not ready:
         raise InvalidValueError(f"cannot write {path}: it must be a file in an existing, writable folder")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, where there is none.
+
+    Raises:
+        InvalidValueError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
 def write_whole(path: str | os.PathLike[str], text: str) -> Path:

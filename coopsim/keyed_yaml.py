@@ -19,6 +19,9 @@ Known: TypeAlias = Mapping[str, "Known | EllipsisType | None"]
 """Keys that there may be, and below each: those of its mapping, ... for whatever keys it has, None for a value."""
 
 
+KeyPath: TypeAlias = tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class KeyedYaml:
     """What a file says.
@@ -27,30 +30,34 @@ class KeyedYaml:
         path: of the file.
         root: all of it, each value with its line.
         content: its keys and values.
-        lines: where each key stands, from 1.
+        lines: where each key stands, from 1, by the keys on the way to it.
         error: the class of errors about it.
     """
 
     path: Path
     root: Entry
     content: Mapping[str, Any]
-    lines: Mapping[str, int]
+    lines: Mapping[KeyPath, int]
     error: type[CoopsimError]
 
-    def wrong(self, message: str, key: str | None = None) -> CoopsimError:
-        """An error about a key that the file has, or about what it has not."""
-        return _at(self.error, self.path, self.lines.get(key or "", 1), message)
+    def wrong(self, message: str, *key: str) -> CoopsimError:
+        """An error about a key that the file has, given by the keys on the way to it, or about what it has not."""
+        return _at(self.error, self.path, self.lines.get(key, 1), message)
 
-    def blame(self, error: CoopsimError, beside: Collection[str] = ()) -> CoopsimError | None:
+    def blame(self, error: CoopsimError, beside: Collection[str] = (), within: KeyPath = ()) -> CoopsimError | None:
         """The same error with the file and the line of the key that it names; None if it names no key of the file.
+
+        Of keys with the same name it is the outermost.
 
         Args:
             error: whose message begins with what it is about.
             beside: keys that were given in another way and went before the file's.
+            within: keys on the way to the mapping that the error is about.
         """
-        for key in sorted(set(self.lines) - set(beside), key=len, reverse=True):
-            if re.match(rf"(unknown )?(option ')?{re.escape(key)}(?!\w)", str(error)):
-                return self.wrong(str(error), key)
+        inside = [key for key in self.lines if key[: len(within)] == within and key[-1] not in beside]
+        for key in sorted(inside, key=lambda key: (-len(key[-1]), len(key))):
+            if re.match(rf"(unknown )?(option ')?{re.escape(key[-1])}(?!\w)", str(error)):
+                return self.wrong(str(error), *key)
         return None
 
 
@@ -74,18 +81,18 @@ def read_keyed_yaml(
         raise _at(error, path, line, f"this is no YAML: {broken.problem}") from broken
     except UNREADABLE as broken:
         raise error(f"{path}: cannot be read: {broken}") from broken
-    lines: dict[str, int] = {}
+    lines: dict[KeyPath, int] = {}
 
-    def check(section: Entry, known: Known | EllipsisType) -> None:
+    def check(section: Entry, known: Known | EllipsisType, way: KeyPath = ()) -> None:
         here: Known | None = None if isinstance(known, EllipsisType) else known
         accepted = "any" if here is None else ", ".join(sorted(here))
         for name, entry in section.named(f"Accepted: {accepted}").items():
             if here is not None and name not in here:
                 raise entry.error(str(UnknownNameError("key", name, here)))
-            lines[name] = entry.line
+            lines[*way, name] = entry.line
             below = None if here is None else here[name]
             if below is not None and not (name in may_be_value and isinstance(entry.node, yaml.ScalarNode)):
-                check(entry, below)
+                check(entry, below, (*way, name))
 
     root = Entry(path, node, "file", 1, error)
     check(root, known)

@@ -10,11 +10,11 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.checks import require_frame_time
 from coopsim.data.episode import Episode
 from coopsim.envs.options import (
     CommonOptions,
     SimulationOptions,
-    require_frame_time,
     require_truth_exposed,
     sort_options,
 )

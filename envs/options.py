@@ -13,6 +13,7 @@ from coopsim.checks import (
     require_choice,
     require_count,
     require_flag,
+    require_frame_time,
     require_instance,
     require_number,
     require_positive,
@@ -272,12 +273,6 @@ def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:
             f"camera_modes {', '.join(map(repr, truth))} are ground truth, which no observation has: they stand in "
             "infos[agent]['segmentation'] if the environment is made with expose_ground_truth=True"
         )
-
-
-def require_frame_time(dt_s: object) -> None:
-    """The time between two frames must be one that nanoseconds can tell, and whose sum they can hold."""
-    require_positive(dt_s=dt_s)
-    require_between(1e-6, 3600, dt_s=dt_s)
 
 
 def sort_options(options: Mapping[str, Any], *groups: type[Any], beside: Iterable[str] = ()) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,8 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.checks import require_choice, require_instance
-from coopsim.comms.budget import WithinBudget
-from coopsim.comms.channel import Channel, ChannelCounts
-from coopsim.comms.selection import SELECTIONS
-from coopsim.comms.sight import Surroundings
-from coopsim.comms.uplink import Uplink, uplink_maker
+from coopsim.comms.channel import ChannelCounts
+from coopsim.envs.exchange import Exchange, make_uplink
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
@@ -34,10 +31,10 @@ from coopsim.envs.spaces import action_space, observation_space, pack_image, pac
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
-from coopsim.rng import require_seed, stream
+from coopsim.rng import require_seed
 from coopsim.sensors.picture import TRUTH_MODES
 from coopsim.sensors.visibility import Visibility
-from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Message, Tracks
+from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
@@ -72,8 +69,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
-        self._make_uplink = uplink_maker(options.uplink, options.codec)
-        self._uplink("", seed=0)  # so that a wrong setting is refused here, not at the first episode
+        make_uplink(options, agent="", seed=0)  # so that a wrong setting is refused here, not at the first episode
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)
@@ -105,8 +101,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
         self._halfway = False  # a call began to change things and did not come to its end
-        self._channel: Channel
-        self._uplinks: Mapping[str, Uplink]
+        self._exchange: Exchange
         self._scorer: Scorer
         self._shown: tuple[Frame, Mapping[str, Tracks]]
         self._renderer: BevRenderer | None = None
@@ -160,8 +155,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        self._channel = Channel(self._options.channel_config, seed)
-        self._uplinks = {name: self._uplink(name, seed) for name in self.possible_agents}
+        self._exchange = Exchange(self._options, self.possible_agents, self.road_map.buildings, seed)
         self._scorer = Scorer(
             tuple(self.possible_agents),
             self._options.match_iou,
@@ -169,7 +163,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         )
         self.agents = list(self._frame.agents)
         self._shown = (self._frame, {})
-        observations = self._exchange(self._frame)
+        observations = self._observe(self._frame)
         truth = self._truths(self._frame)
         infos = {name: {"seed": seed, **truth.get(name, {})} for name in self.agents}
         self._show_if_human()
@@ -201,7 +195,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         counts = self._scorer.update(frame.agents, tracks)
         self._shown = (frame, tracks)
         self._frame = frame = self._source.advance(maneuvers)
-        observations = self._exchange(frame)
+        observations = self._observe(frame)
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
         rewards = {name: self._reward(counts[name]) for name in reported}
@@ -248,19 +242,19 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def channel_counts(self) -> ChannelCounts:
         """What became of this episode's messages, each counted for every other agent."""
         self._current()
-        return self._channel.counts
+        return self._exchange.channel.counts
 
     @property
     def link_counts(self) -> Mapping[tuple[str, str], ChannelCounts]:
         """The same by link: sender and receiver. A link on which nothing has been sent yet is not there."""
         self._current()
-        return self._channel.link_counts
+        return self._exchange.channel.link_counts
 
     def bytes_per_s(self, agent: str) -> float:
         """What an agent has broadcast per second of simulated time, envelope included."""
         time_ns = self._current().time_ns
         dt_s = self.agent_specs[agent].dt_s
-        return self._channel.broadcast_bytes(agent) / (time_ns / NS_PER_S + dt_s)
+        return self._exchange.channel.broadcast_bytes(agent) / (time_ns / NS_PER_S + dt_s)
 
     def state(self) -> NDArray[np.float64]:
         """All actors in the world frame, (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy.
@@ -340,30 +334,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 maneuvers[name] = maneuver
         return tracks, maneuvers
 
-    def _uplink(self, agent: str, seed: int) -> Uplink:
-        """What makes an agent's messages in an episode."""
-        uplink, budget_bytes = self._make_uplink(), self._options.budget_bytes
-        if budget_bytes is None:
-            return uplink
-        selection = SELECTIONS.get(self._options.selection)(stream(seed, "selection", agent))
-        return WithinBudget(uplink, budget_bytes, selection)
-
-    def _exchange(self, frame: Frame) -> dict[str, Packed]:
-        """Send every agent's message, deliver what is due, and pack the observations."""
-        positions = {name: agent.body.world_SE3_base.translation for name, agent in frame.agents.items()}
-        around = None
-        if self._options.channel_config.radio is not None:
-            bodies = {name: agent.body for name, agent in frame.agents.items()}
-            around = Surroundings.of(bodies, frame.actors, self._source.road_map.buildings)
-        said = [self._uplinks[name].message(name, agent.observation) for name, agent in frame.agents.items()]
-        self._channel.send([each for each in said if each is not None], frame.time_ns, positions, around)
-        arrived = self._channel.deliver(frame.time_ns)
-        heard = {
-            name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
-            for name, agent in frame.agents.items()
-        }
-        for name, observation in heard.items():
-            self._uplinks[name].hear(observation)
+    def _observe(self, frame: Frame) -> dict[str, Packed]:
+        """What every agent perceives and hears, packed."""
         return {
             name: pack_observation(
                 each,
@@ -372,7 +344,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 covariances=self._source.covariances,
                 detection_covariances=self._source.detection_covariances,
             )
-            for name, each in heard.items()
+            for name, each in self._exchange.step(frame).items()
         }
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
@@ -404,7 +376,3 @@ def _visibility(seen: Visibility | None) -> dict[str, Any]:
 def fresh_seed() -> int:
     """A seed that nobody chose."""
     return int(np.random.SeedSequence().generate_state(1)[0])
-
-
-def _by_capture(messages: list[Message]) -> tuple[Message, ...]:
-    return tuple(sorted(messages, key=lambda message: message.captured_ns))

@@ -91,7 +91,8 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
             try:
                 keywords[key] = kind(**keywords[key])
             except CoopsimError as error:
-                raise loaded.blame(error) from error
+                section = "options", key
+                raise file.blame(error, within=section) or file.wrong(str(error), *section) from error
     return loaded
 
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from coopsim.checks import require_choice
 from coopsim.data.episode import Episode
-from coopsim.detection.simulated import SimulatedDetector, count_returns
+from coopsim.detection.simulated import SimulatedDetector
+from coopsim.envs.lidar_sensing import CastSweeps, ExpectReturns, LidarSensing, Sensed
 from coopsim.envs.options import SimulationOptions
 from coopsim.envs.source import AgentFrame, Frame, FrameSource
-from coopsim.geometry.se3 import SE3
 from coopsim.localization import Localizer
 from coopsim.metrics.log import GroundTruth
 from coopsim.rng import stream
@@ -22,13 +21,8 @@ from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_free_mount
-from coopsim.sensors.patterns import BeamPattern
-from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
-from coopsim.sensors.shutter import between
-from coopsim.sensors.sight import LineOfSight
 from coopsim.sensors.visibility import Visibility, VisibilityProbe
-from coopsim.threads import run_all
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
 from coopsim.world.recorded import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
@@ -100,6 +94,13 @@ class Simulation(FrameSource):
         policy_control = self._options.control == "policy"
         return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
 
+    def _make_sensing(self, world: WorldSource, seed: int) -> LidarSensing:
+        options = self._options
+        if self.lidars:
+            return CastSweeps(self._lidars, self._geometry, self.specs, seed, options.dt_s, self._threads)
+        expected = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
+        return ExpectReturns(expected, options.drone_pitch_rad, world.static)
+
     def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {
             name: AgentSpec(
@@ -121,25 +122,12 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self._time_ns, self._cycle, self._world = 0, 0, world
         self.specs = self._specify(world.agents())
-        self._before: dict[str, SE3] = {}
         self._geometry = SceneGeometry(world.models, world.static)
-        self._scene: RayScene | None = None
+        self._sensing = self._make_sensing(world, seed)
         self._localizers = {
             name: Localizer(self._options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")
             for name, spec in self.specs.items()
         }
-        self._lidar_rngs = {
-            (name, sensor): stream(seed, "lidar", name, sensor) for name in self.specs for sensor in self.lidars
-        }
-        if not self.lidars:
-            self._imagined = imagined = LidarConfig(
-                columns=self._options.lidar_columns, max_range_m=self._options.lidar_range_m
-            )
-            tilted = imagined.beams.elevation_rad - self._options.drone_pitch_rad
-            beams = {"cav": imagined.beams, "rsu": imagined.beams, "drone": BeamPattern("looking down", tilted)}
-            self._sights = {
-                kind: LineOfSight(world.static, beams[kind], imagined.columns, imagined.max_range_m) for kind in beams
-            }
         self._detectors = {name: self._detector.begin(seed, name, self._options.dt_s) for name in self.specs}
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
         return self._sense()
@@ -164,12 +152,13 @@ class Simulation(FrameSource):
         return self._rig.render(self._geometry.triangles(actors), actors, self._world.agents())
 
     def visibility(self) -> Mapping[str, Visibility]:
-        scene = self._scene
+        scene = self._sensing.scene
         if scene is None:
             return {}
-        actors, bodies, returns = self._sensed
+        actors, bodies, sensed = self._current
         return {
-            name: self._probes[body.kind].measure(scene, body, actors, returns[name]) for name, body in bodies.items()
+            name: self._probes[body.kind].measure(scene, body, actors, sensed[name].returns)
+            for name, body in bodies.items()
         }
 
     def close(self) -> None:
@@ -179,61 +168,25 @@ class Simulation(FrameSource):
 
     def _sense(self) -> Frame:
         actors, bodies = self._world.actors(), self._world.agents()
-        sweeps, returns = self._sweep_all(actors, bodies)
-        self._sensed = (actors, bodies, returns)
-        seen = actors.id[np.any([count > 0 for count in returns.values()], axis=0)]
+        sensed = self._sensing.sense(actors, bodies)
+        self._current = (actors, bodies, sensed)
+        seen = actors.id[np.any([each.returns > 0 for each in sensed.values()], axis=0)]
         images = self.photograph() if any(self._cameras.values()) else {}
         agents = {
-            name: self._perceive(body, actors, seen, (sweeps[name], returns[name]), images.get(name, {}))
+            name: self._perceive(body, actors, seen, sensed[name], images.get(name, {}))
             for name, body in bodies.items()
         }
         return Frame(self._time_ns, agents, actors, last=self._cycle >= self._options.max_cycles)
-
-    def _sweep_all(
-        self, actors: Actors, bodies: Mapping[str, AgentBody]
-    ) -> tuple[dict[str, dict[str, Sweep]], dict[str, Ints]]:
-        """By agent: its sweeps by sensor, and how many returns they have of each of the actors."""
-        if not self.lidars:
-            return {name: {} for name in bodies}, {name: self._imagine(actors, body) for name, body in bodies.items()}
-        scene = self._scene = RayScene(self._geometry.triangles(actors))
-        before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
-
-        def sweep(body: AgentBody) -> tuple[dict[str, Sweep], Ints]:
-            own = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self.lidars}
-            return own, count_returns(own, actors.id)
-
-        sensed = run_all([partial(sweep, body) for body in bodies.values()], self._threads, "agents")
-        self._before = {name: body.world_SE3_base for name, body in bodies.items()}
-        sweeps, returns = zip(*sensed, strict=True)
-        return dict(zip(bodies, sweeps, strict=True)), dict(zip(bodies, returns, strict=True))
-
-    def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
-        """A sweep that ends now, of an agent that was at `before` a frame ago."""
-        lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._lidar_rngs[body.name, sensor]
-        start = between(before, now, 1.0 - lidar.config.turn_s / self._options.dt_s)
-        return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
-
-    def _back(self, actors: Actors, body: AgentBody) -> SE3:
-        """Where an agent was a frame before the first: straight behind, at its speed."""
-        if body.actor_id is None:
-            return body.world_SE3_base
-        (velocity,) = actors.velocity[actors.id == body.actor_id]
-        moved = np.append(velocity, 0.0) * self._options.dt_s
-        return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
-
-    def _imagine(self, actors: Actors, body: AgentBody) -> Ints:
-        at = body.world_SE3_base.apply(self._imagined.base_SE3_sensor(body.height_m).translation)
-        return self._sights[body.kind].expected_returns(at, actors, body.actor_id)
 
     def _perceive(
         self,
         body: AgentBody,
         actors: Actors,
         seen: Ints,
-        sensed: tuple[Mapping[str, Sweep], Ints],
+        sensed: Sensed,
         images: Mapping[str, CameraImage],
     ) -> AgentFrame:
-        sweeps, returns = sensed
+        sweeps, returns = sensed.sweeps, sensed.returns
         other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
         around = actors[other].transform(body.world_SE3_base.inverse())
         pose, odometry = self._localizers[body.name].localize(body.world_SE3_base)

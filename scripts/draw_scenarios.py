@@ -1,5 +1,6 @@
 """Draw docs/scenarios/<name>.png: every scenario and the village from above, with a drone, after a few seconds."""
 
+import argparse
 from pathlib import Path
 
 from PIL import Image
@@ -12,7 +13,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "scenarios"
 FRAMES = 40
 
 
-def draw(name: str) -> None:
+def draw(name: str, folder: Path) -> None:
     """One picture, in few colours to be small."""
     env = coopsim.parallel_env(name if name in SCENARIOS else f"{name}.yaml", drones=1, max_cycles=FRAMES + 1)
     policy = coopsim.make_policy("late_fusion")
@@ -21,9 +22,18 @@ def draw(name: str) -> None:
     for _ in range(FRAMES):
         observations, *_ = env.step(policy.act(observations))
     picture = BevRenderer(env.road_map, 720, 540).draw(env.bev_frame())
-    Image.fromarray(picture).quantize(32).save(FOLDER / f"{name}.png", optimize=True)
+    Image.fromarray(picture).quantize(32).save(folder / f"{name}.png", optimize=True)
+
+
+def main() -> None:
+    """Read the arguments, draw."""
+    parser = argparse.ArgumentParser(description="Draw scenarios from above.")
+    parser.add_argument("names", nargs="*", default=(*SCENARIOS, "village"), help="default: all")
+    parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the pictures (default: %(default)s)")
+    args = parser.parse_args()
+    for name in args.names:
+        draw(name, args.out)
 
 
 if __name__ == "__main__":
-    for scenario in (*SCENARIOS, "village"):
-        draw(scenario)
+    main()

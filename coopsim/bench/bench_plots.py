@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +11,10 @@ from coopsim.bench.axes import Axis, mildest_values, varying_axes
 from coopsim.bench.cell import Condition
 from coopsim.bench.result_table import ResultTable
 from coopsim.bench.statistics import mean_interval
+from coopsim.bench.svg import line_look, to_svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def plots(table: ResultTable, metric: str) -> dict[str, str]:
@@ -30,22 +33,17 @@ def plots(table: ResultTable, metric: str) -> dict[str, str]:
 
 
 def _plot(table: ResultTable, metric: str, values: np.ndarray[Any, Any], axis: Axis) -> str:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
+    count = len(table.scenarios)
 
-    # No date and no random ids: the same results give the same file. Text stays text.
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
-        count = len(table.scenarios)
-        figure = Figure(figsize=(1.2 + 3.4 * count, 3.2), layout="constrained")
+    def draw(figure: Figure) -> None:
         panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
         for panel, scenario in zip(panels, table.scenarios, strict=True):
             _panel(panel, table, values, axis, scenario)
             panel.set(title=scenario, xlabel=axis.label)
         panels[0].set_ylabel(metric)
         panels[0].legend(fontsize=7, frameon=False)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return text.getvalue()
+
+    return to_svg(draw, 1.2 + 3.4 * count, 3.2)
 
 
 def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: Axis, scenario: str) -> None:
@@ -62,10 +60,10 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
         intervals = [mean_interval(values[number, k]) for _, k in chosen]
         means = np.array([each.mean for each in intervals])
         whiskers = np.nan_to_num([each.half_width for each in intervals])
-        style = ("-", "--", ":")[number // 10 % 3]
+        style, color = line_look(number)
         # A label that begins with an underscore would be left out.
         name = f" {policy}" if policy.startswith("_") else policy
-        look = {"fmt": f"o{style}", "color": f"C{number % 10}", "ms": 3, "capsize": 2, "lw": 1.2}
+        look = {"fmt": f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
         panel.errorbar(places, means, whiskers, label=name, **look)
     if endless:
         panel.set_xscale("log")

@@ -13,8 +13,9 @@ from coopsim.bench.axes import Axis, label, varying_axes
 from coopsim.bench.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.bev_data import DRAWING
 from coopsim.bench.clips import Clip
+from coopsim.bench.metric_names import BYTES, LESS_IS_BETTER, METRICS
 from coopsim.bench.page import definitions, fill
-from coopsim.bench.result_table import BYTES, LESS_IS_BETTER, METRICS, ResultTable
+from coopsim.bench.result_table import ResultTable
 from coopsim.bench.statistics import mean_interval
 from coopsim.files import write_whole
 
@@ -61,11 +62,11 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
     shown = table.shown
     return fill(
         "bench.html",
-        style=("report.css", "bench.css"),
+        style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js"),
         data=_data(table, clips),
-        title=html.escape(about.title),
-        summary=html.escape(_summary(table)),
+        title=about.title,
+        summary=_summary(table),
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
             for name in shown

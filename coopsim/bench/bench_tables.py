@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from coopsim.bench.axes import label, short_label
-from coopsim.bench.result_table import BYTES, LESS_IS_BETTER, METRICS, ResultTable
+from coopsim.bench.metric_names import BYTES, BYTES_SHOWN, LESS_IS_BETTER, METRICS, shown
+from coopsim.bench.result_table import ResultTable
 from coopsim.bench.standings import Standing, standings
 from coopsim.bench.statistics import Interval, mean_interval
 
@@ -24,7 +25,7 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
     if several:
         heads += [("undisturbed", "")] * calm + [("worst", "")]
-    heads += [("bytes/s", "")] * (BYTES in table.metrics) + [("cells", "")]
+    heads += [(BYTES_SHOWN, "")] * (BYTES in table.metrics) + [("cells", "")]
     heads += [("worst in", "about")] * several
     rows = []
     for entry in entries:
@@ -50,7 +51,7 @@ def leaderboard(table: ResultTable, metric: str) -> str:
 def condition_table(table: ResultTable, condition: int) -> str:
     """All shown metrics of every policy in one condition, the best of each in bold."""
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
-    heads = [("policy", "about"), *((_title(name), "") for name in metrics)]
+    heads = [("policy", "about"), *((shown(name), "") for name in metrics)]
     columns = []
     for name in metrics:
         intervals = [mean_interval(values) for values in table.values(name)[:, condition]]
@@ -76,8 +77,7 @@ def failures(table: ResultTable) -> str:
     for result in table.failures:
         cell = result.cell
         name = f"{cell.policy}, {label(cell.condition, table.conditions)}, seed {cell.seed}"
-        last = (result.traceback or "").strip().splitlines()[-1:]
-        summary = f"{html.escape(name)}: <code>{html.escape(' '.join(last)[:200])}</code>"
+        summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
         parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
     return "".join(parts) or '<p class="note">No cell failed.</p>'
 
@@ -93,10 +93,6 @@ def interval_html(interval: Interval, digits: str = "1") -> str:
     if math.isnan(half):
         return number(interval.mean, digits)
     return f'{number(interval.mean, digits)} <span class="dim">± {number(half, digits)}</span>'
-
-
-def _title(metric: str) -> str:
-    return "bytes/s" if metric == BYTES else metric
 
 
 def _state(entry: Standing, cells: int) -> str:

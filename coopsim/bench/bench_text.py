@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -13,7 +11,9 @@ from tabulate import tabulate
 
 from coopsim.bench.axes import label, short_label
 from coopsim.bench.bench_tables import number
-from coopsim.bench.result_table import BYTES, ResultTable
+from coopsim.bench.csv_rows import to_csv_text
+from coopsim.bench.metric_names import BYTES, BYTES_SHOWN, shown
+from coopsim.bench.result_table import ResultTable
 from coopsim.bench.standings import standings
 from coopsim.bench.statistics import Interval, mean_interval
 
@@ -62,17 +62,13 @@ def to_csv(table: ResultTable) -> str:
                 **{f"messages_{name}": result.messages.get(name) for name in counts},
             }
         )
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return to_csv_text(rows)
 
 
 def _leaderboard(table: ResultTable, metric: str) -> str:
     several = len(table.conditions) > 1
     disturbed = ["undisturbed", "worst", "in"] if several else []
-    heads = ["rank", "policy", metric, *disturbed, "bytes/s", "failed", "not run"]
+    heads = ["rank", "policy", metric, *disturbed, BYTES_SHOWN, "failed", "not run"]
     rows = []
     for entry in standings(table, metric):
         where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
@@ -96,7 +92,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
         ]
         for k, policy in enumerate(table.policies)
     ]
-    heads = ["policy", *("bytes/s" if name == BYTES else name for name in names)]
+    heads = ["policy", *map(shown, names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 
@@ -105,9 +101,8 @@ def _failures(table: ResultTable) -> list[str]:
     lines = []
     for result in table.failures:
         cell = result.cell
-        last = (result.traceback or "").strip().splitlines()[-1:]
         where = label(cell.condition, table.conditions)
-        lines.append("- " + _escaped(f"{cell.policy}, {where}, seed {cell.seed}: {' '.join(last)}"))
+        lines.append("- " + _escaped(f"{cell.policy}, {where}, seed {cell.seed}: {result.reason}"))
     return lines
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopsim.bench.cell import Cell, CellResult
-from coopsim.bench.conditions import environment_options
-from coopsim.bench.fingerprint import yaml_content
+from coopsim.bench.conditions import environment_options, scenario_options
 from coopsim.bench.grid import Grid
 from coopsim.bench.job import Job, Outcome
 from coopsim.bench.local import run_locally
@@ -166,10 +165,9 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
 
 def _require_nothing_beside(scenario: str) -> None:
     """What a scenario says of channel and poses would hold in some cells, under the name of another condition."""
-    content = yaml_content(scenario) if os.path.isfile(scenario) else None
-    options = content.get("options") if isinstance(content, Mapping) else None
+    said = scenario_options(scenario)
     for name in ("channel", "localization"):
-        if isinstance(options, Mapping) and options.get(name) is not None:
+        if said.get(name) is not None:
             raise InvalidValueError(
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
                 "options, where it is the same in all cells"

@@ -85,3 +85,8 @@ class CellResult:
     def failed(self) -> bool:
         """Whether there are no values."""
         return self.traceback is not None
+
+    @property
+    def reason(self) -> str | None:
+        """Why it failed, the traceback's last line; None if it did not."""
+        return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from coopsim.bench.cell import Cell
+from coopsim.catalog import is_scenario_file, scenario_file_options
 from coopsim.errors import InvalidValueError
 from coopsim.mappings import make, read_mapping
 from coopsim.sensors.air import Weather
@@ -14,6 +15,9 @@ from coopsim.sensors.lidar import LidarConfig
 
 _ONE_THREAD = {"threads": 1}
 """As many cells at once as there are cores; each on one of them."""
+
+_JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
+"""Options that say what a whole channel says itself, and their defaults, which say nothing beside one."""
 
 _OBJECTS = {"weather": Weather, "lidar": LidarConfig}
 """Options that may be written down as a mapping of the fields of these."""
@@ -34,9 +38,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
     limited = math.isfinite(condition.bandwidth_bit_s)
     if limited or options.get("channel") is not None:
         made["channel"] = _channel(cell, options)
-        for part_of_it in ("latency_jitter_s", "communication_range_m"):
-            made.pop(part_of_it, None)
-        on_air = {"latency_s": 0.0, "loss": 0.0}  # not a scenario file's, either
+        on_air = {"latency_s": 0.0, "loss": 0.0, **_JITTER_AND_RANGE}  # not a scenario file's, either
     else:
         on_air = {"latency_s": condition.latency_s, "loss": condition.loss}
     noise = {
@@ -44,6 +46,15 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
         "heading_noise_rad": math.radians(condition.heading_noise_deg),
     }
     return {**_ONE_THREAD, **made, **on_air, **noise, "max_cycles": cell.frames}
+
+
+def scenario_options(scenario: str) -> Mapping[str, Any]:
+    """What a scenario says itself: the options in its file, or nothing.
+
+    Raises:
+        ScenarioFileError: the file is missing or broken.
+    """
+    return scenario_file_options(scenario) if is_scenario_file(scenario) else {}
 
 
 def as_objects(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -62,7 +73,9 @@ def _as_object(name: str, value: Any) -> Any:
 
 
 def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The whole channel as a mapping: the condition's latency, loss and rate, and what `options` say beside them."""
+    """The whole channel as a mapping: the condition's latency, loss and rate, and beside them what `options` say, else
+    the scenario's file.
+    """
     condition, given = cell.condition, read_mapping("channel", "None", options.get("channel") or {})
     medium = given.get("bandwidth") or {}
     for name in ("latency", "loss"):
@@ -70,12 +83,12 @@ def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
             raise InvalidValueError(f"channel must be without {name}, which is the grid's, got {given[name]!r}")
     if not isinstance(medium, Mapping) or "rate_bit_s" in medium:
         raise InvalidValueError(f"channel.bandwidth must be a mapping without rate_bit_s, the grid's, got {medium!r}")
-    jitter_s = options.get("latency_jitter_s", 0.0)
+    beside = {**_JITTER_AND_RANGE, **scenario_options(condition.scenario), **options}
     limited = math.isfinite(condition.bandwidth_bit_s)
     return {
-        "range_m": options.get("communication_range_m", 300.0),
+        "range_m": beside["communication_range_m"],
         **given,
-        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": jitter_s},
+        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": beside["latency_jitter_s"]},
         "loss": {"model": "bernoulli", "probability": condition.loss},
         "bandwidth": {**medium, "rate_bit_s": condition.bandwidth_bit_s} if limited else None,
     }

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import coopsim
 from coopsim.bench.bev_data import thinned
+from coopsim.bench.demo_report import ReportRun, ReportScene, write_report
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.report import ReportRun, ReportScene, write_report
 from coopsim.bench.runner import Evaluation, evaluate, listening_env
 from coopsim.bench.table import evaluation_row
 from coopsim.errors import EpisodeStateError

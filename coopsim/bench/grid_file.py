@@ -67,7 +67,7 @@ class GridSource:
         if self.file is None:
             return error
         for key, begins in _ABOUT.items():
-            if key in self.file.lines and key not in beside and re.match(begins, str(error)):
+            if key in self.file.content and key not in beside and re.match(begins, str(error)):
                 return self.file.wrong(str(error), key)
         return self.file.blame(error, beside) or error
 

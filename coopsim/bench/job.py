@@ -65,7 +65,7 @@ class Outcome:
     Attributes:
         job: which one.
         result: the same in every run.
-        circumstances: what differs between runs: seconds, where, with which versions.
+        circumstances: what differs between runs: seconds, where, with which versions, and how a process died.
     """
 
     job: Job
@@ -76,6 +76,12 @@ class Outcome:
     def seconds(self) -> float:
         """Wall time; 0 for a job whose worker died."""
         return float(self.circumstances.get("seconds", 0.0))
+
+    @property
+    def reason(self) -> str | None:
+        """Why it failed, in one line, and how its process died if it did; None if it did not fail."""
+        how = self.circumstances.get("died")
+        return self.result.reason if how is None else f"{self.result.reason}: {how}"
 
 
 def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
@@ -91,8 +97,8 @@ def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
 
 
 def died(job: Job, how: str) -> Outcome:
-    """The outcome of a job whose process is gone."""
-    return Outcome(job, CellResult(job.cell, traceback=f"the process that ran this cell died: {how}\n"))
+    """The outcome of a job whose process is gone; each engine learns another how, so that is no part of the result."""
+    return Outcome(job, CellResult(job.cell, traceback="the process that ran this cell died\n"), {"died": how})
 
 
 def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:

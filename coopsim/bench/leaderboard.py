@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tabulate import tabulate
 
+from coopsim.bench.csv_rows import to_csv_text
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
+from coopsim.bench.svg import line_look, to_svg
 from coopsim.bench.table import COLUMNS, format_value, score_row
 from coopsim.errors import InvalidValueError
-from coopsim.files import write_whole
+from coopsim.files import make_folder, write_whole
 from coopsim.metrics.ab3dmot import RECALL_POINTS
 from coopsim.metrics.score import Score
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Results = Mapping[str, RecordingsEvaluation]
 """By the policy's name."""
@@ -25,30 +28,20 @@ Results = Mapping[str, RecordingsEvaluation]
 _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ignored"}
 
 
-def evaluate_all(
-    path: str | Path,
-    detections: Sequence[str],
-    policies: Sequence[str],
-    *,
-    on_policy: Callable[[str], object] = lambda name: None,
-    **options: Any,
-) -> dict[str, RecordingsEvaluation]:
-    """Run policies over a recording set, one after another.
+def evaluate_each(
+    path: str | Path, detections: Sequence[str], policies: Sequence[str], **options: Any
+) -> Iterator[tuple[str, RecordingsEvaluation]]:
+    """Run policies over a recording set, one for each step of the iterator, which gives its name and how it did.
 
     Args:
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
-        policies: as `PolicySpec` reads them; all are made before the first is run.
-        on_policy: called with the name of a policy that is finished.
+        policies: as `PolicySpec` reads them; all are made now, so that a slip in the last costs no run of the first.
         **options: of the replay environment, the same for all.
     """
     for name in policies:
         PolicySpec.parse(name).make()
-    results = {}
-    for name in policies:
-        results[name] = evaluate_recordings(name, path, detections, **options)
-        on_policy(name)
-    return results
+    return ((name, evaluate_recordings(name, path, detections, **options)) for name in policies)
 
 
 def rows_of(results: Results) -> list[dict[str, Any]]:
@@ -57,7 +50,7 @@ def rows_of(results: Results) -> list[dict[str, Any]]:
         {
             "policy": name,
             "false positives": protocol,
-            **score_row(getattr(result, protocol), result.frames / result.seconds),
+            **score_row(getattr(result, protocol), result.frames_per_s),
         }
         for protocol in _PROTOCOLS
         for name, result in results.items()
@@ -79,12 +72,7 @@ def to_markdown(results: Results, title: str) -> str:
 
 def to_csv(results: Results) -> str:
     """All rows, unrounded."""
-    text = io.StringIO()
-    rows = rows_of(results)
-    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return to_csv_text(rows_of(results))
 
 
 def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
@@ -101,40 +89,22 @@ def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any
 
 def plot(results: Results, title: str) -> str:
     """MOTA over recall as SVG, a panel for each protocol, a line for each policy."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
 
-    # No date and no random ids: the same results give the same file. Text stays text.
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9}):
-        figure = Figure(figsize=(9, 4), layout="constrained")
+    def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)
         for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
             ranked = sorted(results, key=lambda name: -getattr(results[name], protocol)["sAMOTA"])
             for name in ranked:
                 recall, mota = mota_over_recall(getattr(results[name], protocol))
-                number = list(results).index(name)
-                style = ("-", "--", ":")[number // 10 % 3]
-                panel.plot(recall, mota, style, color=f"C{number % 10}", linewidth=1.3, label=name)
+                style, color = line_look(list(results).index(name))
+                panel.plot(recall, mota, style, color=color, linewidth=1.3, label=name)
             panel.set(title=heading, xlabel="recall", xlim=(0, 1), ylim=(-20, 100))
             panel.grid(alpha=0.25)
             panel.legend(fontsize=7, loc="upper left", frameon=False)
         axes[0].set_ylabel("MOTA (%)")
         figure.suptitle(title)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return text.getvalue()
 
-
-def make_folder(folder: Path) -> None:
-    """Make a folder if there is none, before the work that is to be written there.
-
-    Raises:
-        InvalidValueError: it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+    return to_svg(draw, 9, 4)
 
 
 def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path, ...]:

@@ -9,13 +9,37 @@ from importlib import resources
 from string import Template
 
 
-def fill(page: str, *, style: tuple[str, ...], script: tuple[str, ...], data: object, **parts: str) -> str:
-    """A page of `template/` with styles and scripts from there, data for the scripts, and parts of HTML."""
+def fill(
+    content: str,
+    *,
+    title: str,
+    summary: str,
+    style: tuple[str, ...],
+    script: tuple[str, ...],
+    data: object,
+    **parts: str,
+) -> str:
+    """A page: the frame that all share (`template/page.html`) around one content.
+
+    Args:
+        content: file in `template/` of what stands between head and scripts.
+        title: plain text.
+        summary: plain text, under the title.
+        style: files in `template/`, in order.
+        script: files in `template/`, in order.
+        data: for the scripts.
+        parts: HTML by the names that the content has for it.
+    """
     # "<" could end the script element ("</script>") or keep it from ending ("<!--<script>"), whatever string it
     # stands in.
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return Template(_read(page)).substitute(
-        parts, style="\n".join(map(_read, style)), script="\n".join(map(_read, script)), data=text
+    return Template(_read("page.html")).substitute(
+        title=html.escape(title),
+        summary=html.escape(summary),
+        main=Template(_read(content)).substitute(parts),
+        style="\n".join(map(_read, style)),
+        script="\n".join(map(_read, script)),
+        data=text,
     )
 
 

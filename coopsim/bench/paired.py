@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.bench.cell import Cell, CellResult, Condition
-from coopsim.bench.result_table import LESS_IS_BETTER
+from coopsim.bench.metric_names import LESS_IS_BETTER
 from coopsim.bench.statistics import (
     LEVEL,
     Interval,

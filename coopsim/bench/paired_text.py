@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 from tabulate import tabulate
 
 from coopsim.bench.axes import label
 from coopsim.bench.cell import Condition
+from coopsim.bench.csv_rows import to_csv_text
 from coopsim.bench.paired import Comparison, Difference
 from coopsim.bench.statistics import LEVEL, seeds_needed, smallest_p_value
 
@@ -85,15 +85,10 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
 
 def to_csv(comparison: Comparison) -> str:
     """The same rows as CSV; a row without scenario is over all conditions."""
-    text = io.StringIO()
-    rows = to_rows(comparison)
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return to_csv_text(to_rows(comparison))
 
 
-_FIELDS = ("scenario", "latency_s", "loss", "position_noise_m", "heading_noise_deg", "bandwidth_bit_s")
+_FIELDS = tuple(field.name for field in fields(Condition))
 
 
 def _plain(value: str | float) -> str | float | None:

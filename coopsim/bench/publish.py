@@ -21,8 +21,8 @@ from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.result_table import ResultTable
 from coopsim.bench.runner import OnFrame
 from coopsim.checks import require_count, require_non_negative
-from coopsim.errors import CoopsimError, InvalidValueError
-from coopsim.files import write_whole
+from coopsim.errors import CoopsimError
+from coopsim.files import make_folder, write_whole
 
 
 def publish(
@@ -62,10 +62,7 @@ def publish(
         for metric in table.shown:
             contents |= {folder / "plots" / name: text for name, text in plots(table, metric).items()}
     for parent in {path.parent for path in contents}:
-        try:
-            parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InvalidValueError(f"cannot make the folder {parent}: {error.strerror}") from error
+        make_folder(parent)
     written = [write_whole(path, text) for path, text in contents.items()]
     report = write_bench_report(folder / "report.html", table, about)  # there, whatever interrupts the filming
     if clips:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,32 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.bench.cell import CellResult, Condition
+from coopsim.bench.metric_names import BYTES, METRICS
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
-
-BYTES = "bytes_per_s"
-
-METRICS: Mapping[str, str] = {
-    "sAMOTA": "MOTA scaled by what is possible at each of 40 levels of recall, averaged",
-    "AMOTA": "MOTA averaged over 40 levels of recall",
-    "AMOTP": "mean 3D IoU of matches, averaged over 40 levels of recall",
-    "MOTA": "1 - (false positives + misses + identity switches) / ground truth, at the best level of recall",
-    "MOTP": "mean 3D IoU of matches, at the same level",
-    "HOTA": "root of detection times association accuracy, over 19 thresholds of IoU",
-    "DetA": "share of boxes that are matched",
-    "AssA": "share of their lives that matched tracks have in common with their objects",
-    "IDF1": "F1 of boxes when each object has one right track",
-    "recall": "share of objects' boxes with a track, at the best level of recall",
-    "precision": "share of reported boxes with an object, at the same level",
-    "IDS": "identity switches, at the same level",
-    "FP": "false positives, at the same level",
-    "FN": "misses, at the same level",
-    "mAP3D@0.5": "mean average precision at 3D IoU 0.5",
-    BYTES: "what an agent broadcasts per second, envelope included",
-}
-"""Metrics that reports show, and what each means; `docs/metrics.md` has all."""
-
-LESS_IS_BETTER = frozenset({"IDS", "FRAG", "FP", "FN", "ML", "AMOTP@2m", BYTES})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

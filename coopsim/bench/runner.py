@@ -71,6 +71,11 @@ class RecordingsEvaluation:
     frames: int
     seconds: float
 
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time."""
+        return self.frames / self.seconds
+
 
 def evaluate(
     policy: Policy | str,

@@ -10,7 +10,8 @@ import numpy as np
 
 from coopsim.bench.axes import mildest
 from coopsim.bench.cell import Condition
-from coopsim.bench.result_table import BYTES, LESS_IS_BETTER, ResultTable
+from coopsim.bench.metric_names import BYTES, LESS_IS_BETTER
+from coopsim.bench.result_table import ResultTable
 from coopsim.bench.statistics import Interval, mean_interval
 from coopsim.geometry.se3 import Floats
 

@@ -16,8 +16,8 @@ from typing import Any
 from coopsim.bench.cell import CellResult
 from coopsim.bench.fingerprint import key_of
 from coopsim.bench.parquet import decode, encode
-from coopsim.errors import InvalidValueError, StoreError
-from coopsim.files import write_durably
+from coopsim.errors import StoreError
+from coopsim.files import make_folder, write_durably
 
 CELLS = "cells"
 """Where in its folder they lie."""
@@ -36,10 +36,7 @@ class Store:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self._cells, self._grid = self.folder / CELLS, self.folder / "grid.json"
-        try:
-            self._cells.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InvalidValueError(f"cannot make the folder {self._cells}: {error.strerror}") from error
+        make_folder(self._cells)
         self._remove_unfinished()
 
     def path_of(self, key: str) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from tabulate import tabulate
 
+from coopsim.bench.metric_names import BYTES, BYTES_SHOWN
 from coopsim.bench.runner import Evaluation
 from coopsim.metrics.score import Score
 from coopsim.metrics.visibility import GroupRecall
@@ -20,7 +21,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("IDS", ".1f"),
     ("FP", ".0f"),
     ("FN", ".0f"),
-    ("bytes/s", ".0f"),
+    (BYTES_SHOWN, ".0f"),
     ("frames/s", ".1f"),
 )
 """Columns and their formats. Percentages, except counts and rates."""
@@ -33,7 +34,7 @@ def format_value(value: float, form: str) -> str:
 
 def score_row(score: Score, frames_per_s: float) -> dict[str, float]:
     """A score's values by column name."""
-    rates = {"bytes/s": score["bytes_per_s"], "frames/s": frames_per_s}
+    rates = {BYTES_SHOWN: score[BYTES], "frames/s": frames_per_s}
     return {name: rates[name] if name in rates else score[name] for name, _ in COLUMNS}
 
 

@@ -122,11 +122,8 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
         from coopsim.bench.axes import label
 
         cell = progress.outcome.result.cell
-        reason = (progress.outcome.result.traceback or "").strip().splitlines()[-1]
-        bar.write(
-            f"coopsim: failed: {cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}: {reason}",
-            file=sys.stderr,
-        )
+        where = f"{cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}"
+        bar.write(f"coopsim: failed: {where}: {progress.outcome.reason}", file=sys.stderr)
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
     bar.set_postfix_str(f"about {left} left", refresh=False)
     bar.update()

@@ -28,7 +28,7 @@ _COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status (see `coopsim.cli.status`)."""
     typed = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args(typed)
+    options = make_parser().parse_args(typed)
     options.typed = shlex.join(["coopsim", *typed])
     try:
         return int(options.command(options))
@@ -43,7 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
-def _parser() -> Parser:
+def make_parser() -> Parser:
+    """The parser of all commands; what it reads has the `command` to run."""
     parser = Parser(prog="coopsim", description="The gym for cooperative perception.")
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import coopsim
 from coopsim.cli.arguments import add_recordings, policies
+from coopsim.cli.status import INTERRUPTED
+
+if TYPE_CHECKING:
+    from coopsim.bench.leaderboard import Results
+    from coopsim.bench.runner import RecordingsEvaluation
 
 HELP = "every policy on recorded detections, as tables and a picture"
 
@@ -23,23 +30,34 @@ def run(options: argparse.Namespace) -> int:
     """Run it; the exit status."""
     from tqdm import tqdm
 
-    from coopsim.bench.leaderboard import evaluate_all, make_folder, rows_of, write_leaderboard
-    from coopsim.bench.table import format_table
+    from coopsim.bench.leaderboard import evaluate_each
+    from coopsim.files import make_folder
 
     make_folder(options.out)
     ranked = options.policies or coopsim.POLICIES.names()
-    with tqdm(total=len(ranked), unit="policy", disable=None, desc="leaderboard") as bar:
-        results = evaluate_all(
-            options.path,
-            options.detections,
-            ranked,
-            on_policy=lambda name: bar.update(),
-            latency_s=options.latency_ms / 1000,
-            match_iou=options.match_iou,
-        )
+    each = evaluate_each(
+        options.path, options.detections, ranked, latency_s=options.latency_ms / 1000, match_iou=options.match_iou
+    )
+    results: dict[str, RecordingsEvaluation] = {}
+    interrupted = False
+    with tqdm(each, total=len(ranked), unit="policy", disable=None, desc="leaderboard") as bar:
+        try:
+            results.update(bar)  # pair by pair: what is finished stays
+        except KeyboardInterrupt:
+            interrupted = True
+    if results:  # an interrupt before the first is finished leaves older files as they are
+        _report(results, options)
+    if interrupted:
+        print(f"coopsim: interrupted; {len(results)} of {len(ranked)} policies were ranked", file=sys.stderr)
+    return INTERRUPTED if interrupted else 0
+
+
+def _report(results: Results, options: argparse.Namespace) -> None:
+    from coopsim.bench.leaderboard import rows_of, write_leaderboard
+    from coopsim.bench.table import format_table
+
     rows = [({name: row[name] for name in ("policy", "false positives")}, row) for row in rows_of(results)]
     print(format_table(rows))
     title = f"{options.path.resolve().parent.name}/{options.path.resolve().name}: {', '.join(options.detections)}"
     for path in write_leaderboard(options.out, results, title):
         print(f"written: {path}")
-    return 0

@@ -33,12 +33,11 @@ def run(options: argparse.Namespace) -> int:
         latency_s=options.latency_ms / 1000,
         match_iou=options.match_iou,
     )
-    frames_per_s = result.frames / result.seconds
     protocols = {"count": result.count, "ignore": result.ignore}
     print(
         format_table(
             [
-                ({"policy": options.policy, "false positives": name}, score_row(score, frames_per_s))
+                ({"policy": options.policy, "false positives": name}, score_row(score, result.frames_per_s))
                 for name, score in protocols.items()
             ]
         )

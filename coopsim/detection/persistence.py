@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from coopsim.arrays import look_up
 from coopsim.checks import require_positive, require_probability
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
@@ -73,10 +74,7 @@ class LastingNormals:
         self._frame += 1
         drawn = self._draw(ids, self._frame)
         walk, white = drawn[:, : self._count], drawn[:, self._count :]
-        place = np.searchsorted(self._ids, ids)
-        known = np.zeros(len(ids), dtype=np.bool_)
-        inside = place < len(self._ids)
-        known[inside] = self._ids[place[inside]] == ids[inside]
+        place, known = look_up(self._ids, ids)
         constant, lasting = np.empty_like(walk), np.empty_like(walk)
         constant[known] = self._constant[place[known]]
         lasting[known] = self._kept * self._lasting[place[known]] + self._fresh * walk[known]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from coopsim.detection.correlated import CorrelatedDetector, CorrelatedDetectorC
 from coopsim.detection.curves import Curve, Found, Scored, Spread
 from coopsim.detection.persistence import Persistence
 from coopsim.detection.simulated import Detector, SimulatedDetector
-from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.mappings import read_mapping
+from coopsim.errors import UnknownNameError
+from coopsim.mappings import make, read_mapping, require_mapping
 from coopsim.registry import Registry
 
 FITTED = Path(__file__).parent / "fitted"
@@ -77,22 +77,13 @@ def to_yaml(config: CorrelatedDetectorConfig) -> str:
 
 
 def _build(kind: type[Any], given: Any) -> Any:
-    if not isinstance(given, Mapping):
-        raise InvalidValueError(f"{kind.__name__} must be a mapping, got {given!r}")
-    known = [field.name for field in fields(kind)]
-    for name in given:
-        if name not in known:
-            raise UnknownNameError(f"key of {kind.__name__}", name, known)
     parts = {
         name: _build(_PARTS[name], part) if name in _PARTS and part is not None else part
-        for name, part in given.items()
+        for name, part in require_mapping(kind.__name__, given).items()
     }
     if kind is CorrelatedDetectorConfig and isinstance(parts.get("errors"), Mapping):
         parts["errors"] = {name: _build(Spread, part) for name, part in parts["errors"].items()}
-    try:
-        return kind(**parts)
-    except TypeError as error:
-        raise InvalidValueError(f"{kind.__name__}: {error}") from error
+    return make(kind.__name__, kind, parts)
 
 
 def _plain(value: Any) -> Any:

@@ -17,9 +17,9 @@ from coopsim.fusion.pose_error import OwnPose, PoseErrorFilter
 from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.tracking.odometry import OdometryFrame
-from coopsim.types import AgentSpec, Detections, Message, Observation, PoseEstimate
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, PoseEstimate
 
-_MEMORY_NS = 2_000_000_000
+_MEMORY_NS = 2 * NS_PER_S
 _GATES_M = (2.0, 1.0)
 """Farthest apart of two boxes on one object: under the consensus, and once the poses are corrected by it."""
 

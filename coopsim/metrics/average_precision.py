@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import NumberedSequence, SequenceArrays
+from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
 from coopsim.types import Ints
 
 AP_THRESHOLDS = (0.3, 0.5, 0.7)
@@ -30,8 +30,7 @@ def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> f
     for sequence, score in sequences:
         data = sequence.arrays
         truth += len(data.truth)
-        frame = np.repeat(np.arange(len(data.track_start) - 1), np.diff(data.track_start))
-        hits.append(_surest_first(data, np.lexsort((-score, frame))))
+        hits.append(_surest_first(data, np.lexsort((-score, frame_of(data.track_start)))))
         scores.append(score)
     order = np.argsort(-np.concatenate(scores), kind="stable")
     return _area(np.concatenate(hits)[order], truth)

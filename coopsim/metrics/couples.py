@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.metrics.matching import NumberedSequence
+from coopsim.metrics.matching import NumberedSequence, frame_of
 from coopsim.types import Ints
 
 
@@ -34,7 +34,7 @@ class Couples:
     def of(cls, sequence: NumberedSequence) -> Couples:
         """The couples of a sequence."""
         data, tracks = sequence.arrays, max(len(sequence.mean_score), 1)
-        frame = np.repeat(np.arange(len(data.pair_start) - 1), np.diff(data.pair_start))
+        frame = frame_of(data.pair_start)
         truth_row, track_row = data.truth_start[frame] + data.pair_truth, data.track_start[frame] + data.pair_track
         key, of_pair = np.unique(data.truth[truth_row] * tracks + data.track[track_row], return_inverse=True)
         object_, track = np.divmod(key, tracks)

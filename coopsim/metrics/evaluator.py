@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.arrays import look_up
 from coopsim.metrics.log import GroundTruth, TrackLog
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
 from coopsim.metrics.pairs import Pairs, find_pairs
@@ -68,9 +69,7 @@ class Evaluator:
 
     def _slots(self, ids: Ints) -> Ints:
         """Where each of `ids` is kept, (N,); new ones get a place."""
-        place = np.searchsorted(self._object, ids)
-        known = place < len(self._object)
-        known[known] = self._object[place[known]] == ids[known]
+        place, known = look_up(self._object, ids)
         if not known.all():
             new = np.sort(ids[~known])
             place = np.searchsorted(self._object, new)

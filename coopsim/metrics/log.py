@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from coopsim.checks import require_threshold
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import NumberedSequence, SequenceArrays
+from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
 from coopsim.metrics.pairs import NEAR_M, Pairs
 from coopsim.types import Ints, Tracks
 
@@ -207,7 +207,7 @@ class FlatLog:
     @cached_property
     def _pair_rows(self) -> tuple[Ints, Ints]:
         """(P,) where each pair's truth box and reported box stand."""
-        frame = np.repeat(np.arange(len(self.pair_start) - 1), np.diff(self.pair_start))
+        frame = frame_of(self.pair_start)
         return self.truth_start[frame] + self.pair_truth, self.track_start[frame] + self.pair_track
 
     def _part(self, truth: NDArray[np.bool_], track: NDArray[np.bool_]) -> FlatLog:
@@ -254,6 +254,5 @@ def _per_frame(kept: NDArray[np.bool_], start: Ints) -> Ints:
 def _rows_after(kept: NDArray[np.bool_], start: Ints) -> Ints:
     """The row within its frame that each kept element has once the others are gone."""
     total = _starts(kept)
-    frame = np.repeat(np.arange(len(start) - 1), np.diff(start))
-    rows: Ints = total[:-1] - total[start[frame]]
+    rows: Ints = total[:-1] - total[start[frame_of(start)]]
     return rows

@@ -20,6 +20,11 @@ from coopsim.types import Ints
 KEEP_BONUS = 1000.0
 
 
+def frame_of(start: Ints) -> Ints:
+    """(N,) the frame that each row is in, of rows whose frames begin at `start` (F + 1,)."""
+    return np.repeat(np.arange(len(start) - 1), np.diff(start))
+
+
 class SequenceArrays(NamedTuple):
     """One sequence, flat. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
 

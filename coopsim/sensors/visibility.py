@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.arrays import frozen
+from coopsim.arrays import frozen, look_up
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.geometry import STATIC_ID
 from coopsim.sensors.lidar import LidarConfig
@@ -149,9 +149,7 @@ def follow(
 def count_crossings(crossings: Crossings, ids: Ints) -> tuple[Ints, Floats, Ints]:
     """`rays`, `visible` and `occluder` of `Visibility` for the actors `ids` (N,)."""
     order = np.argsort(ids)
-    place = np.searchsorted(ids, crossings.actor, sorter=order)
-    known = place < len(ids)
-    known[known] = ids[order[place[known]]] == crossings.actor[known]
+    place, known = look_up(ids[order], crossings.actor)
     slot, ray = order[place[known]], crossings.ray[known]
     _, once = np.unique(slot * (np.max(ray, initial=0) + 1) + ray, return_index=True)
     slot, first = slot[once], crossings.first[known][once]

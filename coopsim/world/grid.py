@@ -62,15 +62,15 @@ def make_urban_grid() -> Layout:
     stripes = [_middle(spot) + stripe for spot, streets in crossed for stripe in stripes_of(streets)]
     road_map = town_map(lanes, crosswalks, _pavements(), buildings)
     return Layout(
-        network,
-        slots,
-        _connected_first(slots),
-        _footways(junctions),
-        rsus,
-        RSU_HEIGHT_M,
-        (0.0, SPEED_M_S / 2, SPEED_M_S),
-        town_parts(road_map, stripes, buildings, rsus, RSU_HEIGHT_M),
-        road_map,
+        network=network,
+        slots=slots,
+        connected_first=_connected_first(slots),
+        footways=_footways(junctions),
+        rsus=rsus,
+        rsu_height_m=RSU_HEIGHT_M,
+        speeds_m_s=(0.0, SPEED_M_S / 2, SPEED_M_S),
+        static=town_parts(road_map, stripes, buildings, rsus, RSU_HEIGHT_M),
+        road_map=road_map,
         movements=tuple(movements),
         flights=flights_around(np.zeros(2)),
     )

@@ -67,14 +67,13 @@ def make_highway() -> Layout:
     rsus = tuple(SE3.from_xyz_yaw([100.0 * k, RSU_Y_M * (-1) ** k, 0.0], np.pi / 2 * (-1) ** k) for k in range(4))
     shown = [rectangle((START_M, SCENERY_M), tuple(part[[0, 2], 1])) for part in carriageways]
     return Layout(
-        network,
-        slots,
-        _connected_first(slots),
-        None,
-        rsus,
-        RSU_HEIGHT_M,
-        (20.0, CRUISE_M_S, 30.0),
-        (
+        network=network,
+        slots=slots,
+        connected_first=_connected_first(slots),
+        rsus=rsus,
+        rsu_height_m=RSU_HEIGHT_M,
+        speeds_m_s=(20.0, CRUISE_M_S, 30.0),
+        static=(
             flat_part("ground", [rectangle((START_M, END_M), (-300.0, 300.0))], -0.04, GROUND, 0.3),
             flat_part("road", carriageways, 0.0, ASPHALT, 0.18),
             flat_part("marking", _lines(edge), 0.02, MARKING, 0.8),
@@ -88,7 +87,7 @@ def make_highway() -> Layout:
             ),
             *(mast_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
         ),
-        RoadMap(tuple(shown), (), (), ()),
+        road_map=RoadMap(tuple(shown), (), (), ()),
         window_m=WINDOW_M,
         cruise_m_s=CRUISE_M_S,
         flights=flights_around(np.zeros(2), drift_m_s=(CRUISE_M_S, 0.0)),

@@ -119,7 +119,7 @@ class Footways:
         return int(length_m[once].sum() / 2.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Layout:
     """A place.
 
@@ -150,7 +150,7 @@ class Layout:
     network: RoadNetwork
     slots: tuple[Slot, ...]
     connected_first: tuple[int, ...]
-    footways: Footways | None
+    footways: Footways | None = None
     rsus: tuple[SE3, ...]
     rsu_height_m: float
     speeds_m_s: tuple[float, ...]

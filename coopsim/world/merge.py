@@ -59,15 +59,14 @@ def make_merge() -> Layout:
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
     road_map = town_map(lanes, [], [], [])
     return Layout(
-        network,
-        slots,
-        _connected_first(slots),
-        None,
-        rsus,
-        _MAST_M,
-        (0.0, _MAIN_SPEED_M_S / 2, _MAIN_SPEED_M_S),
-        (*town_parts(road_map, [], [], rsus, _MAST_M), *_roadside()),
-        road_map,
+        network=network,
+        slots=slots,
+        connected_first=_connected_first(slots),
+        rsus=rsus,
+        rsu_height_m=_MAST_M,
+        speeds_m_s=(0.0, _MAIN_SPEED_M_S / 2, _MAIN_SPEED_M_S),
+        static=(*town_parts(road_map, [], [], rsus, _MAST_M), *_roadside()),
+        road_map=road_map,
         movements=(("line", "join"), ("give_way", "join")),
         flights=flights_around(np.array([0.0, -_HALF_M])),
     )

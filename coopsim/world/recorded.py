@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from coopsim.checks import require_between, require_count, require_positive
+from coopsim.checks import require_count, require_frame_time
 from coopsim.data.episode import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.rng import require_seed
@@ -43,8 +43,7 @@ def record(
     """
     require_seed(seed)
     require_count(1, max_cycles=max_cycles)
-    require_positive(dt_s=dt_s)
-    require_between(1e-6, 3600, dt_s=dt_s)
+    require_frame_time(dt_s)
     place = make_scenario(scenario, **numbers)
     world = RecordedWorld(World(place, seed), path, place, seed, dt_s)
     for _ in range(max_cycles):

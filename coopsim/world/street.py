@@ -82,15 +82,15 @@ def _street_layout(
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + strips
     road_map = town_map(lanes, [crosswalk_of(streets, arm) for arm in crosswalks], pavements_of(streets), buildings)
     return Layout(
-        network,
-        slots,
-        inbound_first(slots),
-        footways,
-        rsus,
-        RSU_HEIGHT_M,
-        (0.0, SPEED_M_S / 2, SPEED_M_S),
-        town_parts(road_map, stripes_of(streets, crosswalks), buildings, rsus, RSU_HEIGHT_M),
-        road_map,
+        network=network,
+        slots=slots,
+        connected_first=inbound_first(slots),
+        footways=footways,
+        rsus=rsus,
+        rsu_height_m=RSU_HEIGHT_M,
+        speeds_m_s=(0.0, SPEED_M_S / 2, SPEED_M_S),
+        static=town_parts(road_map, stripes_of(streets, crosswalks), buildings, rsus, RSU_HEIGHT_M),
+        road_map=road_map,
         bays=bays,
         flights=flights_around(np.zeros(2)),
     )

@@ -19,13 +19,13 @@ from shapely import box as shapely_box
 from shapely.affinity import rotate
 
 import coopsim
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.data.recording import Recording, RecordingSet
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_3d_and_bev, iou_bev
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.assignment import greedy, hungarian
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.overlap import mahalanobis

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from interruptible import interruptible
 
 import coopsim
 from coopsim.bench.benchmark import Engine, Progress, benchmark
@@ -101,8 +102,7 @@ def stored(folder: Path) -> dict[str, bytes]:
 
 
 def start(folder: Path, *flags: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "coopsim", "bench", *flags, "--out", str(folder)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return interruptible("bench", *flags, "--out", str(folder), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def wait_for_cells(folder: Path, count: int, process: subprocess.Popen[str]) -> None:
@@ -216,7 +216,10 @@ def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
     assert not (results["no_fusion"].failed or results["Quiet"].failed)
     raised, died = results["Raises"].traceback or "", results["Dies"].traceback or ""
     assert 'in track\n    raise ZeroDivisionError(f"of {object()}")' in raised
-    assert "object object at 0x..." in raised and "died: exit status 3" in died
+    assert "object object at 0x..." in raised and died == "the process that ran this cell died\n"
+    assert "process that ran this cell died: exit status 3" in shown.err
+    told = [json.loads(path.read_text()).get("died") for path in (tmp_path / "cells").glob("*.json")]
+    assert sorted(filter(None, told)) == ["exit status 3"]
     before = stored(tmp_path)
     assert main(command) == 1 and stored(tmp_path) == before
     assert "coopsim: failed: " not in capfd.readouterr().err  # it is not run again

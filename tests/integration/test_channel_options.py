@@ -18,7 +18,7 @@ from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatenc
 from coopsim.comms.link_config import LinkConfig
 from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio import Radio
-from coopsim.envs import parallel
+from coopsim.envs import exchange
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.localization_files import localization_config
@@ -96,7 +96,7 @@ def test_an_ideal_channel_scores_bit_by_bit_as_none(policy: str, monkeypatch: py
     assert values(policy, channel=neutral) == ideal
     assert values(policy, channel={}) == ideal
     assert values(policy, latency_s=0.3) != ideal
-    monkeypatch.setattr(parallel, "Channel", NoChannel)
+    monkeypatch.setattr(exchange, "Channel", NoChannel)
     assert values(policy) == ideal
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pty
@@ -10,9 +11,12 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from interruptible import interruptible
 
 from coopsim.cli import INTERRUPTED, main
 from coopsim.data.episode import Episode
@@ -31,6 +35,16 @@ class Mine(coopsim.Policy):
 """
 
 QUICK = ["--frames", "6", "--vehicles", "6", "--pedestrians", "2"]
+
+
+@contextlib.contextmanager
+def started(*command: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A process that does not outlive the test."""
+    with interruptible(*command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.fixture
@@ -136,13 +150,13 @@ def test_replay_and_leaderboard_take_policies_as_bench_does(
 
 def test_an_interrupted_recording_can_be_played(tmp_path: Path) -> None:
     run = tmp_path / "run.coopsim"
-    command = [sys.executable, "-m", "coopsim", "record", "crossing", "--frames", "100000", "--out", str(run)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    while not run.exists() or run.stat().st_size < 10_000:
-        assert process.poll() is None
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    command = ["record", "crossing", "--frames", "100000", "--out", str(run)]
+    with started(*command, stderr=subprocess.PIPE) as process:
+        while not run.exists() or run.stat().st_size < 10_000:
+            assert process.poll() is None
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED and "Traceback" not in err
     assert len(list(Episode(run))) > 2
 
@@ -241,17 +255,16 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
 def test_ctrl_c_before_anything_is_finished_leaves_older_files(tmp_path: Path) -> None:
     report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
     numbers.write_text("older")
-    command = [sys.executable, "-m", "coopsim", "demo", "--frames", "2000"]
-    command += ["--report", str(report), "--json", str(numbers)]
+    command = ["demo", "--frames", "2000", "--report", str(report), "--json", str(numbers)]
     screen, terminal = pty.openpty()  # progress is for terminals only, and says when the first run has begun
     termios.tcsetwinsize(terminal, (24, 80))
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, cwd=tmp_path, text=True)
-    os.close(terminal)
-    shown = ""
-    while "frame/s" not in shown:
-        shown += os.read(screen, 1024).decode()
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=60)
+    with started(*command, stdout=subprocess.PIPE, stderr=terminal, cwd=tmp_path) as process:
+        os.close(terminal)
+        shown = ""
+        while "frame/s" not in shown:
+            shown += os.read(screen, 1024).decode()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
     shown += os.read(screen, 1 << 16).decode()
     os.close(screen)
     assert process.returncode == INTERRUPTED, shown

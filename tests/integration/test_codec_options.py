@@ -14,7 +14,7 @@ import coopsim
 from coopsim.comms.codecs.codec import codecs_of
 from coopsim.comms.uplink import UPLINKS
 from coopsim.detection.simulated import SimulatedDetector
-from coopsim.envs import parallel
+from coopsim.envs import exchange
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types import Detections, Message, Observation
 
@@ -94,7 +94,7 @@ def test_messages_that_cannot_be_read_are_counted_in_the_evaluation(
     def maker(uplink: str, codec: str | None = None) -> Any:
         return garbled(UPLINKS.get(uplink))  # type: ignore[arg-type]
 
-    monkeypatch.setattr(parallel, "uplink_maker", maker)
+    monkeypatch.setattr(exchange, "uplink_maker", maker)
     made = coopsim.make_policy(policy)
     result = coopsim.evaluate(made, seed=3, **SHORT)
     frames = np.arange(0, 8)  # what the ninth observation brings is never acted on

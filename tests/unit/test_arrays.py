@@ -1,11 +1,13 @@
-"""What `frozen` gives out: never writeable, and the caller's own array as it was."""
+"""What `frozen` gives out: never writeable, and the caller's own array as it was; and what `look_up` finds."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from coopsim.arrays import frozen
+from coopsim.arrays import frozen, look_up
 from coopsim.errors import InvalidValueError
 
 
@@ -40,3 +42,15 @@ def test_another_shape_is_refused(shape: tuple[int | None, ...], writeable: bool
         return
     with pytest.raises(InvalidValueError, match=r"rows must have shape .*, got \(3, 2\)"):
         frozen(given, shape, np.float64, "rows")
+
+
+IDS = st.lists(st.integers(0, 12), max_size=12)
+
+
+@given(IDS, IDS)
+def test_ids_are_found_where_they_are(some: list[int], wanted: list[int]) -> None:
+    rising, asked = np.unique(np.array(some, dtype=np.int64)), np.array(wanted, dtype=np.int64)
+    place, there = look_up(rising, asked)
+    assert there.tolist() == [each in some for each in wanted]
+    assert (rising[place[there]] == asked[there]).all()
+    assert all((rising[:k] < each).all() and (rising[k:] >= each).all() for k, each in zip(place, asked, strict=True))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.checks import require_choice
+from coopsim.comms.codecs.codec import Codec
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 
@@ -18,6 +20,31 @@ MOST_VALUES = 2**24
 """The most values that are decoded: 64 MiB of float32, as 256 channels of 256 x 256 cells."""
 
 Values = NDArray[np.float32]
+
+T = TypeVar("T")
+
+
+class FeatureCodec(Codec[T]):
+    """A codec of features; the first byte of its payloads tells the kind of number.
+
+    Args:
+        number: how features are written.
+    """
+
+    def __init__(self, number: FeatureNumber = "float16") -> None:
+        require_choice("number", number, FEATURE_NUMBERS)
+        self._number = number
+
+    @property
+    def _first_byte(self) -> int:
+        return FEATURE_NUMBERS.index(self._number)
+
+
+def feature_number(first_byte: int) -> str:
+    """The kind of number that a payload's first byte tells; raises `CodecError` if it is none."""
+    if first_byte >= len(FEATURE_NUMBERS):
+        raise CodecError(f"no features are written in number {first_byte}: accepted are 0..{len(FEATURE_NUMBERS) - 1}")
+    return FEATURE_NUMBERS[first_byte]
 
 
 def feature_error(values: Values, number: str) -> Floats:

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.arrays import frozen
-from coopsim.checks import require_choice
 from coopsim.comms.codecs.channels import (
-    FEATURE_NUMBERS,
     MOST_VALUES,
-    FeatureNumber,
+    FeatureCodec,
+    feature_number,
     features_size,
     pack_features,
     unpack_features,
 )
-from coopsim.comms.codecs.codec import CODECS, Codec, unpack_head
+from coopsim.comms.codecs.codec import CODECS, unpack_head
 from coopsim.errors import CodecError
 
 MOST_CELLS = 2**20
@@ -55,19 +54,19 @@ class FeatureMap:
         """Raise `CodecError` unless a message can hold the map's shape, and confidences are in [0, 1]."""
         if max(self.values.shape) > 0xFFFF:
             raise CodecError(f"channels, rows and columns are at most 65535, got {self.values.shape}")
-        require_shape(0, self.values.shape)
+        require_shape(self.values.shape)
         if self.confidence is not None and not ((self.confidence >= 0) & (self.confidence <= 1)).all():
             raise CodecError("confidences of features must be in [0, 1]")
 
 
-def require_shape(number: int, shape: tuple[int, int, int]) -> None:
-    """Raise `CodecError` if what the head of a payload announces is none, or too much."""
-    if number >= len(FEATURE_NUMBERS) or math.prod(shape) > MOST_VALUES or math.prod(shape[1:]) > MOST_CELLS:
-        raise CodecError(f"no message has features {shape} of number {number}")
+def require_shape(shape: tuple[int, int, int]) -> None:
+    """Raise `CodecError` if channels, rows and columns are too many for one message."""
+    if math.prod(shape) > MOST_VALUES or math.prod(shape[1:]) > MOST_CELLS:
+        raise CodecError(f"no message has features {shape}: at most {MOST_VALUES} values of {MOST_CELLS} cells")
 
 
 @CODECS.register("features")
-class FeaturesCodec(Codec[FeatureMap]):
+class FeaturesCodec(FeatureCodec[FeatureMap]):
     """8 bytes of head (number, confidences or not, C, H and W as uint16), then values channel by channel.
 
     | number | bytes a value | error |
@@ -86,23 +85,19 @@ class FeaturesCodec(Codec[FeatureMap]):
     content = "features"
     limit_bytes = 160 * 2**20
 
-    def __init__(self, number: FeatureNumber = "float16") -> None:
-        require_choice("number", number, FEATURE_NUMBERS)
-        self._number = number
-
     def encode(self, content: FeatureMap) -> bytes:
         content.require_sendable()
         channels, height, width = content.values.shape
         stated = content.confidence is not None
-        head = _HEAD.pack(FEATURE_NUMBERS.index(self._number), stated, channels, height, width)
+        head = _HEAD.pack(self._first_byte, stated, channels, height, width)
         block = pack_features(content.values.reshape(channels, height * width), self._number)
         return head + block + (b"" if content.confidence is None else pack_confidence(content.confidence))
 
     def decode(self, payload: bytes) -> FeatureMap:
-        number, stated, *shape = unpack_head(payload, _HEAD, "features")
+        first_byte, stated, *shape = unpack_head(payload, _HEAD, "features")
         channels, height, width = shape
-        require_shape(number, (channels, height, width))
-        kind, rows = FEATURE_NUMBERS[number], (channels, height * width)
+        require_shape((channels, height, width))
+        kind, rows = feature_number(first_byte), (channels, height * width)
         end = _HEAD.size + features_size(rows, kind)
         if stated > 1 or len(payload) != end + stated * height * width:
             raise CodecError(f"{len(payload)} bytes are not {kind} features {tuple(shape)}")

@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.arrays import frozen
-from coopsim.checks import require_choice
 from coopsim.comms.codecs.channels import (
-    FEATURE_NUMBERS,
     MOST_VALUES,
-    FeatureNumber,
+    FeatureCodec,
+    feature_number,
     features_size,
     pack_features,
     unpack_features,
 )
-from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, unpack_head
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, unpack_head
 from coopsim.comms.codecs.detections import OBJECT_ROW, object_rows, require_objects, valid_objects
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
@@ -60,7 +59,7 @@ class InstanceQueries:
 
 
 @CODECS.register("queries")
-class QueriesCodec(Codec[InstanceQueries]):
+class QueriesCodec(FeatureCodec[InstanceQueries]):
     """5 bytes of head (number, K and D as uint16), K objects in 33 bytes each as in `DetectionsCodec`, and their
     features query by query, as float32, float16, or int8 with a scale a query.
 
@@ -74,10 +73,6 @@ class QueriesCodec(Codec[InstanceQueries]):
     content = "queries"
     limit_bytes = 128 * 2**20
 
-    def __init__(self, number: FeatureNumber = "float16") -> None:
-        require_choice("number", number, FEATURE_NUMBERS)
-        self._number = number
-
     def encode(self, content: InstanceQueries) -> bytes:
         count, width = content.feature.shape
         if max(count, width) > MOST_ROWS or content.feature.size > MOST_VALUES:
@@ -86,14 +81,14 @@ class QueriesCodec(Codec[InstanceQueries]):
         if not good.all():
             raise CodecError(f"query {int(np.argmin(good))} cannot be sent: it must be finite and have a size")
         rows = object_rows(content.boxes, content.score, content.label)
-        head = _HEAD.pack(FEATURE_NUMBERS.index(self._number), count, width)
+        head = _HEAD.pack(self._first_byte, count, width)
         return head + rows.tobytes() + pack_features(content.feature, self._number)
 
     def decode(self, payload: bytes) -> InstanceQueries:
-        number, count, width = unpack_head(payload, _HEAD, "queries")
-        if number >= len(FEATURE_NUMBERS) or count * width > MOST_VALUES:
-            raise CodecError(f"{len(payload)} bytes announce {count} x {width} features of number {number}")
-        kind, start = FEATURE_NUMBERS[number], _HEAD.size + count * OBJECT_ROW.itemsize
+        first_byte, count, width = unpack_head(payload, _HEAD, "queries")
+        if count * width > MOST_VALUES:
+            raise CodecError(f"{len(payload)} bytes announce {count} x {width} features")
+        kind, start = feature_number(first_byte), _HEAD.size + count * OBJECT_ROW.itemsize
         if len(payload) != start + features_size((count, width), kind):
             raise CodecError(f"{len(payload)} bytes are not {count} queries of {width} {kind} features")
         rows = np.frombuffer(payload, OBJECT_ROW, count, _HEAD.size)

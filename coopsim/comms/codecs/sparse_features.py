@@ -11,15 +11,16 @@ import struct
 
 import numpy as np
 
-from coopsim.checks import require_choice, require_count, require_probability
+from coopsim.checks import require_count, require_probability
 from coopsim.comms.codecs.channels import (
-    FEATURE_NUMBERS,
+    FeatureCodec,
     FeatureNumber,
+    feature_number,
     features_size,
     pack_features,
     unpack_features,
 )
-from coopsim.comms.codecs.codec import CODECS, Codec, unpack_head
+from coopsim.comms.codecs.codec import CODECS, unpack_head
 from coopsim.comms.codecs.features import FeatureMap, pack_confidence, require_shape, unpack_confidence
 from coopsim.errors import CodecError
 from coopsim.types import Ints
@@ -29,7 +30,7 @@ _HEAD = struct.Struct("<B3HI")
 
 
 @CODECS.register("sparse_features")
-class SparseFeaturesCodec(Codec[FeatureMap]):
+class SparseFeaturesCodec(FeatureCodec[FeatureMap]):
     """11 bytes of head (number, C, H and W as uint16, cells K as uint32), K cells as uint32 in order, their confidences
     in one byte each, then their values channel by channel as in `FeaturesCodec`.
 
@@ -51,8 +52,8 @@ class SparseFeaturesCodec(Codec[FeatureMap]):
     ) -> None:
         require_count(0, most_cells=most_cells)
         require_probability(least_confidence=least_confidence)
-        require_choice("number", number, FEATURE_NUMBERS)
-        self._most, self._least, self._number = most_cells, least_confidence, number
+        super().__init__(number)
+        self._most, self._least = most_cells, least_confidence
 
     def chosen(self, content: FeatureMap) -> Ints:
         """The numbers (K,) of the cells that are sent, in order; of equal confidences the first."""
@@ -67,15 +68,15 @@ class SparseFeaturesCodec(Codec[FeatureMap]):
         cells = self.chosen(content)
         channels, height, width = content.values.shape
         assert content.confidence is not None
-        head = _HEAD.pack(FEATURE_NUMBERS.index(self._number), channels, height, width, len(cells))
+        head = _HEAD.pack(self._first_byte, channels, height, width, len(cells))
         values = content.values.reshape(channels, height * width)[:, cells]
         sure = pack_confidence(content.confidence.ravel()[cells])
         return head + cells.astype("<u4").tobytes() + sure + pack_features(values, self._number)
 
     def decode(self, payload: bytes) -> FeatureMap:
-        number, channels, height, width, count = unpack_head(payload, _HEAD, "features")
-        require_shape(number, (channels, height, width))
-        kind = FEATURE_NUMBERS[number]
+        first_byte, channels, height, width, count = unpack_head(payload, _HEAD, "features")
+        require_shape((channels, height, width))
+        kind = feature_number(first_byte)
         if len(payload) != _HEAD.size + 5 * count + features_size((channels, count), kind):
             raise CodecError(f"{len(payload)} bytes are not {count} cells of {channels} {kind} features")
         cells = np.frombuffer(payload, "<u4", count, _HEAD.size).astype(np.int64)

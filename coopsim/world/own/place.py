@@ -87,19 +87,19 @@ def read_place(entry: Entry) -> Place:
     ground = rectangle((low[0] - _AROUND_M, high[0] + _AROUND_M), (low[1] - _AROUND_M, high[1] + _AROUND_M))
     middle = fields["drones_around"].point() if "drones_around" in fields else (low + high) / 2
     layout = Layout(
-        roads.network,
-        tuple(slot for slot, _ in starts),
-        tuple(sorted(range(len(starts)), key=lambda k: starts[k][1])),
-        walks.footways if walks else None,
-        rsus,
-        mast_m,
-        _speeds(roads, fields),
-        (
+        network=roads.network,
+        slots=tuple(slot for slot, _ in starts),
+        connected_first=tuple(sorted(range(len(starts)), key=lambda k: starts[k][1])),
+        footways=walks.footways if walks else None,
+        rsus=rsus,
+        rsu_height_m=mast_m,
+        speeds_m_s=_speeds(roads, fields),
+        static=(
             *town_parts(road_map, walks.stripes if walks else [], [], rsus, mast_m, ground),
             *(part for _, part in buildings),
             *(part for tree in trees for part in tree),
         ),
-        road_map,
+        road_map=road_map,
         movements=roads.movements,
         priority=roads.priority,
         cars_first=int(fields["cars_first"].checked(require_count, 0)) if "cars_first" in fields else 0,

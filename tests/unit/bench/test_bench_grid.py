@@ -182,6 +182,22 @@ def test_a_bandwidth_changes_nothing_else_of_the_channel() -> None:
     assert (limited.latency, limited.loss, limited.range_m) == (plain.latency, plain.loss, plain.range_m)
 
 
+def test_a_bandwidth_leaves_a_scenario_its_jitter_and_range(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    said = "communication_range_m: 80, latency_jitter_s: 0.02"
+    file.write_text(f"scenario: crossing\noptions: {{lidar: null, {said}}}\npopulation: {{vehicles: 4}}\n")
+    grid = Grid(("late_fusion",), scenarios=(str(file),), bandwidths_mbit_s=(0.1, math.inf), latencies_ms=(200,))
+    check(grid)
+    limited, free = (
+        coopsim.parallel_env(file, **environment_options(cell, grid.options))._options.channel_config
+        for cell in grid.cells()
+    )
+    assert limited.bandwidth is not None and (limited.range_m, limited.latency.jitter_s) == (80.0, 0.02)  # type: ignore[attr-defined]
+    assert (limited.latency, limited.loss, limited.range_m) == (free.latency, free.loss, free.range_m)
+    beside = environment_options(grid.cells()[0], {"communication_range_m": 60.0})
+    assert channel_config(beside["channel"]).range_m == 60.0
+
+
 def test_a_channel_may_be_a_file(tmp_path: Path) -> None:
     (tmp_path / "radio.yaml").write_text("radio: {scene: urban}")
     cell = Cell("late_fusion", Condition(latency_s=0.2))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from synthetic_results import FRAMES, LATENCIES, failed, result, results
-from test_report import HOSTILE, Page
+from test_demo_report import HOSTILE, Page
 
 from coopsim.bench.bench_plots import plots
 from coopsim.bench.bench_report import About, render_bench_report, write_bench_report

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import SMALL
 from synthetic_results import FRAMES, LATENCIES, failed, result
-from test_report import Page
+from test_demo_report import Page
 
 from coopsim.bench.bev_data import UNIT_M
 from coopsim.bench.cell import Cell, CellResult, Condition

@@ -5,20 +5,22 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from coopsim.bench.leaderboard import evaluate_all, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
+from coopsim.bench.leaderboard import evaluate_each, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
+from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
 from coopsim.cli import main
+from coopsim.cli.status import INTERRUPTED
 from coopsim.errors import InvalidValueError, UnknownNameError
 
 POLICIES = ("no_fusion", "late_fusion")
 
 
 def test_every_policy_stands_in_every_table(recordings: Path) -> None:
-    done: list[str] = []
-    results = evaluate_all(recordings, ("ego", "1"), POLICIES, on_policy=done.append)
-    assert tuple(done) == tuple(results) == POLICIES
+    results = dict(evaluate_each(recordings, ("ego", "1"), POLICIES))
+    assert tuple(results) == POLICIES
     markdown = to_markdown(results, "a set")
     assert markdown.index("False positives counted") < markdown.index("False positives ignored")
     assert all(markdown.count(f"| {name} ") == 2 for name in POLICIES)
@@ -34,7 +36,7 @@ def test_every_policy_stands_in_every_table(recordings: Path) -> None:
 
 
 def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> None:
-    score = evaluate_all(recordings, ("ego",), ("no_fusion",))["no_fusion"].count
+    score = dict(evaluate_each(recordings, ("ego",), ("no_fusion",)))["no_fusion"].count
     recall, mota = mota_over_recall(score)
     (agent,) = score.agents.values()
     assert agent.sweep is not None
@@ -43,10 +45,8 @@ def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> 
 
 
 def test_a_typo_in_the_last_policy_costs_no_run(recordings: Path) -> None:
-    done: list[str] = []
     with pytest.raises(UnknownNameError, match="Did you mean 'late_fusion'"):
-        evaluate_all(recordings, ("ego",), ("no_fusion", "late_fusoin"), on_policy=done.append)
-    assert done == []
+        evaluate_each(recordings, ("ego",), ("no_fusion", "late_fusoin"))  # and no step of it
 
 
 def test_nothing_to_rank(tmp_path: Path) -> None:
@@ -66,3 +66,24 @@ def test_the_command_writes_all_three_files(
     (tmp_path / "file").write_text("")
     assert main([*command, "--out", str(tmp_path / "file")]) == 2
     assert "cannot make the folder" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_the_policies_that_are_finished(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def evaluated(name: str, *arguments: Any, **options: Any) -> RecordingsEvaluation:
+        if name == finished_before:
+            raise KeyboardInterrupt
+        return evaluate_recordings(name, *arguments, **options)
+
+    monkeypatch.setattr("coopsim.bench.leaderboard.evaluate_recordings", evaluated)
+    out = tmp_path / "out"
+    command = ["leaderboard", str(recordings), "--detections", "ego", "--policies", ",".join(POLICIES)]
+    finished_before = POLICIES[0]
+    assert main([*command, "--out", str(out)]) == INTERRUPTED
+    assert list(out.iterdir()) == [] and "0 of 2 policies were ranked" in capsys.readouterr().err
+    finished_before = POLICIES[1]
+    assert main([*command, "--out", str(out)]) == INTERRUPTED
+    shown = capsys.readouterr()
+    assert "interrupted; 1 of 2 policies were ranked" in shown.err and shown.out.count("no_fusion") == 2
+    assert "no_fusion" in (out / "leaderboard.csv").read_text()

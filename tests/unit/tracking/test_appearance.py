@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from some_tracks import FRAME_NS, cars, tracks
 
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.agents.dino_codt import NIMBLE, DinoCoDT
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.late import pool
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.affinity import iou_3d
 from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.assignment import hungarian

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from some_tracks import FRAME_NS, cars
 
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.by_class import TrackersByClass
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from some_tracks import FRAME_NS, cars
 
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.late import merge_duplicates
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.late import LATE, OWN, AsIfCurrent, Measurement, PredictForward, RewindAndReplay
 from coopsim.types import Detections, Tracks
 

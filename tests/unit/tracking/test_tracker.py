@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coopsim.agents.ab3dmot import ab3dmot
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.affinity import center_distance, giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from

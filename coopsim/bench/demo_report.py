@@ -1,4 +1,4 @@
-"""One HTML file that shows what happened: opens without a network, and carries all it needs."""
+"""The demonstration as one HTML file: opens without a network, and carries all it needs."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.bench.bev_data import DRAWING, frame_data, home_of, map_data, tracks_data
+from coopsim.bench.metric_names import BYTES, BYTES_SHOWN, LESS_IS_BETTER, METRICS
 from coopsim.bench.page import definitions, fill
 from coopsim.bench.table import COLUMNS, format_value
 from coopsim.errors import InvalidValueError
@@ -26,18 +27,10 @@ from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
 MEANING: Mapping[str, str] = {
-    "sAMOTA": "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
-    "AMOTA": "MOTA averaged over 40 levels of recall (Weng 2020)",
-    "AMOTP": "mean 3D IoU of matches, averaged over 40 levels of recall",
-    "MOTA": "1 - (false positives + misses + identity switches) / ground truth, at the best level of recall",
-    "MOTP": "mean 3D IoU of matches, at the same level",
-    "IDS": "identity switches, at the same level",
-    "FP": "false positives, at the same level",
-    "FN": "misses, at the same level",
-    "bytes/s": "what an agent broadcasts per second, envelope included",
+    **{name: METRICS[name] for name, _ in COLUMNS if name in METRICS},
+    BYTES_SHOWN: METRICS[BYTES],
     "frames/s": "frames of environment and policy per second of wall time",
 }
-_LESS_IS_BETTER = ("IDS", "FP", "FN", "bytes/s")
 _NOT_COMPARED = ("frames/s",)
 """Timing says more about the machine than about the policy."""
 
@@ -111,12 +104,12 @@ def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:
             )
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)} of {frames} frames ({frames * scene.dt_s:g} s)"
     return fill(
-        "report.html",
-        style=("report.css",),
-        script=("bev.js", "report.js"),
+        "demo.html",
+        style=("page.css",),
+        script=("bev.js", "demo.js"),
         data=_data(scene, runs),
-        title=html.escape(scene.title),
-        summary=html.escape(counted + " in the same traffic" * (len(runs) > 1)),
+        title=scene.title,
+        summary=counted + " in the same traffic" * (len(runs) > 1),
         table=_table(runs),
         meaning=definitions(MEANING),
         cameras=_mosaic(scene),
@@ -143,7 +136,7 @@ def _best(shown: Sequence[str], column: str) -> str | None:
     numbers = [text for text in shown if text != "-"]
     if column in _NOT_COMPARED or len(set(numbers)) < 2:
         return None
-    return (min if column in _LESS_IS_BETTER else max)(numbers, key=float)
+    return (min if column in LESS_IS_BETTER else max)(numbers, key=float)
 
 
 def _mosaic(scene: ReportScene) -> str:

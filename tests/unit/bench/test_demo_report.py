@@ -19,7 +19,7 @@ import pytest
 from PIL import Image
 
 from coopsim.bench.bev_data import TURN_RAD, UNIT_M
-from coopsim.bench.report import ReportRun, ReportScene, render_report, write_report
+from coopsim.bench.demo_report import ReportRun, ReportScene, render_report, write_report
 from coopsim.bench.table import COLUMNS
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D

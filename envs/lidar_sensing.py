@@ -1,0 +1,127 @@
+"""What the agents' LiDARs make of each frame: sweeps, or, where no rays are cast, the returns that they would have."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from coopsim.detection.simulated import count_returns
+from coopsim.geometry.se3 import SE3
+from coopsim.rng import stream
+from coopsim.sensors.geometry import SceneGeometry
+from coopsim.sensors.lidar import Lidar, LidarConfig
+from coopsim.sensors.patterns import BeamPattern
+from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.shutter import between
+from coopsim.sensors.sight import LineOfSight
+from coopsim.threads import run_all
+from coopsim.types import Ints, Sweep
+from coopsim.world.snapshot import Actors, AgentBody, StaticPart
+
+Lidars = Mapping[str, Mapping[str, Lidar]]
+"""By kind of agent and name of the sensor."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensed:
+    """What one agent's LiDARs have of a frame.
+
+    Attributes:
+        returns: (N,) how many, of each of the N actors.
+        sweeps: by sensor, with instance ids; none where no rays are cast.
+    """
+
+    returns: Ints
+    sweeps: Mapping[str, Sweep] = field(default_factory=dict)
+
+
+class LidarSensing(ABC):
+    """The LiDARs of all agents over one episode; asked once in each frame, in order.
+
+    Attributes:
+        scene: what the rays of this frame were cast into; None where none are.
+    """
+
+    scene: RayScene | None = None
+
+    @abstractmethod
+    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
+        """By agent."""
+
+
+class CastSweeps(LidarSensing):
+    """Sweeps, by agents in parallel.
+
+    Args:
+        lidars: what agents carry.
+        geometry: the scene, which every frame moves.
+        agents: names of those who carry them.
+        seed: the episode's.
+        dt_s: time between two frames.
+        threads: that share the agents.
+    """
+
+    def __init__(
+        self, lidars: Lidars, geometry: SceneGeometry, agents: Iterable[str], seed: int, dt_s: float, threads: int
+    ) -> None:
+        self._lidars, self._geometry, self._dt_s, self._threads = lidars, geometry, dt_s, threads
+        self._sensors = tuple(next(iter(lidars.values())))
+        self._rngs = {
+            (agent, sensor): stream(seed, "lidar", agent, sensor) for agent in agents for sensor in self._sensors
+        }
+        self._before: dict[str, SE3] = {}
+
+    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
+        scene = self.scene = RayScene(self._geometry.triangles(actors))
+        before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
+
+        def sense_one(body: AgentBody) -> Sensed:
+            sweeps = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._sensors}
+            return Sensed(count_returns(sweeps, actors.id), sweeps)
+
+        sensed = run_all([partial(sense_one, body) for body in bodies.values()], self._threads, "agents")
+        self._before = {name: body.world_SE3_base for name, body in bodies.items()}
+        return dict(zip(bodies, sensed, strict=True))
+
+    def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
+        """A sweep that ends now, of an agent that was at `before` a frame ago."""
+        lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._rngs[body.name, sensor]
+        start = between(before, now, 1.0 - lidar.config.turn_s / self._dt_s)
+        return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
+
+    def _back(self, actors: Actors, body: AgentBody) -> SE3:
+        """Where an agent was a frame before the first: straight behind, at its speed."""
+        if body.actor_id is None:
+            return body.world_SE3_base
+        (velocity,) = actors.velocity[actors.id == body.actor_id]
+        moved = np.append(velocity, 0.0) * self._dt_s
+        return SE3(body.world_SE3_base.rotation, body.world_SE3_base.translation - moved)
+
+
+class ExpectReturns(LidarSensing):
+    """The returns that LiDARs would have, by lines of sight (see `coopsim.sensors.sight`).
+
+    Args:
+        config: the LiDAR that every agent would carry.
+        drone_pitch_rad: how far a drone's would look down, on all sides.
+        static: the scenery.
+    """
+
+    def __init__(self, config: LidarConfig, drone_pitch_rad: float, static: Sequence[StaticPart]) -> None:
+        self._config = config
+        down = BeamPattern("looking down", config.beams.elevation_rad - drone_pitch_rad)
+        self._sights = {
+            kind: LineOfSight(static, beams, config.columns, config.max_range_m)
+            for kind, beams in (("cav", config.beams), ("rsu", config.beams), ("drone", down))
+        }
+
+    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
+        return {name: Sensed(self._returns(actors, body)) for name, body in bodies.items()}
+
+    def _returns(self, actors: Actors, body: AgentBody) -> Ints:
+        at = body.world_SE3_base.apply(self._config.base_SE3_sensor(body.height_m).translation)
+        return self._sights[body.kind].expected_returns(at, actors, body.actor_id)

@@ -1,0 +1,63 @@
+"""What the documentation shows works: its Python runs, its YAML is accepted, its commands parse."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import coopsim
+from coopsim.cli.entry import make_parser
+from coopsim.comms.config_files import channel_config
+from coopsim.localization_files import localization_config
+
+ROOT = Path(__file__).parents[2]
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
+
+NOT_RUN = {
+    "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
+    "actors.md": "registers a model, which would be there in all tests after it",
+    "answers.md": "has placeholders",
+    "benchmark.md": "takes minutes",
+    "codecs.md": "a whole episode",
+}
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python") and page not in NOT_RUN])
+def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"coopsim": coopsim}
+    for block in blocks(page, "python"):
+        exec(block, names)
+
+
+@pytest.mark.parametrize(
+    ("page", "accept"),
+    [
+        ("scenarios.md", coopsim.parallel_env),
+        ("channel.md", channel_config),
+        ("localization.md", localization_config),
+    ],
+)
+def test_yaml_is_accepted(page: str, accept: Callable[[Path], Any], tmp_path: Path) -> None:
+    for number, block in enumerate(blocks(page, "yaml")):
+        path = tmp_path / f"{number}.yaml"
+        path.write_text(block)
+        assert accept(path) is not None
+
+
+def test_commands_parse() -> None:
+    shown = [line for page in PAGES for block in blocks(page, "sh") for line in block.replace("\\\n", "").splitlines()]
+    shown += [code for text in PAGES.values() for code in re.findall(r"`(coopsim [a-z]+ [^`]*--[^`]*)`", text)]
+    commands = [words[1:] for words in (shlex.split(line, comments=True) for line in shown) if words[:1] == ["coopsim"]]
+    assert {words[0] for words in commands} >= {"demo", "bench", "compare", "replay", "leaderboard", "record"}
+    for words in commands:
+        make_parser().parse_args(words)

@@ -1,0 +1,17 @@
+"""Commands as processes that Ctrl-C reaches even where it does not reach us: a shell's background jobs ignore it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from typing import Any
+
+
+def interruptible(*command: str, **options: Any) -> subprocess.Popen[str]:
+    """The command `coopsim ...` as a process."""
+    ours = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.Popen([sys.executable, "-m", "coopsim", *command], text=True, **options)
+    finally:
+        signal.signal(signal.SIGINT, ours)
