@@ -5,7 +5,7 @@
 | `scenario` | name of a registered scenario |
 | `place` | a place of one's own instead, see `coopsim.world.own.place` |
 | `density` | a factor on the numbers of vehicles and people |
-| `population` | fields of `coopsim.world.scenario.Population` |
+| `population` | fields of `coopsim.world.population.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
 | | and `lidar` is a name, a path, or has those of `LidarConfig`; `detector` is a name |
 
@@ -26,7 +26,8 @@ from coopsim.mappings import with_paths_from
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.world.own.place import read_place
-from coopsim.world.scenario import SCENARIOS, Place, Population
+from coopsim.world.population import Population
+from coopsim.world.scenario import SCENARIOS, Place
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
@@ -91,7 +92,7 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
             try:
                 keywords[key] = kind(**keywords[key])
             except CoopsimError as error:
-                raise loaded.blame(error) from error
+                raise file.blame(error) or file.wrong(str(error), key) from error
     return loaded
 
 

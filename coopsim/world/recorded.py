@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +71,7 @@ class RecordedWorld:
         bodies = world.agents()
         header = EpisodeHeader(
             scenario.name,
-            asdict(scenario.population),
+            scenario.population.numbers,
             int(seed),
             float(dt_s),
             tuple(EpisodeAgent(body.name, body.kind, body.actor_id, body.height_m) for body in bodies.values()),

@@ -17,7 +17,7 @@ from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
 from coopsim.world.layout import LANE_M, LaneIndex, Layout, Slot
 from coopsim.world.models_by_class import models_of
-from coopsim.world.scenario import Population
+from coopsim.world.population import Population
 from coopsim.world.snapshot import Model
 
 _COMPANY = 6

@@ -37,7 +37,8 @@ from coopsim.world.layout import Bay, Layout, Road, Slot, flights_around, lane_o
 from coopsim.world.own.roads import Roads, read_roads
 from coopsim.world.own.scenery import read_building, read_tree
 from coopsim.world.own.ways import Ways, read_ways
-from coopsim.world.scenario import Place, Population
+from coopsim.world.population import Population
+from coopsim.world.scenario import Place
 from coopsim.world.scenery import town_parts
 from coopsim.world.snapshot import RoadMap
 from coopsim.world.streets import RSU_HEIGHT_M, spaced_slots
