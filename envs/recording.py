@@ -12,7 +12,7 @@ from coopsim.world import recorded
 from coopsim.world.population import beside
 from coopsim.world.scenario import NUMBERS, Place
 
-_OF_THE_WORLD = {"dt_s", *NUMBERS}
+_OF_THE_WORLD = {"seed", "dt_s", *NUMBERS}
 
 
 def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Path:
@@ -20,7 +20,7 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
 
     Args:
         scenario: name of the scenario, as "crossing"; the path of a scenario file, of which its place, its numbers,
-            `density` and `dt_s` count; or a place of one's own.
+            `density`, `seed` and `dt_s` count; or a place of one's own.
         path: the file; an older one is replaced.
         **options: `seed`, `max_cycles`, `dt_s`, `density` and fields of `Population`, see
             `coopsim.world.recorded.record`; they go before what the scenario file says.

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import coopsim
@@ -75,6 +76,20 @@ def test_connected_cars_by_number_go_before_the_files_share_and_the_other_way_ro
     assert len(played.possible_agents) == 6
 
 
+def test_a_file_has_a_seed_of_its_own_where_nobody_gives_one(tmp_path: Path) -> None:
+    path = write(tmp_path, "scenario: crossing\nseed: 7\noptions: {lidar: null}\n")
+    assert Episode(coopsim.record(path, tmp_path / "run", max_cycles=1)).header.seed == 7
+    env = coopsim.parallel_env(path)
+    states = []
+    for seed in (None, None, 7, 8):
+        env.reset(seed=seed)
+        states.append(env.state())
+    assert np.array_equal(states[0], states[1]) and np.array_equal(states[0], states[2])
+    assert not np.array_equal(states[0], states[3])
+    scores = [coopsim.evaluate("no_fusion", path, max_cycles=3, **given).score for given in ({}, {"seed": 7})]
+    assert scores[0].to_dict() == scores[1].to_dict()
+
+
 def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(tmp_path: Path) -> None:
     path = write(tmp_path, "scenario: crossing\ndensity: 0.5\npopulation: {vehicles: 20, pedestrians: 6}\n")
     coopsim.record(path, tmp_path / "run", max_cycles=1)
@@ -97,6 +112,8 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
             "scenario: crossing\npopulation:\n  vehicles: many\n",
             r"own.yaml:3: vehicles must be an integer >= 0, got 'many'",
         ),
+        ("scenario: crossing\nseed: -1\n", r"own.yaml:2: seed must be an integer >= 0, got -1"),
+        ("scenario: crossing\noptions: {seed: 1}\n", r"own.yaml:2: seed belongs to the top of the file"),
         ("scenario: crossing\ndensity: -1\n", r"own.yaml:2: density must be a finite number >= 0, got -1"),
         ("scenario: crossing\npopulation: 3\n", "own.yaml:2: population: expected keys and values"),
         ("scenario: crossing\noptions:\n  weather: {rain: 3}\n", r"own.yaml:3: unknown key 'rain'"),
