@@ -135,7 +135,7 @@ def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -
     known = [field.name for field in fields(Population)]
     for number in numbers:
         if number not in known:
-            raise UnknownNameError(f"number of scenario {found.name!r}", number, known)
+            raise UnknownNameError(f"number of scenario {found.name!r}", number, NUMBERS)
     require_one_of_each(numbers)
     usual = {field: getattr(found.population, field) for field in known}
     require_non_negative(density=density)
