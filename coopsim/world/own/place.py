@@ -34,6 +34,7 @@ from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.located_yaml import Entry
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.layout import Bay, Layout, Road, Slot, flights_around, lane_outline, rectangle
+from coopsim.world.markings import lane_lines
 from coopsim.world.own.roads import Roads, read_roads
 from coopsim.world.own.room import Kerbs, require_room_to_park, require_room_to_start
 from coopsim.world.own.scenery import read_building, read_tree
@@ -225,4 +226,5 @@ def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
 def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
     lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
-    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings))
+    lines = lane_lines(roads.network, roads.movements)
+    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
