@@ -1,12 +1,14 @@
 """What is asked for is checked, and the message says what is accepted."""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
-from coopsim.world.scenario import make_scenario
+from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.world import World
 
 
@@ -105,6 +107,19 @@ def test_where_there_are_few_cars_the_usual_number_of_connected_ones_is_no_reque
         make_scenario("crossing", density=0.0, connected_cars=3)
     with pytest.raises(InvalidValueError, match="at least one agent"):
         make_scenario("platoon", density=0.0)  # which has no roadside unit
+
+
+def test_the_card_has_the_numbers_of_every_scenario() -> None:
+    card = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \|" + r" (\d+) \|" * 6 + "$", card, flags=re.M)
+    expected = []
+    for name in SCENARIOS:
+        own = make_scenario(name).population
+        trucks = own.vehicles - own.cars
+        numbers = (own.cars, trucks, own.pedestrians, own.parked, own.connected, own.rsus)
+        expected.append((name, *map(str, numbers)))
+        assert not (own.vans or own.buses or own.motorcycles or own.children or own.bicycles or own.scooters)
+    assert sorted(rows) == sorted(expected)
 
 
 def test_density_counts_in_numpy_as_in_python() -> None:
