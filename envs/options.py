@@ -33,6 +33,7 @@ from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
 from coopsim.localization_files import localization_config
 from coopsim.pose_noise import PoseNoise
+from coopsim.rng import require_seed
 from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import as_daylight
 from coopsim.sensors.daylight import Daylight, Illumination
@@ -66,6 +67,7 @@ class CommonOptions:
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
         render_mode: None, "rgb_array" or "human".
+        seed: of every episode for which `reset` is given none; None: another one each time.
     """
 
     uplink: str = "detections"
@@ -81,11 +83,14 @@ class CommonOptions:
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
     render_mode: Literal["rgb_array", "human"] | None = None
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         require_choice("false_positives", self.false_positives, ("count", "ignore"))
         if self.render_mode is not None:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
+        if self.seed is not None:
+            require_seed(self.seed)
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
         require_choice("selection", self.selection, SELECTIONS.names())

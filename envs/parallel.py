@@ -133,7 +133,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Begin an episode.
 
         Args:
-            seed: integer >= 0 that decides everything; None takes a fresh one (it stands in the infos).
+            seed: integer >= 0 that decides everything; None takes the option `seed`, or without that a fresh one (it
+                stands in the infos).
             options: what the source understands (a replay: `{"sequence": "0003"}`); others are warned about.
 
         Raises:
@@ -141,6 +142,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             UnknownNameError: an option's value is unknown. The environment is as it was before.
             RecordingError: the recording to replay is broken. The environment is as it was before.
         """
+        seed = self._options.seed if seed is None else seed
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
         if not (options is None or isinstance(options, Mapping)):

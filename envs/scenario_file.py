@@ -5,7 +5,8 @@
 | `scenario` | name of a registered scenario |
 | `place` | a place of one's own instead, see `coopsim.world.own.place` |
 | `density` | a factor on the numbers of vehicles and people |
-| `population` | fields of `coopsim.world.scenario.Population` |
+| `seed` | of the episodes, unless whoever begins one gives another |
+| `population` | fields of `coopsim.world.population.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
 | | and `lidar` is a name, a path, or has those of `LidarConfig`; `detector` is a name |
 
@@ -26,12 +27,13 @@ from coopsim.mappings import with_paths_from
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.world.own.place import read_place
-from coopsim.world.scenario import SCENARIOS, Place, Population
+from coopsim.world.population import Population
+from coopsim.world.scenario import SCENARIOS, Place
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
 
-_NOT_IN_FILES = {"render_mode"}
+_NOT_AMONG_OPTIONS = {"render_mode", "seed"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +79,13 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     Raises:
         ScenarioFileError: names the file and, where known, the line.
     """
-    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density"))
+    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density", "seed"))
     known = sections | {"population": _names(Population), "options": _options()}
     file = read_keyed_yaml(find_scenario_file(path), known, ScenarioFileError, may_be_value=("lidar",))
     content = file.content
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
     keywords = with_paths_from(file.path.parent, keywords)
-    if "density" in content:
-        keywords["density"] = content["density"]
+    keywords |= {name: content[name] for name in ("density", "seed") if name in content}
     loaded = ScenarioFile(file, _scenario(file), keywords)
     for key, kind in (("weather", Weather), ("lidar", LidarConfig)):
         if isinstance(keywords.get(key), dict):
@@ -116,4 +117,4 @@ def _options() -> dict[str, dict[str, None] | None]:
     """Names of options, and the fields of those that have any; a LiDAR may be a name instead."""
     known = _names(CommonOptions) | _names(SimulationOptions)
     nested = {"weather": _names(Weather), "lidar": _names(LidarConfig)}
-    return {name: nested.get(name) for name in known if name not in _NOT_IN_FILES}
+    return {name: nested.get(name) for name in known if name not in _NOT_AMONG_OPTIONS}

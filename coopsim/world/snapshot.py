@@ -225,9 +225,11 @@ class RoadMap:
         crosswalks: polygons.
         pavements: polygons.
         buildings: footprints.
+        markings: painted lines.
     """
 
     lanes: tuple[Floats, ...]
     crosswalks: tuple[Floats, ...]
     pavements: tuple[Floats, ...]
     buildings: tuple[Floats, ...]
+    markings: tuple[Floats, ...] = ()
