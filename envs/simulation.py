@@ -21,7 +21,7 @@ from coopsim.rng import stream
 from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
-from coopsim.sensors.mounting import require_free_mount
+from coopsim.sensors.mounting import require_above_ground, require_free_mount
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
@@ -254,7 +254,7 @@ class Simulation(FrameSource):
         return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances, images)
 
     def _require_free_mounts(self) -> None:
-        """On every body that may come to carry a LiDAR: which car is connected is another in every episode."""
+        """On every body that may come to carry a sensor: which car is connected is another in every episode."""
         models, actors = self._world.models, self._world.actors()
         for body in self._world.agents().values():
             label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
@@ -263,6 +263,8 @@ class Simulation(FrameSource):
             for height_m, shape in shapes or [(body.height_m, None)]:
                 for sensor, lidar in self._lidars[body.kind].items():
                     require_free_mount(sensor, lidar.config, height_m, shape)
+                for camera in self._cameras[body.name]:  # which its own body does not blind
+                    require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
 
     def _drives(self, body: AgentBody) -> bool:
         return self._options.control == "policy" and body.kind == "cav"
