@@ -114,7 +114,8 @@ class SimulationOptions:
         max_cycles: steps until the episode is truncated.
         dt_s: time between two frames, in [1e-06, 3600].
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig`; several
-            by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
+            of these by name; or None, for a detector that is told how many returns it would have (see
+            `coopsim.sensors.sight`).
         drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], next to their own pitch.
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
