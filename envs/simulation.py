@@ -23,6 +23,7 @@ from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_above_ground, require_free_mount
 from coopsim.sensors.patterns import BeamPattern
+from coopsim.sensors.pixel_visibility import PixelVisibility, measure_pixels
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.shutter import between
@@ -170,6 +171,17 @@ class Simulation(FrameSource):
         actors, bodies, returns = self._sensed
         return {
             name: self._probes[body.kind].measure(scene, body, actors, returns[name]) for name, body in bodies.items()
+        }
+
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        if "instance" not in self.camera_modes:
+            return {}
+        actors, bodies, _ = self._sensed
+        scene = self._scene or RayScene(self._geometry.triangles(actors))
+        return {
+            name: measure_pixels(cameras, scene, bodies[name], actors)
+            for name, cameras in self._cameras.items()
+            if cameras
         }
 
     def close(self) -> None:
