@@ -139,7 +139,10 @@ class Simulation(FrameSource):
             tilted = imagined.beams.elevation_rad - self._options.drone_pitch_rad
             beams = {"cav": imagined.beams, "rsu": imagined.beams, "drone": BeamPattern("looking down", tilted)}
             self._sights = {
-                kind: LineOfSight(world.static, beams[kind], imagined.columns, imagined.max_range_m) for kind in beams
+                kind: LineOfSight(
+                    world.static, beams[kind], imagined.columns, imagined.max_range_m, self._options.weather
+                )
+                for kind in beams
             }
         self._detectors = {name: self._detector.begin(seed, name, self._options.dt_s) for name in self.specs}
         self._detector_rngs = {name: stream(seed, "detector", name) for name in self.specs}
