@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
 
 from coopsim.checks import require_choice, require_count, require_number
 from coopsim.errors import InvalidValueError
+from coopsim.mappings import make
 from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
 from coopsim.sensors.limits import FARTHEST_M
 from coopsim.sensors.pattern_files import SUFFIXES
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 
 OneLidar = str | BeamPattern | LidarConfig
-LidarOption = OneLidar | Mapping[str, OneLidar] | None
+LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
 
 LIDAR = "lidar"
 """Name of the only LiDAR."""
+
+LIDAR_FIELDS = tuple(field.name for field in fields(LidarConfig))
 
 
 def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str, LidarConfig]:
     """The LiDARs of each agent, by name; none for None.
 
     Args:
-        lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`; or several
-            of these by name: `{"roof": "OS1-128", "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
+        lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`, or a
+            mapping of its fields; or several of these by name (which is none of these fields): `{"roof": "OS1-128",
+            "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
         columns: firings per turn, of beam tables.
         range_m: farthest return, of beam tables.
 
     Raises:
-        UnknownNameError: no beam table of this name.
+        UnknownNameError: no beam table, or no field, of this name.
         InvalidValueError: says what was wrong.
     """
     usual = LidarConfig()
@@ -38,12 +44,9 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
     require_number(accepted, lambda far: nearest_m < far <= FARTHEST_M, lidar_range_m=range_m)
     if lidar is None:
         return {}
-    named: Mapping[str, OneLidar]
-    if isinstance(lidar, Mapping):
-        named = _require_named(lidar)
-    else:
-        _require_lidar("lidar", lidar, ", a dict of these by name, or None")
-        named = {LIDAR: lidar}
+    named = _by_name(lidar) if isinstance(lidar, Mapping) else {LIDAR: lidar}
+    if not isinstance(lidar, Mapping):
+        _require_lidar("lidar", lidar, ", a mapping of its fields, a dict of these by name, or None")
     if any(isinstance(one, LidarConfig) for one in named.values()):
         _refuse_beside_config(usual, columns, range_m)
     return {
@@ -52,17 +55,22 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
     }
 
 
-def _require_named(lidars: Mapping[str, OneLidar]) -> Mapping[str, OneLidar]:
-    if not lidars:
+def _by_name(lidar: Mapping[str, Any]) -> dict[str, OneLidar]:
+    if not lidar:
         raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
-    for name, lidar in lidars.items():
+    if not set(LIDAR_FIELDS).isdisjoint(lidar):
+        return {LIDAR: make("lidar", LidarConfig, lidar)}
+    named: dict[str, OneLidar] = {}
+    for name, one in lidar.items():
         if not (isinstance(name, str) and name):
             raise InvalidValueError(f"lidar must have a name for each, got {name!r}")
-        _require_lidar(f"lidar {name!r}", lidar)
-    return lidars
+        what = f"lidar {name!r}"
+        named[name] = make(what, LidarConfig, one) if isinstance(one, Mapping) else one
+        _require_lidar(what, named[name], " or a mapping of its fields")
+    return named
 
 
-def _require_lidar(what: str, lidar: object, beside: str = "") -> None:
+def _require_lidar(what: str, lidar: object, beside: str) -> None:
     if not isinstance(lidar, (str, BeamPattern, LidarConfig)):
         raise InvalidValueError(f"{what} must be a beam table, its name or path, a LidarConfig{beside}; got {lidar!r}")
     if isinstance(lidar, str) and not lidar.lower().endswith(SUFFIXES):

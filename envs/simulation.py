@@ -62,7 +62,7 @@ class Simulation(FrameSource):
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
         on_ground, in_air = (
-            {sensor: Lidar(config, options.weather) for sensor, config in configs.items()}
+            {sensor: Lidar(config, options.chosen_weather) for sensor, config in configs.items()}
             for configs in (options.lidars, options.drone_lidars)
         )
         self._lidars = {"cav": on_ground, "rsu": on_ground, "drone": in_air}
@@ -140,7 +140,7 @@ class Simulation(FrameSource):
             beams = {"cav": imagined.beams, "rsu": imagined.beams, "drone": BeamPattern("looking down", tilted)}
             self._sights = {
                 kind: LineOfSight(
-                    world.static, beams[kind], imagined.columns, imagined.max_range_m, self._options.weather
+                    world.static, beams[kind], imagined.columns, imagined.max_range_m, self._options.chosen_weather
                 )
                 for kind in beams
             }

@@ -10,12 +10,11 @@ from coopsim.bench.cell import Cell
 from coopsim.errors import InvalidValueError
 from coopsim.mappings import make, read_mapping
 from coopsim.sensors.air import Weather
-from coopsim.sensors.lidar import LidarConfig
 
 _ONE_THREAD = {"threads": 1}
 """As many cells at once as there are cores; each on one of them."""
 
-_OBJECTS = {"weather": Weather, "lidar": LidarConfig}
+_OBJECTS = {"weather": Weather}
 """Options that may be written down as a mapping of the fields of these."""
 
 

@@ -79,6 +79,16 @@ def test_keywords_go_before_the_file(tmp_path: Path) -> None:
         ("scenario: crossing\npopulation: 3\n", "own.yaml:2: population: expected keys and values"),
         ("scenario: crossing\noptions:\n  weather: {rain: 3}\n", r"own.yaml:3: unknown key 'rain'"),
         ("scenario: crossing\noptions:\n  weather: {wetness: 3}\n", r"own.yaml:3: wetness must be in \[0, 1\]"),
+        ("scenario: crossing\noptions:\n  lidar: {patern: VLP-16}\n", r"own.yaml:3: unknown key in lidar 'patern'"),
+        (
+            "scenario: crossing\noptions:\n  lidar:\n    roof: OS1-128\n    front:\n      colums: 64\n",
+            r"own.yaml:6: unknown key in front 'colums'. Did you mean 'columns'",
+        ),
+        (
+            "scenario: crossing\noptions:\n  lidar: {front: {columns: 0}}\n",
+            r"own.yaml:3: lidar 'front': columns must be an integer in 1..16384, got 0",
+        ),
+        ("scenario: crossing\noptions:\n  lidar: {columns: 0}\n", r"own.yaml:3: lidar: columns must be an integer"),
         ("scenario: crossing\noptions:\n  lidar: VLP\n", r"own.yaml:3: unknown lidar 'VLP'. Did you mean 'VLP-16'"),
         ("scenario: crossing\noptions:\n  loss: 0.1\n  loss: 0.2\n", r"own.yaml:4: loss is there twice"),
         ("scenario: [crossing\n", r"own.yaml:2: this is no YAML"),
