@@ -51,6 +51,11 @@ def test_paths_are_relative_to_the_file_that_has_them(tmp_path: Path) -> None:
     )
     options = coopsim.parallel_env(path)._options
     assert options.channel_config.latency.samples_s == (0.25, 0.25)
+    (tmp_path / "beams.csv").write_text("elevation_deg\n1\n-5\n")
+    for lidar in ("beams.csv", "{pattern: beams.csv}", "{front: {pattern: beams.csv}}"):
+        env = coopsim.parallel_env(write(tmp_path, f"scenario: crossing\noptions: {{lidar: {lidar}}}"))
+        (config,) = env._source._options.lidars.values()
+        assert len(config.beams.elevation_rad) == 2
     here = write(tmp_path, "scenario: crossing\noptions: {channel: nowhere.yaml}")
     with pytest.raises(ScenarioFileError, match=r"own.yaml:2: channel: cannot read nowhere.yaml"):
         coopsim.parallel_env(here)
