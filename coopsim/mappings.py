@@ -17,7 +17,7 @@ Given = Mapping[str, Any]
 UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)
 """What reading YAML may raise: not only its own errors, but those of a day that no month has, or of 1000 brackets."""
 
-PATH_KEYS = ("channel", "lidar", "localization", "path", "playback")
+PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
 """Keys whose texts may be the path of a file."""
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")

@@ -53,6 +53,11 @@ def test_paths_are_relative_to_the_file_that_has_them(tmp_path: Path) -> None:
     )
     options = coopsim.parallel_env(path)._options
     assert options.channel_config.latency.samples_s == (0.25, 0.25)
+    (tmp_path / "beams.csv").write_text("elevation_deg\n1\n-5\n")
+    for lidar in ("beams.csv", "{pattern: beams.csv}", "{front: {pattern: beams.csv}}"):
+        env = coopsim.parallel_env(write(tmp_path, f"scenario: crossing\noptions: {{lidar: {lidar}}}"))
+        (config,) = env._source._options.lidars.values()
+        assert len(config.beams.elevation_rad) == 2
     here = write(tmp_path, "scenario: crossing\noptions: {channel: nowhere.yaml}")
     with pytest.raises(ScenarioFileError, match=r"own.yaml:2: channel: cannot read nowhere.yaml"):
         coopsim.parallel_env(here)
@@ -118,6 +123,16 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ("scenario: crossing\npopulation: 3\n", "own.yaml:2: population: expected keys and values"),
         ("scenario: crossing\noptions:\n  weather: {rain: 3}\n", r"own.yaml:3: unknown key 'rain'"),
         ("scenario: crossing\noptions:\n  weather: {wetness: 3}\n", r"own.yaml:3: wetness must be in \[0, 1\]"),
+        ("scenario: crossing\noptions:\n  lidar: {patern: VLP-16}\n", r"own.yaml:3: unknown key in lidar 'patern'"),
+        (
+            "scenario: crossing\noptions:\n  lidar:\n    roof: OS1-128\n    front:\n      colums: 64\n",
+            r"own.yaml:6: unknown key in front 'colums'. Did you mean 'columns'",
+        ),
+        (
+            "scenario: crossing\noptions:\n  lidar: {front: {columns: 0}}\n",
+            r"own.yaml:3: lidar 'front': columns must be an integer in 1..16384, got 0",
+        ),
+        ("scenario: crossing\noptions:\n  lidar: {columns: 0}\n", r"own.yaml:3: lidar: columns must be an integer"),
         ("scenario: crossing\noptions:\n  lidar: VLP\n", r"own.yaml:3: unknown lidar 'VLP'. Did you mean 'VLP-16'"),
         ("scenario: crossing\noptions:\n  threads: 0\n  lidar: {threads: 2}\n", r"own.yaml:3: threads must be"),
         ("scenario: crossing\noptions:\n  threads: 2\n  lidar: {threads: 0}\n", r"own.yaml:4: threads must be"),
