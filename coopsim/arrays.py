@@ -26,8 +26,8 @@ def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArr
         return array
     array = as_numbers(value, dtype, what, whole_floats=True).view()
     if not _fits(array.shape, shape):
-        wanted = tuple("N" if length is None else length for length in shape)
-        raise InvalidValueError(f"{what} must have shape {wanted}, got {array.shape}".replace("'", ""))
+        wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
+        raise InvalidValueError(f"{what} must have shape {wanted}, got {array.shape}")
     array.flags.writeable = False
     return array
 

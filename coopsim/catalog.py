@@ -88,6 +88,12 @@ def scenario_file_options(path: str | Path) -> Mapping[str, Any]:
     return options
 
 
+def usual_seed(environment: str | Path) -> int:
+    """Of an episode for which nobody gives one: what a scenario file says, else 0; raises as `parallel_env` does."""
+    seed: int | None = scenario_file_options(environment).get("seed") if is_scenario_file(environment) else None
+    return 0 if seed is None else seed
+
+
 def scenario_files() -> list[str]:
     """Names of the scenario files that come along."""
     return sorted(path.name for path in _scenario_files().SHIPPED.glob("*.yaml"))

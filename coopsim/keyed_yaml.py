@@ -13,7 +13,7 @@ import yaml
 
 from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.located_yaml import Entry
-from coopsim.mappings import UNREADABLE
+from coopsim.mappings import UNREADABLE, alias_in_itself
 
 Known: TypeAlias = Mapping[str, "Known | EllipsisType | None"]
 """Keys that there may be, and below each: those of its mapping, ... for whatever keys it has, None for a value."""
@@ -75,6 +75,8 @@ def read_keyed_yaml(
     try:
         text = path.read_text(encoding="utf-8")
         node = yaml.compose(text, Loader=yaml.SafeLoader)
+        if (circular := alias_in_itself(node)) is not None:
+            raise _at(error, path, circular.start_mark.line + 1, "an alias is part of what it stands for")
         content = yaml.safe_load(text)
     except yaml.MarkedYAMLError as broken:
         line = broken.problem_mark.line + 1 if broken.problem_mark else 1
@@ -83,12 +85,14 @@ def read_keyed_yaml(
         raise error(f"{path}: cannot be read: {broken}") from broken
     lines: dict[KeyPath, int] = {}
 
+    top = known
+
     def check(section: Entry, known: Known | EllipsisType, way: KeyPath = ()) -> None:
         here: Known | None = None if isinstance(known, EllipsisType) else known
         accepted = "any" if here is None else ", ".join(sorted(here))
         for name, entry in section.named(f"Accepted: {accepted}").items():
             if here is not None and name not in here:
-                raise entry.error(str(UnknownNameError("key", name, here)))
+                raise entry.error(_where_it_belongs(name, top) or str(UnknownNameError("key", name, here)))
             lines[*way, name] = entry.line
             below = None if here is None else here[name]
             if below is not None and not (name in may_be_value and isinstance(entry.node, yaml.ScalarNode)):
@@ -97,6 +101,16 @@ def read_keyed_yaml(
     root = Entry(path, node, "file", 1, error)
     check(root, known)
     return KeyedYaml(path, root, content, lines, error)
+
+
+def _where_it_belongs(name: str, top: Known) -> str | None:
+    """A hint for whoever put a key that there is into another section."""
+    if name in top:
+        return f"{name} belongs to the top of the file, not below another key"
+    for section, keys in top.items():
+        if isinstance(keys, Mapping) and name in keys:
+            return f"{name} belongs below {section}"
+    return None
 
 
 def _at(error: type[CoopsimError], path: Path, line: int, message: str) -> CoopsimError:

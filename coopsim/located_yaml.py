@@ -74,10 +74,10 @@ class Entry:
             found[name] = entry
         return found
 
-    def entries(self) -> list[Entry]:
-        """What a list consists of."""
+    def entries(self, of: str = "") -> list[Entry]:
+        """What a list consists of; `of` says it in words, as " of names"."""
         if not isinstance(self.node, yaml.SequenceNode):
-            raise self.error(f"{self.name} must be a list, got {self._shown()}")
+            raise self.error(f"{self.name} must be a list{of}, got {self._shown()}")
         return [Entry(self.file, item, self.name, item.start_mark.line + 1, self.kind) for item in self.node.value]
 
     def checked(self, check: Callable[..., None], *limits: Any) -> Any:
@@ -113,6 +113,8 @@ class Entry:
 
     def point(self) -> Floats:
         """A place (2,) m."""
+        if not isinstance(self.node, yaml.SequenceNode):
+            raise self.error(f"{self.name} must have points [x, y], got {self._shown()}")
         return np.array(self.numbers(2))
 
     def points(self, least: int) -> Floats:

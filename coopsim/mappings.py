@@ -17,7 +17,7 @@ Given = Mapping[str, Any]
 UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)
 """What reading YAML may raise: not only its own errors, but those of a day that no month has, or of 1000 brackets."""
 
-PATH_KEYS = ("channel", "lidar", "localization", "path", "playback")
+PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
 """Keys whose texts may be the path of a file."""
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
@@ -105,9 +105,30 @@ def _hint(given: Given) -> str:
     return f" ({', '.join(texts)} is a text in YAML: write it like 6.0e+6)" if texts else ""
 
 
+def alias_in_itself(node: yaml.Node | None) -> yaml.Node | None:
+    """The first node of a YAML document that contains itself, by an alias; None in nearly all."""
+    finished: set[int] = set()
+
+    def search(node: yaml.Node, above: frozenset[int]) -> yaml.Node | None:
+        if id(node) in above:
+            return node
+        if id(node) in finished or isinstance(node, yaml.ScalarNode):
+            return None
+        parts = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else node.value
+        found = (search(part, above | {id(node)}) for part in parts)
+        first = next((part for part in found if part is not None), None)
+        finished.add(id(node))
+        return first
+
+    return None if node is None else search(node, frozenset())
+
+
 def _read(what: str, path: Path) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if alias_in_itself(yaml.compose(text, Loader=yaml.SafeLoader)) is not None:
+            raise ValueError("an alias is part of what it stands for")
+        return yaml.safe_load(text)
     except UNREADABLE as error:
         reason = (isinstance(error, OSError) and error.strerror) or error
         raise InvalidValueError(f"{what}: cannot read {path}: {reason}") from error

@@ -27,7 +27,8 @@ from coopsim.envs.simulation import Simulation
 from coopsim.envs.spaces import IDLE
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.world.drivers import MANEUVERS
-from coopsim.world.scenario import SCENARIOS, Place, Population, make_scenario
+from coopsim.world.population import Population, beside
+from coopsim.world.scenario import NUMBERS, SCENARIOS, Place, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
@@ -77,9 +78,9 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
     file = load_scenario_file(path)
     try:
-        said = dict(file.keywords)
-        if options.get("playback") is not None:
-            said.pop("density", None)  # it has made the numbers that were recorded
+        said = beside(file.keywords, options)
+        if options.get("playback", said.get("playback")) is not None:  # which has its own numbers, made of these
+            said = {key: value for key, value in said.items() if key not in NUMBERS}
         return simulation_env(file.scenario, name, **{**said, **options})
     except CoopsimError as error:
         raise file.blame(error, beside=options) from error

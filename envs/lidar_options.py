@@ -2,57 +2,85 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
 
 from coopsim.checks import require_choice, require_count, require_number
 from coopsim.errors import InvalidValueError
+from coopsim.mappings import make
 from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
+from coopsim.sensors.limits import FARTHEST_M
 from coopsim.sensors.pattern_files import SUFFIXES
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 
-LidarOption = str | BeamPattern | LidarConfig | Mapping[str, LidarConfig] | None
+OneLidar = str | BeamPattern | LidarConfig
+LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
 
 LIDAR = "lidar"
 """Name of the only LiDAR."""
+
+LIDAR_FIELDS = tuple(field.name for field in fields(LidarConfig))
 
 
 def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str, LidarConfig]:
     """The LiDARs of each agent, by name; none for None.
 
     Args:
-        lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`; or several
-            of these by name: `{"roof": LidarConfig(), "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
-        columns: firings per turn, of a beam table.
-        range_m: farthest return, of a beam table.
+        lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`, or a
+            mapping of its fields; or several of these by name (which is none of these fields): `{"roof": "OS1-128",
+            "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
+        columns: firings per turn, of beam tables.
+        range_m: farthest return, of beam tables.
 
     Raises:
-        UnknownNameError: no beam table of this name.
+        UnknownNameError: no beam table, or no field, of this name.
         InvalidValueError: says what was wrong.
     """
     usual = LidarConfig()
     require_count(1, MOST_COLUMNS, lidar_columns=columns)
     nearest_m = usual.min_range_m
-    accepted = f"a finite number > {nearest_m:g}"
-    require_number(accepted, lambda far: nearest_m < far < math.inf, lidar_range_m=range_m)
+    accepted = f"> {nearest_m:g} and <= {FARTHEST_M:g}"
+    require_number(accepted, lambda far: nearest_m < far <= FARTHEST_M, lidar_range_m=range_m)
     if lidar is None:
         return {}
+    named = _by_name(lidar) if isinstance(lidar, Mapping) else {LIDAR: lidar}
+    if not isinstance(lidar, Mapping):
+        _require_lidar("lidar", lidar, ", a mapping of its fields, a dict of these by name, or None")
+    if any(isinstance(one, LidarConfig) for one in named.values()):
+        _refuse_beside_config(usual, columns, range_m)
+    return {
+        name: one if isinstance(one, LidarConfig) else LidarConfig(one, columns=columns, max_range_m=range_m)
+        for name, one in named.items()
+    }
+
+
+def _by_name(lidar: Mapping[str, Any]) -> dict[str, OneLidar]:
+    if not lidar:
+        raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
+    if not set(LIDAR_FIELDS).isdisjoint(lidar):
+        return {LIDAR: make("lidar", LidarConfig, lidar)}
+    named: dict[str, OneLidar] = {}
+    for name, one in lidar.items():
+        if not (isinstance(name, str) and name):
+            raise InvalidValueError(f"lidar must have a name for each, got {name!r}")
+        what = f"lidar {name!r}"
+        named[name] = make(what, LidarConfig, one) if isinstance(one, Mapping) else one
+        _require_lidar(what, named[name], " or a mapping of its fields")
+    return named
+
+
+def _require_lidar(what: str, lidar: object, beside: str) -> None:
+    if not isinstance(lidar, (str, BeamPattern, LidarConfig)):
+        raise InvalidValueError(f"{what} must be a beam table, its name or path, a LidarConfig{beside}; got {lidar!r}")
     if isinstance(lidar, str) and not lidar.lower().endswith(SUFFIXES):
-        require_choice("lidar", lidar, PATTERNS)
-    if isinstance(lidar, (str, BeamPattern)):
-        return {LIDAR: LidarConfig(pattern=lidar, columns=columns, max_range_m=range_m)}
+        require_choice(what, lidar, PATTERNS)
+
+
+def _refuse_beside_config(usual: LidarConfig, columns: int, range_m: float) -> None:
     for name, got, default in (
         ("lidar_columns", columns, usual.columns),
         ("lidar_range_m", range_m, usual.max_range_m),
     ):
         if got != default:
             raise InvalidValueError(f"{name} must be left out where lidar is a LidarConfig, which has its own")
-    named = {LIDAR: lidar} if isinstance(lidar, LidarConfig) else lidar
-    if not isinstance(named, Mapping) or not named:
-        raise InvalidValueError(
-            f"lidar must be a beam table, its name or path, a LidarConfig, a dict of these, or None; got {lidar!r}"
-        )
-    for name, config in named.items():
-        if not (isinstance(name, str) and name and isinstance(config, LidarConfig)):
-            raise InvalidValueError(f"lidar must have a name and a LidarConfig for each, got {name!r}: {config!r}")
-    return dict(named)

@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.detection.simulated import count_returns
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
+from coopsim.sensors.air import Weather
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.patterns import BeamPattern
@@ -109,13 +110,16 @@ class ExpectReturns(LidarSensing):
         config: the LiDAR that every agent would carry.
         drone_pitch_rad: how far a drone's would look down, on all sides.
         static: the scenery.
+        weather: that dims what is seen; None is dry and clear.
     """
 
-    def __init__(self, config: LidarConfig, drone_pitch_rad: float, static: Sequence[StaticPart]) -> None:
+    def __init__(
+        self, config: LidarConfig, drone_pitch_rad: float, static: Sequence[StaticPart], weather: Weather | None
+    ) -> None:
         self._config = config
         down = BeamPattern("looking down", config.beams.elevation_rad - drone_pitch_rad)
         self._sights = {
-            kind: LineOfSight(static, beams, config.columns, config.max_range_m)
+            kind: LineOfSight(static, beams, config.columns, config.max_range_m, weather)
             for kind, beams in (("cav", config.beams), ("rsu", config.beams), ("drone", down))
         }
 

@@ -32,7 +32,9 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.files import require_writable
 from coopsim.localization import LocalizationConfig
 from coopsim.localization_files import localization_config
+from coopsim.mappings import make
 from coopsim.pose_noise import PoseNoise
+from coopsim.rng import require_seed
 from coopsim.sensors.air import Weather
 from coopsim.sensors.camera import as_daylight
 from coopsim.sensors.daylight import Daylight, Illumination
@@ -66,6 +68,7 @@ class CommonOptions:
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
         render_mode: None, "rgb_array" or "human".
+        seed: of every episode for which `reset` is given none; None: another one each time.
     """
 
     uplink: str = "detections"
@@ -81,11 +84,14 @@ class CommonOptions:
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
     render_mode: Literal["rgb_array", "human"] | None = None
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         require_choice("false_positives", self.false_positives, ("count", "ignore"))
         if self.render_mode is not None:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
+        if self.seed is not None:
+            require_seed(self.seed)
         require_threshold(match_iou=self.match_iou)
         require_flag(expose_ground_truth=self.expose_ground_truth)
         require_choice("selection", self.selection, SELECTIONS.names())
@@ -114,12 +120,14 @@ class SimulationOptions:
     Attributes:
         max_cycles: steps until the episode is truncated.
         dt_s: time between two frames, in [1e-06, 3600].
-        lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig`; several
-            by name; or None, for a detector that is told how many returns it would have (see `coopsim.sensors.sight`).
+        lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
+            mapping; several of these by name; or None, for a detector that is told how many returns it would have (see
+            `coopsim.sensors.sight`).
         drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], next to their own pitch.
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.
-        weather: rain, fog and wet surfaces, for the LiDARs and cameras; None is dry and clear.
+        weather: rain, fog and wet surfaces, for the LiDARs and cameras: a `Weather` or its mapping; None is dry and
+            clear.
         threads: that share the agents' sweeps (not embree's); they change nothing but the time.
         time_of_day: "day", "dusk" or "night", or a `Daylight` of one's own; cameras see by it.
         cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
@@ -152,7 +160,7 @@ class SimulationOptions:
     drone_pitch_rad: float = math.pi / 4
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
-    weather: Weather | None = None
+    weather: Weather | Mapping[str, Any] | None = None
     threads: int = 2
     time_of_day: str | Daylight = "day"
     cameras: RigOption = False
@@ -186,6 +194,8 @@ class SimulationOptions:
         if isinstance(self.detector, str):
             object.__setattr__(self, "detector", make_detector(self.detector))
         require_instance(Detector, detector=self.detector)
+        if isinstance(self.weather, Mapping):
+            object.__setattr__(self, "weather", make("weather", Weather, self.weather))
         require_instance(Weather, weather=self.weather)
         self._check_files()
         lidars = self.lidars
@@ -230,7 +240,12 @@ class SimulationOptions:
     @property
     def illumination(self) -> Illumination:
         """What cameras see by."""
-        return Illumination(as_daylight(self.time_of_day), self.weather)
+        return Illumination(as_daylight(self.time_of_day), self.chosen_weather)
+
+    @property
+    def chosen_weather(self) -> Weather | None:
+        """The weather itself, where a mapping may have been given."""
+        return self.weather if isinstance(self.weather, Weather) else None
 
     def localization_of(self, agent: str) -> LocalizationConfig:
         """An agent's localization."""

@@ -33,6 +33,7 @@ from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.rng import require_seed
 from coopsim.sensors.picture import TRUTH_MODES
+from coopsim.sensors.pixel_visibility import PixelVisibility
 from coopsim.sensors.visibility import Visibility
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
@@ -133,7 +134,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Begin an episode.
 
         Args:
-            seed: integer >= 0 that decides everything; None takes a fresh one (it stands in the infos).
+            seed: integer >= 0 that decides everything; None takes the option `seed`, or without that a fresh one (it
+                stands in the infos).
             options: what the source understands (a replay: `{"sequence": "0003"}`); others are warned about.
 
         Raises:
@@ -141,6 +143,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             UnknownNameError: an option's value is unknown. The environment is as it was before.
             RecordingError: the recording to replay is broken. The environment is as it was before.
         """
+        seed = self._options.seed if seed is None else seed
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
         if not (options is None or isinstance(options, Mapping)):
@@ -351,9 +354,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """What is true around each agent, where the environment was made to tell."""
         if not self._options.expose_ground_truth:
             return {}
-        visibility = self._source.visibility()
         truths = {name: _truth(agent) for name, agent in frame.agents.items()}
-        return {name: truth | _visibility(visibility.get(name)) for name, truth in truths.items()}
+        for name, seen in self._source.visibility().items():
+            truths[name]["visibility"] = _columns(seen)
+        for name, shown in self._source.pixel_visibility().items():
+            truths[name]["pixel_visibility"] = _columns(shown)
+        return truths
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
@@ -369,8 +375,8 @@ def _truth(agent: AgentFrame) -> dict[str, Any]:
     return {"ground_truth": truth, "instances": dict(agent.instances), "segmentation": segmentation}
 
 
-def _visibility(seen: Visibility | None) -> dict[str, Any]:
-    return {} if seen is None else {"visibility": {field.name: getattr(seen, field.name) for field in fields(seen)}}
+def _columns(seen: Visibility | PixelVisibility) -> dict[str, NDArray[Any]]:
+    return {field.name: getattr(seen, field.name) for field in fields(seen)}
 
 
 def fresh_seed() -> int:

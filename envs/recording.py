@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,10 @@ from coopsim.catalog import is_scenario_file
 from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.errors import CoopsimError
 from coopsim.world import recorded
-from coopsim.world.scenario import Place, Population
+from coopsim.world.population import beside
+from coopsim.world.scenario import NUMBERS, Place
 
-_OF_THE_WORLD = {"density", "dt_s", *(field.name for field in fields(Population))}
+_OF_THE_WORLD = {"seed", "dt_s", *NUMBERS}
 
 
 def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Path:
@@ -20,7 +20,7 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
 
     Args:
         scenario: name of the scenario, as "crossing"; the path of a scenario file, of which its place, its numbers,
-            `density` and `dt_s` count; or a place of one's own.
+            `density`, `seed` and `dt_s` count; or a place of one's own.
         path: the file; an older one is replaced.
         **options: `seed`, `max_cycles`, `dt_s`, `density` and fields of `Population`, see
             `coopsim.world.recorded.record`; they go before what the scenario file says.
@@ -35,6 +35,6 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
     file = load_scenario_file(scenario)
     own = {name: value for name, value in file.keywords.items() if name in _OF_THE_WORLD}
     try:
-        return recorded.record(file.scenario, path, **{**own, **options})
+        return recorded.record(file.scenario, path, **{**beside(own, options), **options})
     except CoopsimError as error:
         raise file.blame(error, beside={"path", *options}) from error

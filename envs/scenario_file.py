@@ -5,9 +5,11 @@
 | `scenario` | name of a registered scenario |
 | `place` | a place of one's own instead, see `coopsim.world.own.place` |
 | `density` | a factor on the numbers of vehicles and people |
-| `population` | fields of `coopsim.world.scenario.Population` |
+| `seed` | of the episodes, unless whoever begins one gives another |
+| `population` | fields of `coopsim.world.population.Population` |
 | `options` | fields of `CommonOptions` and `SimulationOptions`; `weather` has those of `Weather`, |
-| | and `lidar` is a name, a path, or has those of `LidarConfig`; `detector` is a name |
+| | and `lidar` is a name, a path, or has those of `LidarConfig`, or names with any of these; |
+| | `detector` is a name |
 
 Paths in it are relative to the file.
 """
@@ -17,21 +19,25 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
+from yaml import MappingNode
+
+from coopsim.envs.lidar_options import LIDAR_FIELDS
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
-from coopsim.keyed_yaml import KeyedYaml, read_keyed_yaml
+from coopsim.keyed_yaml import KeyedYaml, Known, read_keyed_yaml
 from coopsim.mappings import with_paths_from
 from coopsim.sensors.air import Weather
-from coopsim.sensors.lidar import LidarConfig
 from coopsim.world.own.place import read_place
-from coopsim.world.scenario import SCENARIOS, Place, Population
+from coopsim.world.population import Population
+from coopsim.world.scenario import SCENARIOS, Place
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Where the files lie that come along; they are found by their names, too."""
 
-_NOT_IN_FILES = {"render_mode"}
+_NOT_AMONG_OPTIONS = {"render_mode", "seed"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,23 +83,33 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     Raises:
         ScenarioFileError: names the file and, where known, the line.
     """
-    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density"))
+    sections: dict[str, Any] = dict.fromkeys(("scenario", "place", "density", "seed"))
     known = sections | {"population": _names(Population), "options": _options()}
     file = read_keyed_yaml(find_scenario_file(path), known, ScenarioFileError, may_be_value=("lidar",))
     content = file.content
+    _check_lidars(file)
     keywords = {**(content.get("population") or {}), **(content.get("options") or {})}
     keywords = with_paths_from(file.path.parent, keywords)
-    if "density" in content:
-        keywords["density"] = content["density"]
+    keywords |= {name: content[name] for name in ("density", "seed") if name in content}
     loaded = ScenarioFile(file, _scenario(file), keywords)
-    for key, kind in (("weather", Weather), ("lidar", LidarConfig)):
-        if isinstance(keywords.get(key), dict):
-            try:
-                keywords[key] = kind(**keywords[key])
-            except CoopsimError as error:
-                section = "options", key
-                raise file.blame(error, within=section) or file.wrong(str(error), *section) from error
+    if isinstance(keywords.get("weather"), dict):
+        try:
+            keywords["weather"] = Weather(**keywords["weather"])
+        except CoopsimError as error:
+            section = "options", "weather"
+            raise file.blame(error, within=section) or file.wrong(str(error), *section) from error
     return loaded
+
+
+def _check_lidars(file: KeyedYaml) -> None:
+    """Keys of a LiDAR, or of each that has a name and keys; a misspelt one must not become a name."""
+    options = file.root.named().get("options")
+    lidar = options.named().get("lidar") if options is not None else None
+    if lidar is None or not isinstance(lidar.node, MappingNode):
+        return
+    inner = [each for each in lidar.named().values() if isinstance(each.node, MappingNode)]
+    for section in inner or [lidar]:
+        section.fields([], LIDAR_FIELDS)
 
 
 def _scenario(file: KeyedYaml) -> str | Place:
@@ -112,8 +128,8 @@ def _names(kind: type[Any]) -> dict[str, None]:
     return {field.name: None for field in fields(kind)}
 
 
-def _options() -> dict[str, dict[str, None] | None]:
-    """Names of options, and the fields of those that have any; a LiDAR may be a name instead."""
+def _options() -> dict[str, Known | EllipsisType | None]:
+    """Names of options, and the fields of those that have any; for those of LiDARs see `_check_lidars`."""
     known = _names(CommonOptions) | _names(SimulationOptions)
-    nested = {"weather": _names(Weather), "lidar": _names(LidarConfig)}
-    return {name: nested.get(name) for name in known if name not in _NOT_IN_FILES}
+    nested: dict[str, Known | EllipsisType] = {"weather": _names(Weather), "lidar": ...}
+    return {name: nested.get(name) for name in known if name not in _NOT_AMONG_OPTIONS}

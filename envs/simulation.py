@@ -20,7 +20,9 @@ from coopsim.rng import stream
 from coopsim.sensors.camera import CameraRig
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
-from coopsim.sensors.mounting import require_free_mount
+from coopsim.sensors.mounting import require_above_ground, require_free_mount
+from coopsim.sensors.pixel_visibility import PixelVisibility, measure_pixels
+from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.rigs import agent_rigs
 from coopsim.sensors.visibility import Visibility, VisibilityProbe
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
@@ -55,7 +57,7 @@ class Simulation(FrameSource):
         self.name = name
         self._scenario, self._options, self._episode = scenario, options, episode
         on_ground, in_air = (
-            {sensor: Lidar(config, options.weather) for sensor, config in configs.items()}
+            {sensor: Lidar(config, options.chosen_weather) for sensor, config in configs.items()}
             for configs in (options.lidars, options.drone_lidars)
         )
         self._lidars = {"cav": on_ground, "rsu": on_ground, "drone": in_air}
@@ -99,7 +101,7 @@ class Simulation(FrameSource):
         if self.lidars:
             return CastSweeps(self._lidars, self._geometry, self.specs, seed, options.dt_s, self._threads)
         expected = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
-        return ExpectReturns(expected, options.drone_pitch_rad, world.static)
+        return ExpectReturns(expected, options.drone_pitch_rad, world.static, options.chosen_weather)
 
     def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {
@@ -161,6 +163,17 @@ class Simulation(FrameSource):
             for name, body in bodies.items()
         }
 
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        if "instance" not in self.camera_modes:
+            return {}
+        actors, bodies, _ = self._current
+        scene = self._sensing.scene or RayScene(self._geometry.triangles(actors))
+        return {
+            name: measure_pixels(cameras, scene, bodies[name], actors)
+            for name, cameras in self._cameras.items()
+            if cameras
+        }
+
     def close(self) -> None:
         if self._rig is not None:
             self._rig.close()
@@ -207,7 +220,7 @@ class Simulation(FrameSource):
         return AgentFrame(observation, body, truth, around.boxes[~counts], around.label[~counts], instances, images)
 
     def _require_free_mounts(self) -> None:
-        """On every body that may come to carry a LiDAR: which car is connected is another in every episode."""
+        """On every body that may come to carry a sensor: which car is connected is another in every episode."""
         models, actors = self._world.models, self._world.actors()
         for body in self._world.agents().values():
             label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
@@ -216,6 +229,8 @@ class Simulation(FrameSource):
             for height_m, shape in shapes or [(body.height_m, None)]:
                 for sensor, lidar in self._lidars[body.kind].items():
                     require_free_mount(sensor, lidar.config, height_m, shape)
+                for camera in self._cameras[body.name]:  # which its own body does not blind
+                    require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
 
     def _drives(self, body: AgentBody) -> bool:
         return self._options.control == "policy" and body.kind == "cav"

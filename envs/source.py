@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.log import GroundTruth
+from coopsim.sensors.pixel_visibility import PixelVisibility
 from coopsim.sensors.visibility import Visibility
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
@@ -115,6 +116,10 @@ class FrameSource(ABC):
 
     def visibility(self) -> Mapping[str, Visibility]:
         """How well each agent sees every actor in the current frame, by agent; empty without sensors."""
+        return {}
+
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        """The same by cameras, for the agents that have any; empty where no picture is to tell actors apart."""
         return {}
 
     def close(self) -> None:

@@ -17,7 +17,8 @@ import yaml
 
 from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.world.engine.fleet import PARKED
-from coopsim.world.scenario import SCENARIOS, Population, Scenario, make_scenario
+from coopsim.world.population import Population
+from coopsim.world.scenario import SCENARIOS, Scenario, make_scenario
 from coopsim.world.world import World
 
 COUNTS = [field.name for field in fields(Population)]

@@ -11,7 +11,6 @@ from coopsim.catalog import is_scenario_file, scenario_file_options
 from coopsim.errors import InvalidValueError
 from coopsim.mappings import make, read_mapping
 from coopsim.sensors.air import Weather
-from coopsim.sensors.lidar import LidarConfig
 
 _ONE_THREAD = {"threads": 1}
 """As many cells at once as there are cores; each on one of them."""
@@ -19,7 +18,7 @@ _ONE_THREAD = {"threads": 1}
 _JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
 """Options that say what a whole channel says itself, and their defaults, which say nothing beside one."""
 
-_OBJECTS = {"weather": Weather, "lidar": LidarConfig}
+_OBJECTS = {"weather": Weather}
 """Options that may be written down as a mapping of the fields of these."""
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import parallel_env
+from coopsim.catalog import parallel_env, usual_seed
 from coopsim.comms.channel import ChannelCounts
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -81,7 +81,7 @@ def evaluate(
     policy: Policy | str,
     environment: str = "crossing",
     *,
-    seed: int = 0,
+    seed: int | None = None,
     on_frame: OnFrame | None = None,
     **options: Any,
 ) -> Evaluation:
@@ -92,7 +92,7 @@ def evaluate(
     Args:
         policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
         environment: name of the environment.
-        seed: decides everything in the episode.
+        seed: decides everything in the episode; None: 0, or what the scenario file says.
         on_frame: called after every step.
         **options: of the environment, but not `uplink`: the policy says which.
 
@@ -102,6 +102,7 @@ def evaluate(
     policy = _instance(policy)
     env = listening_env(environment, policy, options)
     try:
+        seed = usual_seed(environment) if seed is None else seed
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
         rejected = getattr(policy, "rejected", {})  # who brings an `act` of its own need not count
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))

@@ -44,7 +44,7 @@ class Parser(argparse.ArgumentParser):
 def add_population(parser: argparse.ArgumentParser) -> None:
     """Numbers of actors; whichever is not given is the scenario's own."""
     add = parser.add_argument
-    add("--vehicles", type=count, help="default: the scenario's own")
+    add("--vehicles", type=count_or_zero, help="default: the scenario's own")
     add("--connected-cars", type=count_or_zero, help="default: the scenario's own")
     add("--rsus", type=count_or_zero, help="roadside units (default: the scenario's own)")
     add("--drones", type=count_or_zero, help="default: the scenario's own")

@@ -38,6 +38,7 @@ _FLAGS = {
     "heading_noise_rad": "--heading-noise-deg",
     "max_cycles": "--frames",
     "playback": "--playback",
+    "seed": "--seed",
     "uplink": "--policies, each of which has its own",
 }
 """By what options are said that are none of `--option`."""
@@ -51,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--policies", type=policies, default=_POLICIES, metavar="A,B(x=1)", help="as in `bench`")
     add("--latencies-ms", type=numbers, metavar="0,300", help=f"default: 0,300{_UNLESS}")
     add("--frames", type=count, help="length of each run (default: 100, or all that FILE has)")
-    add("--seed", type=count_or_zero, help="default: 0, or FILE's own")
+    add("--seed", type=count_or_zero, help="default: 0, or that of FILE or of the scenario file")
     add_population(parser)
     add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
@@ -96,11 +97,13 @@ def run(options: argparse.Namespace) -> int:
 def _config(options: argparse.Namespace) -> DemoConfig:
     from coopsim.bench.conditions import as_objects
     from coopsim.bench.demo import DemoConfig
+    from coopsim.catalog import usual_seed
     from coopsim.data.episode import Episode
 
     played = None if options.playback is None else Episode(options.playback)
     frames = options.frames or (100 if played is None else max(played.frames - 1, 1))
-    seed = options.seed if options.seed is not None else (0 if played is None else played.header.seed)
+    usual = usual_seed(options.environment) if played is None else played.header.seed
+    seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = as_objects(named_options(options, _FLAGS))
     said = {*given, *_said_by_file(options.environment)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+import warnings
 from collections.abc import Sequence
 
 import coopsim
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     typed = sys.argv[1:] if arguments is None else arguments
     options = make_parser().parse_args(typed)
     options.typed = shlex.join(["coopsim", *typed])
+    usual_format, warnings.formatwarning = warnings.formatwarning, _warning_in_one_line
     try:
         return int(options.command(options))
     except CoopsimError as error:
@@ -41,6 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away, as `head` does
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (so that the exit does not flush into it again)
         return 0
+    finally:
+        warnings.formatwarning = usual_format
+
+
+def _warning_in_one_line(message: Warning | str, *_: object, **__: object) -> str:
+    """Where in the library it was found says nothing to whoever has typed a command."""
+    return f"coopsim: warning: {message}\n"
 
 
 def make_parser() -> Parser:

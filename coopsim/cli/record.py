@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What the command takes."""
     add = parser.add_argument
     add("scenario", help="as crossing or highway, or path of a scenario file")
-    add("--seed", type=count_or_zero, default=0, help="default: %(default)s")
+    add("--seed", type=count_or_zero, help="default: 0, or the scenario file's own")
     add("--frames", type=count, default=600, help="steps (default: %(default)s)")
     add("--out", type=Path, required=True, metavar="FILE", help="an older one is replaced; Ctrl-C leaves what is there")
     add_population(parser)
@@ -27,7 +27,9 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.data.episode import Episode
 
     given = {**population(options), **named_options(options, {"max_cycles": "--frames", "seed": "--seed"})}
-    coopsim.record(options.scenario, options.out, seed=options.seed, max_cycles=options.frames, **given)
+    if options.seed is not None:
+        given["seed"] = options.seed
+    coopsim.record(options.scenario, options.out, max_cycles=options.frames, **given)
     episode = Episode(options.out)
     per_frame = episode.size_bytes / episode.frames
     print(f"written: {options.out}, {episode.frames} frames, {per_frame:.0f} bytes a frame")

@@ -26,10 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim import __version__
+from coopsim.checks import require_positive
 from coopsim.errors import CoopsimError, InvalidValueError, RecordingError
 from coopsim.files import require_writable
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.rng import require_seed
 from coopsim.world.snapshot import Actors, AgentBody
 
 MAGIC = b"coopsim episode\n"
@@ -69,6 +71,7 @@ class EpisodeHeader:
         agents: in the environment's order.
         models: length, width and height (m) by name, in the order in which actors' `model` counts.
         coopsim: version that recorded it.
+        place: checksum of what stands there and never moves; None: nobody has said.
     """
 
     scenario: str
@@ -78,6 +81,13 @@ class EpisodeHeader:
     agents: tuple[EpisodeAgent, ...]
     models: Mapping[str, tuple[float, ...]]
     coopsim: str = __version__
+    place: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.population, Mapping):
+            raise InvalidValueError(f"population must be numbers by name, got {self.population!r}")
+        require_seed(self.seed)
+        require_positive(dt_s=self.dt_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +104,12 @@ class EpisodeWriter:
     No file is kept open, and none needs to be closed.
 
     Raises:
-        InvalidValueError: the file cannot be written.
+        InvalidValueError: the file cannot be written, or the path is none.
     """
 
     def __init__(self, path: str | Path, header: EpisodeHeader) -> None:
+        if not isinstance(path, (str, Path)):
+            raise InvalidValueError(f"path must be that of a file to write, got {path!r}")
         self.path = Path(path)
         require_writable(self.path)
         self._coder, self._frames = _Predictor(), 0

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.checks import require_finite_number, require_positive
+from coopsim.checks import require_between, require_finite_number
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.daylight import DAYLIGHTS, Daylight, Illumination
 from coopsim.sensors.geometry import Triangles
 from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, NEAREST_M
 from coopsim.sensors.picture import OBSERVED_MODES, FramePainter
 from coopsim.sensors.renderers import Renderer, make_renderer
 from coopsim.types import CameraCalibration, CameraImage
@@ -26,14 +27,14 @@ class Camera:
     Attributes:
         name: unique in its rig.
         intrinsics: its lens and chip.
-        x_m: ahead of the agent's middle.
+        x_m: ahead of the agent's middle. This and the next two are in [-100, 100].
         y_m: to the left of it.
-        above_m: height over the agent's body.
+        above_m: height over the agent's body; negative below its top.
         yaw_rad: to the left.
         pitch_rad: downwards.
         roll_rad: clockwise, seen from behind.
-        near_m: what is nearer along the optical axis is not drawn.
-        far_m: what is farther is not drawn.
+        near_m: what is nearer along the optical axis is not drawn; at least 0.001.
+        far_m: what is farther is not drawn; at most 10 km.
 
     Raises:
         InvalidValueError: a number that is not accepted, or a name that is none.
@@ -59,11 +60,13 @@ class Camera:
                 f"got {self.intrinsics!r}"
             )
         of = f"of camera {self.name!r}"
-        for mount in ("x_m", "y_m", "above_m", "yaw_rad", "pitch_rad", "roll_rad"):
-            require_finite_number(**{f"{mount} {of}": getattr(self, mount)})
-        require_positive(**{f"near_m {of}": self.near_m, f"far_m {of}": self.far_m})
+        for place in ("x_m", "y_m", "above_m"):
+            require_between(-FARTHEST_MOUNT_M, FARTHEST_MOUNT_M, **{f"{place} {of}": getattr(self, place)})
+        for turn in ("yaw_rad", "pitch_rad", "roll_rad"):
+            require_finite_number(**{f"{turn} {of}": getattr(self, turn)})
+        require_between(NEAREST_M, FARTHEST_M, **{f"near_m {of}": self.near_m, f"far_m {of}": self.far_m})
         if self.near_m >= self.far_m:
-            raise InvalidValueError(f"0 < near_m < far_m is needed {of}, got {self.near_m!r} and {self.far_m!r}")
+            raise InvalidValueError(f"near_m must be less than far_m {of}, got {self.near_m!r} and {self.far_m!r}")
 
     def base_SE3_camera(self, body_height_m: float) -> SE3:
         """Where it is on an agent of this height; camera axes are OpenCV's (x right, y down, z forward)."""

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.arrays import frozen, require_finite
-from coopsim.checks import require_count, require_finite_number, require_number, require_positive
+from coopsim.checks import require_between, require_count, require_number
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.distortion import NO_DISTORTION, Coefficients, distort, undistort
+from coopsim.sensors.limits import FARTHEST_AXIS_PX, FOCAL_PX
 
 MOST_PIXELS = 8192
 """Along either side. No camera here has more; what does is a slip that would fill the memory."""
@@ -28,10 +29,10 @@ class Intrinsics:
     Attributes:
         width: pixels.
         height: pixels.
-        fx_px: focal length along x.
-        fy_px: focal length along y.
-        cx_px: column of the optical axis.
-        cy_px: row of the optical axis.
+        fx_px: focal length along x, in [0.001, 1e6].
+        fy_px: focal length along y, the same.
+        cx_px: column of the optical axis, in [-1e6, 1e6].
+        cy_px: row of the optical axis, the same.
         distortion: k1, k2, p1, p2, k3, see `coopsim.sensors.distortion`.
 
     Raises:
@@ -48,8 +49,8 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         require_count(1, MOST_PIXELS, width=self.width, height=self.height)
-        require_positive(fx_px=self.fx_px, fy_px=self.fy_px)
-        require_finite_number(cx_px=self.cx_px, cy_px=self.cy_px)
+        require_between(*FOCAL_PX, fx_px=self.fx_px, fy_px=self.fy_px)
+        require_between(-FARTHEST_AXIS_PX, FARTHEST_AXIS_PX, cx_px=self.cx_px, cy_px=self.cy_px)
         coefficients = frozen(self.distortion, (5,), np.float64, "distortion (k1, k2, p1, p2, k3)")
         require_finite(coefficients, "distortion (k1, k2, p1, p2, k3)")
         object.__setattr__(self, "distortion", tuple(coefficients.tolist()))

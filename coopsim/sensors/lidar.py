@@ -21,6 +21,7 @@ from coopsim.sensors.air import Clutter, Weather
 from coopsim.sensors.footprint import merge, rays_of
 from coopsim.sensors.grid import GridHits, RayGrid
 from coopsim.sensors.grid_shapes import Singles
+from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, MOST_RAYS
 from coopsim.sensors.pattern_files import find_pattern
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.sensors.raycast import RayScene
@@ -46,13 +47,14 @@ class LidarConfig:
 
     Attributes:
         pattern: name of a beam table, path of one (see `load_pattern`), or a table of one's own.
-        columns: firings per turn.
+        columns: firings per turn; times the beams, at most 8,388,608 rays.
         min_range_m: nearest return (HDL-32E manual: about 1).
-        max_range_m: farthest return (the same: 100).
+        max_range_m: farthest return, at most 10 km (the same: 100).
         range_noise_m: standard deviation along the ray.
         reference_range_m: where the energy of a white surface is 1.
         dropout_energy: energy at which 37 % of the returns are lost; 0 loses none.
-        above_m: height of the sensor over the agent's body; negative below its top.
+        above_m: height of the sensor over the agent's body; negative below its top. This and the next two are in
+            [-100, 100].
         x_m: how far ahead of the middle of the agent.
         y_m: how far to its left.
         roll_rad: turn about the agent's x axis, first.
@@ -98,9 +100,10 @@ class LidarConfig:
         )
         require_between(0, 0.1, divergence_rad=self.divergence_rad)
         require_between(0, 1, turn_s=self.turn_s)
-        require_finite_number(above_m=self.above_m, x_m=self.x_m, y_m=self.y_m)
+        require_between(-FARTHEST_MOUNT_M, FARTHEST_MOUNT_M, above_m=self.above_m, x_m=self.x_m, y_m=self.y_m)
         require_finite_number(roll_rad=self.roll_rad, pitch_rad=self.pitch_rad, yaw_rad=self.yaw_rad)
         require_positive(max_range_m=self.max_range_m, reference_range_m=self.reference_range_m)
+        require_between(0, FARTHEST_M, max_range_m=self.max_range_m, reference_range_m=self.reference_range_m)
         require_choice("backend", self.backend, BACKENDS)
         if self.turn_s > 0 and self.backend == "embree":
             raise InvalidValueError("turn_s must be 0 with the backend embree, which casts all rays at one time")
@@ -108,7 +111,9 @@ class LidarConfig:
             raise InvalidValueError(f"max_range_m must be > min_range_m = {self.min_range_m}, got {self.max_range_m!r}")
         if not isinstance(self.pattern, (str, BeamPattern)):
             raise InvalidValueError(f"pattern must be a beam table or the name of one, got {self.pattern!r}")
-        self.beams  # noqa: B018  (an unknown name is refused now)
+        rays = len(self.beams.elevation_rad) * self.columns  # an unknown name is refused here
+        if rays > MOST_RAYS:
+            raise InvalidValueError(f"columns times beams must be at most {MOST_RAYS}, got {rays}")
 
     @property
     def beams(self) -> BeamPattern:

@@ -24,17 +24,22 @@ def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: 
         height_m: of the agent's body.
         body: that carries it; None for a mast, which is as thin as a line.
     """
+    require_above_ground(f"lidar {sensor!r}", config.above_m, height_m)
     at = config.base_SE3_sensor(height_m).translation
-    if at[2] <= 0:
-        raise InvalidValueError(
-            f"lidar {sensor!r} is {-at[2]:g} m under the ground: above_m = {config.above_m:g} counts from the top of a "
-            f"body that is {height_m:g} m high"
-        )
     if body is not None and _is_inside(body, at - [0.0, 0.0, height_m / 2]):
         where, sides = (", ".join(f"{value:g}" for value in values) for values in (at, body.size_m))
         raise InvalidValueError(
             f"lidar {sensor!r} at x, y, z = {where} m is inside the body of a {body.name!r} (length, width and height "
             f"{sides} m)"
+        )
+
+
+def require_above_ground(sensor: str, above_m: float, height_m: float) -> None:
+    """Raise `InvalidValueError` if a sensor so far above a body of this height would not be over the ground."""
+    if height_m + above_m <= 0:
+        raise InvalidValueError(
+            f"{sensor} is {-height_m - above_m:g} m under the ground: above_m = {above_m:g} counts from the top of a "
+            f"body that is {height_m:g} m high"
         )
 
 

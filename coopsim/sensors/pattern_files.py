@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from coopsim.checks import require_between, require_number
 from coopsim.errors import InvalidValueError
-from coopsim.mappings import UNREADABLE
+from coopsim.keyed_yaml import read_keyed_yaml
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 
-COLUMNS = ("elevation_deg", "azimuth_deg")
+ELEVATION, AZIMUTH = "elevation_deg", "azimuth_deg"
 SUFFIXES = (".csv", ".yaml", ".yml")
+
+_CHECKS: dict[str, Callable[..., None]] = {
+    ELEVATION: partial(require_number, "a number in (-90, 90)", lambda degrees: abs(degrees) < 90),
+    AZIMUTH: partial(require_between, -180, 180),
+}
 
 
 def find_pattern(name: str) -> BeamPattern:
@@ -36,44 +43,51 @@ def load_pattern(path: str | Path) -> BeamPattern:
     `BeamPattern`.
 
     Raises:
-        InvalidValueError: names the file and what is wrong.
+        InvalidValueError: names the file, where known the line, and what is wrong.
     """
     path = Path(path)
+    table = _from_csv(path) if path.suffix.lower() == ".csv" else _from_yaml(path)
+    elevation, azimuth = table[ELEVATION], table.get(AZIMUTH)
+    if not elevation:
+        raise InvalidValueError(f"{path}: a beam table must have at least one beam, got none")
+    if azimuth is not None and len(azimuth) != len(elevation):
+        raise InvalidValueError(f"{path}: {len(elevation)} {ELEVATION} need as many {AZIMUTH}, got {len(azimuth)}")
+    return BeamPattern(path.stem, np.radians(elevation), None if azimuth is None else np.radians(azimuth))
+
+
+def _from_csv(path: Path) -> dict[str, list[float]]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # spreadsheets begin their files with a byte order mark
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidValueError(f"cannot read the beam table {path}: {error}") from error
-    table = _from_csv(path, text) if path.suffix.lower() == ".csv" else _from_yaml(path, text)
-    if COLUMNS[0] not in table or set(table) - set(COLUMNS):
-        raise InvalidValueError(f"{path}: a beam table has elevation_deg and may have azimuth_deg, got {sorted(table)}")
-    try:
-        radians = {key: np.radians(np.asarray(values, dtype=np.float64)) for key, values in table.items()}
-        return BeamPattern(path.stem, radians[COLUMNS[0]], radians.get(COLUMNS[1]))
-    except (TypeError, ValueError) as error:
-        raise InvalidValueError(f"{path}: {error}") from error
-
-
-def _from_csv(path: Path, text: str) -> dict[str, list[float]]:
-    header, *lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if row] or [[]]
+    reader = csv.reader(text.splitlines())
+    header = [cell.strip() for cell in next(reader, [])]
+    if header not in ([ELEVATION], [ELEVATION, AZIMUTH], [AZIMUTH, ELEVATION]):
+        raise InvalidValueError(
+            f"{path}:1: a beam table has the columns {ELEVATION} and, if any, {AZIMUTH}, got {header}"
+        )
     table: dict[str, list[float]] = {key: [] for key in header}
-    for number, row in enumerate(lines, start=1):
-        if len(row) != len(header):
-            raise InvalidValueError(f"{path}: beam {number} has {len(row)} values for {len(header)} columns")
-        for key, cell in zip(header, row, strict=True):
-            try:
-                table[key].append(float(cell))
-            except ValueError:
-                raise InvalidValueError(f"{path}: {key} of beam {number} must be a number, got {cell!r}") from None
+    for row in reader:
+        at = f"{path}:{reader.line_num}"
+        if row and len(row) != len(header):
+            raise InvalidValueError(f"{at}: a beam has {len(header)} values, got {len(row)}")
+        for key, cell in zip(header, row, strict=False):
+            table[key].append(_degrees(at, key, cell.strip()))
     return table
 
 
-def _from_yaml(path: Path, text: str) -> dict[str, Any]:
-    import yaml
-
+def _degrees(at: str, key: str, cell: str) -> float:
     try:
-        table = yaml.safe_load(text)
-    except UNREADABLE as error:
-        raise InvalidValueError(f"{path} is no YAML: {error}") from error
-    if not isinstance(table, dict):
-        raise InvalidValueError(f"{path}: a beam table is a mapping with elevation_deg, got {type(table).__name__}")
-    return {str(key): values for key, values in table.items()}
+        value = float(cell)
+        _CHECKS[key](**{key: value})
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{at}: {error}") from error
+    except ValueError:
+        raise InvalidValueError(f"{at}: {key} must be a number, got {cell!r}") from None
+    return value
+
+
+def _from_yaml(path: Path) -> dict[str, list[float]]:
+    file = read_keyed_yaml(path, dict.fromkeys(_CHECKS), InvalidValueError)
+    fields = file.root.fields([ELEVATION], [AZIMUTH])
+    return {key: [float(item.checked(_CHECKS[key])) for item in entry.entries()] for key, entry in fields.items()}

@@ -1,17 +1,14 @@
 """pyrender in an OpenGL context of its own, beside which others in the process live on.
 
-This imports pyrender, and so OpenGL: import it only where that is asked for.
+This imports pyrender, and so OpenGL: import it only where that is asked for, and `PYOPENGL_PLATFORM` says EGL.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-
-os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read once, when OpenGL is first imported
 
 import pyrender
 from OpenGL import EGL

@@ -5,6 +5,7 @@ Scene, camera, matrices, rasterising and depth are pyrender's; of ours is a shad
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +40,7 @@ class PyrenderRenderer(Renderer):
 
     def __init__(self) -> None:
         try:
+            _choose_egl()
             import pyrender
 
             from coopsim.sensors.pyrender_context import Context, TriangleRenderer
@@ -153,3 +155,10 @@ def _inverse(values: NDArray[np.float32]) -> NDArray[np.float32]:
     inverse = np.zeros_like(values)
     np.divide(np.float32(1.0), values, out=inverse, where=values > 0)
     return inverse
+
+
+def _choose_egl() -> None:
+    """Before OpenGL is first imported, which reads this once."""
+    platform = os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    if platform != "egl":
+        raise ImportError(f"PYOPENGL_PLATFORM must be unset or 'egl', got {platform!r}")

@@ -103,11 +103,18 @@ class RaycastRenderer(Renderer):
     def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> View:
         lens = camera.intrinsics
         scene, faces = self._scene(own_id)
-        hits = scene.cast(world_SE3_camera.translation, world_SE3_camera.rotate(lens.unit_rays))
-        depth = hits.range_m.reshape(lens.size) / lens.stretch
-        seen = (depth >= camera.near_m) & (depth <= camera.far_m)
+        toward = world_SE3_camera.rotate(lens.unit_rays)
+        hits = scene.cast(world_SE3_camera.translation, toward)
+        depth, face = hits.range_m / lens.stretch.reshape(-1), hits.face
+        near = depth < camera.near_m
+        if near.any():  # hides nothing, as where OpenGL draws
+            behind = scene.cast(world_SE3_camera.apply(camera.near_m * lens.rays[near]), toward[near])
+            depth[near] = camera.near_m + behind.range_m / lens.stretch.reshape(-1)[near]
+            face[near] = behind.face
+        depth, face = depth.reshape(lens.size), face.reshape(lens.size)
+        seen = depth <= camera.far_m
         # -1, nothing, must not be looked up: it would be the last face.
-        face = np.where(seen, faces[hits.face].reshape(lens.size), -1)
+        face = np.where(seen, faces[face], -1)
         return View(face, np.where(seen, depth, np.float32(0.0)))
 
     def close(self) -> None:

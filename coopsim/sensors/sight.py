@@ -2,7 +2,8 @@
 
 An actor's box is seen from a sensor as a rectangle, `angular width / column step` columns wide and as many beams high
 as lie between its bottom and its top. The share of it that nothing hides is estimated by lines of sight to nine points
-of that rectangle, which other actors' boxes and the boxes around solid scenery block.
+of that rectangle, which other actors' boxes and the boxes around solid scenery block. In rain and fog, what is
+left is the share that a surface of usual brightness gives back through that air.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from coopsim.geometry.se3 import Floats
+from coopsim.sensors.air import Weather
 from coopsim.sensors.geometry import is_closed
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Ints, Mask
@@ -25,6 +27,11 @@ _ACROSS = np.array([-0.4, 0.0, 0.4])
 
 _UP = np.array([0.15, 0.5, 0.85])
 """The same in heights from its bottom."""
+
+_BOUNCED = 0.24
+"""Reflectivity times cosine of incidence: the mean of what LiDARs meet of actors at the crossing and on the highway."""
+
+_REFERENCE_M, _DROPOUT_ENERGY = 50.0, 0.02  # as of a `LidarConfig`, unless told otherwise
 
 _SLACK_M = 1e-3  # for rounding, in deciding which obstacles are worth a closer look
 
@@ -37,13 +44,22 @@ class LineOfSight:
         pattern: the beams of the sensor that there is not.
         columns: its firings per turn.
         range_m: how far it would see.
+        weather: around it; None is dry and clear.
     """
 
-    def __init__(self, static: Sequence[StaticPart], pattern: BeamPattern, columns: int, range_m: float) -> None:
+    def __init__(
+        self,
+        static: Sequence[StaticPart],
+        pattern: BeamPattern,
+        columns: int,
+        range_m: float,
+        weather: Weather | None = None,
+    ) -> None:
         solid = [piece for part in static if is_closed(part.vertices, part.faces) for piece in _pieces(part)]
         self._scenery = np.array(solid).reshape(-1, 7)
         self._elevation = np.sort(pattern.elevation_rad)
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m
+        self._extinction_per_m = (weather or Weather()).extinction_per_m
 
     def expected_returns(self, origin_m: Floats, actors: Actors, own_id: int | None) -> Ints:
         """How many returns a sensor at `origin_m` (3,) in the world may expect of each of N actors, (N,).
@@ -54,11 +70,21 @@ class LineOfSight:
         others = actors.id != (-1 if own_id is None else own_id)
         obstacles = np.concatenate([boxes, self._scenery])
         blocks = np.concatenate([others, np.ones(len(self._scenery), dtype=np.bool_)])
-        near = others & (np.linalg.norm(boxes[:, :3] - origin_m, axis=1) <= self._range_m)
+        distance_m = np.linalg.norm(boxes[:, :3] - origin_m, axis=1)
+        near = others & (distance_m <= self._range_m)
         share = _visible_shares(np.asarray(origin_m, dtype=np.float64), boxes, near, obstacles, blocks, _ACROSS, _UP)
         rays = self._columns_over(origin_m, boxes) * self._beams_over(origin_m, boxes)
-        returns: Ints = np.floor(rays * share).astype(np.int64)
+        returns: Ints = np.floor(rays * share * self._share_returned(distance_m)).astype(np.int64)
         return returns
+
+    def _share_returned(self, distance_m: Floats) -> Floats | float:
+        """(N,) of the rays that end on something so far away; in clear air all are taken to be."""
+        if self._extinction_per_m == 0:
+            return 1.0
+        through = np.exp(-2 * self._extinction_per_m * distance_m)
+        energy = _BOUNCED * through * (_REFERENCE_M / np.maximum(distance_m, 1.0)) ** 2
+        share: Floats = -np.expm1(-energy / _DROPOUT_ENERGY)
+        return share
 
     def _columns_over(self, origin_m: Floats, boxes: Floats) -> Floats:
         toward = boxes[:, :2] - origin_m[:2]

@@ -17,6 +17,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.geometry import STATIC_ID
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.towards import towards
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody
 
@@ -88,57 +89,69 @@ class VisibilityProbe:
             returns: (N,) from each that the agent's LiDARs received.
         """
         other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
-        others = actors[other]
-        half_m, middle_m = others.boxes.size[:, 2] / 2, others.boxes.center[:, 2]
-        low_m, high_m = np.min(middle_m - half_m, initial=np.inf), np.max(middle_m + half_m, initial=-np.inf)
-        parts, rays_before = [], 0
+        others, parts = actors[other], []
         for config, directions in self._sensors:
             world_SE3_sensor = body.world_SE3_base.compose(config.base_SE3_sensor(body.height_m))
-            part = follow(
-                scene,
-                world_SE3_sensor.translation,
-                world_SE3_sensor.rotate(directions),
-                (config.min_range_m, config.max_range_m),
-                (float(low_m), float(high_m)),
-            )
-            parts.append(Crossings(part.ray + rays_before, part.actor, part.first))
-            rays_before += len(directions)
-        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in ("ray", "actor", "first"))
-        return Visibility(others.id, returns[other], *count_crossings(Crossings(*columns), others.id))
+            origin_m, rays = world_SE3_sensor.translation, world_SE3_sensor.rotate(directions)
+            rays = rays[towards(others.boxes, origin_m, rays)]
+            range_m = config.min_range_m, config.max_range_m
+            parts.append(follow(scene, origin_m, rays, range_m, heights_of(others)))
+        crossings = end_to_end(parts, [len(directions) for _, directions in self._sensors])
+        return Visibility(others.id, returns[other], *count_crossings(crossings, others.id))
+
+
+def heights_of(actors: Actors) -> tuple[float, float]:
+    """Between which heights (m) there are actors."""
+    half_m, middle_m = actors.boxes.size[:, 2] / 2, actors.boxes.center[:, 2]
+    return float(np.min(middle_m - half_m, initial=np.inf)), float(np.max(middle_m + half_m, initial=-np.inf))
+
+
+def end_to_end(parts: Sequence[Crossings], rays: Sequence[int]) -> Crossings:
+    """The crossings of several sensors, of so many rays each, whose rays are numbered on."""
+    before = np.cumsum([0, *rays])[:-1].tolist()
+    ray = [part.ray + start for part, start in zip(parts, before, strict=True)]
+    return Crossings(
+        np.concatenate(ray),
+        np.concatenate([part.actor for part in parts]),
+        np.concatenate([part.first for part in parts]),
+    )
 
 
 def follow(
     scene: RayScene,
     origin_m: Floats,
     directions: Floats,
-    range_m: tuple[float, float],
+    range_m: tuple[float, float | Floats],
     heights_m: tuple[float, float],
+    transparent: int = NOTHING,
 ) -> Crossings:
     """Follow rays through everything, layer by layer.
 
     Args:
         scene: what there is.
-        origin_m: (3,) from which they start.
+        origin_m: (3,) from which they start, or (R, 3).
         directions: (R, 3) unit vectors, world frame.
-        range_m: nearest and farthest crossing.
+        range_m: nearest and farthest crossing, the latter a number or (R,).
         heights_m: between which there are actors: a ray that has left this for good is followed no further.
+        transparent: id of an actor that hides nothing.
     """
-    nearest_m, farthest_m = range_m
+    nearest_m, farthest_m = range_m[0], np.broadcast_to(range_m[1], len(directions))
+    origins_m = np.broadcast_to(origin_m, directions.shape)
     low_m, high_m = heights_m
-    first = np.zeros(len(directions), dtype=np.int64)
+    first = np.full(len(directions), NOTHING)
     ray, travelled_m = np.arange(len(directions)), np.zeros(len(directions))
     found: list[Ints] = [np.zeros((0, 2), dtype=np.int64)]
     while len(ray):
-        start_m = origin_m + directions[ray] * travelled_m[:, None]
+        start_m = origins_m[ray] + directions[ray] * travelled_m[:, None]
         height_m, climb = start_m[:, 2], directions[ray, 2]
         ahead = ((height_m >= low_m) | (climb > 0)) & ((height_m <= high_m) | (climb < 0))
         hits = scene.cast(start_m[ahead], directions[ray[ahead]])
         ray, travelled_m = ray[ahead], travelled_m[ahead] + hits.range_m
-        met = travelled_m <= farthest_m
+        met = travelled_m <= farthest_m[ray]
         ray, travelled_m = ray[met], travelled_m[met]
         instance = scene.triangles.instance[hits.face[met]]
-        if len(found) == 1:
-            first[ray] = instance
+        ends = (first[ray] == NOTHING) & (instance != transparent)
+        first[ray[ends]] = instance[ends]
         actor = (travelled_m >= nearest_m) & (instance != STATIC_ID)
         found.append(np.column_stack([ray, instance])[actor])
         travelled_m += _BEYOND_M

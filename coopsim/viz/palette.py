@@ -15,6 +15,7 @@ TEXT: RGB = (214, 218, 224)
 MAP: dict[str, RGB] = {
     "pavements": (34, 38, 44),
     "lanes": (44, 48, 55),
+    "markings": (98, 103, 111),
     "crosswalks": (70, 75, 84),
     "buildings": (58, 52, 48),
 }

@@ -10,6 +10,7 @@ from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.layout import LANE_M, Footways, Layout, Slot, flights_around, lane_outline, rectangle
+from coopsim.world.markings import lane_lines
 from coopsim.world.scenery import Building, town_map, town_parts
 from coopsim.world.streets import (
     RSU_HEIGHT_M,
@@ -60,7 +61,7 @@ def make_urban_grid() -> Layout:
     lanes += [_middle(spot) + rectangle((-LANE_M, LANE_M), (-LANE_M, LANE_M)) for spot in _PLACES]
     crosswalks = [_middle(spot) + crosswalk_of(streets, arm) for spot, streets in crossed for arm in streets.arms]
     stripes = [_middle(spot) + stripe for spot, streets in crossed for stripe in stripes_of(streets)]
-    road_map = town_map(lanes, crosswalks, _pavements(), buildings)
+    road_map = town_map(lanes, crosswalks, _pavements(), buildings, lane_lines(network, movements))
     return Layout(
         network=network,
         slots=slots,

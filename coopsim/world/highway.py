@@ -63,7 +63,7 @@ def make_highway() -> Layout:
             )
     edge = MEDIAN_M / 2 + LANES * LANE_M
     carriageways = [rectangle((START_M, END_M), sides) for sides in ((-edge, -MEDIAN_M / 2), (MEDIAN_M / 2, edge))]
-    slots = _slots(network)
+    slots, lines = _slots(network), tuple(_lines(edge))
     rsus = tuple(SE3.from_xyz_yaw([100.0 * k, RSU_Y_M * (-1) ** k, 0.0], np.pi / 2 * (-1) ** k) for k in range(4))
     shown = [rectangle((START_M, SCENERY_M), tuple(part[[0, 2], 1])) for part in carriageways]
     return Layout(
@@ -76,7 +76,7 @@ def make_highway() -> Layout:
         static=(
             flat_part("ground", [rectangle((START_M, END_M), (-300.0, 300.0))], -0.04, GROUND, 0.3),
             flat_part("road", carriageways, 0.0, ASPHALT, 0.18),
-            flat_part("marking", _lines(edge), 0.02, MARKING, 0.8),
+            flat_part("marking", list(lines), 0.02, MARKING, 0.8),
             box_part("barrier", (START_M, -0.3, 0.0), (END_M, 0.3, 0.85), STEEL),
             box_part("wall", (START_M, edge + 9, 0.0), (SCENERY_M, edge + 9.4, 3.5), (150, 140, 120)),
             box_part("wall", (START_M, -edge - 9.4, 0.0), (SCENERY_M, -edge - 9, 3.5), (150, 140, 120)),
@@ -87,7 +87,7 @@ def make_highway() -> Layout:
             ),
             *(mast_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
         ),
-        road_map=RoadMap(tuple(shown), (), (), ()),
+        road_map=RoadMap(tuple(shown), (), (), (), lines),
         window_m=WINDOW_M,
         cruise_m_s=CRUISE_M_S,
         flights=flights_around(np.zeros(2), drift_m_s=(CRUISE_M_S, 0.0)),

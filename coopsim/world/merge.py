@@ -21,6 +21,7 @@ from coopsim.world.layout import (
     lane_outline,
     rectangle,
 )
+from coopsim.world.markings import lane_lines
 from coopsim.world.scenery import town_map, town_parts
 from coopsim.world.snapshot import StaticPart
 from coopsim.world.streets import add_bend, add_straight, spaced_slots
@@ -57,7 +58,7 @@ def make_merge() -> Layout:
         for x, y in ((5.0, -_HALF_M - 8.0), (-60.0, -_HALF_M + 8.0), (40.0, -_HALF_M + 8.0), (-60.0, _HALF_M + 8.0))
     )
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
-    road_map = town_map(lanes, [], [], [])
+    road_map = town_map(lanes, [], [], [], lane_lines(network))
     return Layout(
         network=network,
         slots=slots,

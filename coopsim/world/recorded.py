@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from coopsim import __version__
 from coopsim.checks import require_count, require_frame_time
 from coopsim.data.episode import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.rng import require_seed
 from coopsim.world.models import make_models
 from coopsim.world.scenario import Place, Scenario, make_scenario
-from coopsim.world.snapshot import Actors, AgentBody, Model
+from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 
@@ -71,11 +74,12 @@ class RecordedWorld:
         bodies = world.agents()
         header = EpisodeHeader(
             scenario.name,
-            asdict(scenario.population),
+            scenario.population.numbers,
             int(seed),
             float(dt_s),
             tuple(EpisodeAgent(body.name, body.kind, body.actor_id, body.height_m) for body in bodies.values()),
             _sizes(world.models),
+            place=_checksum(world.static),
         )
         self._writer = EpisodeWriter(path, header)
         self._writer.append(world.actors(), bodies)
@@ -104,7 +108,8 @@ class PlayedWorld:
         scenario: the place that it was recorded in.
 
     Raises:
-        RecordingError: it was recorded with other models than there are now, or there is no frame left to step to.
+        RecordingError: it was recorded with other models or among other scenery than there are now, or there is no
+            frame left to step to.
         InvalidValueError: a step is not of the recording's `dt_s`.
     """
 
@@ -115,6 +120,12 @@ class PlayedWorld:
             raise RecordingError(
                 f"{episode.path} was recorded (coopsim {episode.header.coopsim}) with other models than there are: "
                 f"{changed}; accepted: the same models in the same order"
+            )
+        if episode.header.place not in (None, _checksum(self.static)):
+            raise RecordingError(
+                f"{episode.path} was recorded (coopsim {episode.header.coopsim}) in another {scenario.name!r} than "
+                f"there is in coopsim {__version__}: what stands there has changed. Record it again from its scenario "
+                "and seed"
             )
         self._episode, self._frames = episode, iter(episode)
         self._frame = next(self._frames)
@@ -156,6 +167,12 @@ def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Sce
 
 def _sizes(models: tuple[Model, ...]) -> dict[str, tuple[float, ...]]:
     return {model.name: tuple(model.size_m.tolist()) for model in models}
+
+
+def _checksum(static: tuple[StaticPart, ...]) -> int:
+    """Of shapes to a millimetre, which is the same on all machines."""
+    shapes = [np.round(1000.0 * part.vertices).astype("<i8").tobytes() for part in static]
+    return zlib.crc32(b"".join(shapes))
 
 
 def _difference(recorded: Mapping[str, tuple[float, ...]], present: Mapping[str, tuple[float, ...]]) -> str:

@@ -2,130 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from numbers import Integral
 from typing import Any
 
-from coopsim.checks import require_count, require_non_negative, require_probability
-from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
+from coopsim.checks import require_non_negative
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.registry import Registry
-from coopsim.taxonomy import ObjectClass
 from coopsim.world.crossing import make_crossing, make_t_junction
 from coopsim.world.grid import make_urban_grid
 from coopsim.world.highway import make_highway, make_platoon
 from coopsim.world.layout import Layout
 from coopsim.world.merge import make_merge
+from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.roundabout import make_roundabout
 from coopsim.world.street import make_occluded_crossing, make_parking_street
-
-
-@dataclass(frozen=True, slots=True)
-class Population:
-    """How many of what there are.
-
-    Attributes:
-        vehicles: cars and trucks together, connected ones included.
-        truck_share: of these, in [0, 1].
-        pedestrians: people on foot.
-        connected_cars: how many of the cars are connected agents.
-        rsus: roadside units.
-        vans: next to `vehicles`, as all that follow.
-        buses: on the roads.
-        motorcycles: on the roads.
-        bicycles: where the place has room for them: on the edge of lanes, or with pedestrians.
-        scooters: as bicycles.
-        children: on foot.
-        drones: agents in the air, each with sensors that look down.
-        parked: vehicles at the kerb, where the place has bays.
-        penetration: share of the cars that are connected, in [0, 1], in the place of `connected_cars`.
-    """
-
-    vehicles: int = 30
-    truck_share: float = 0.15
-    pedestrians: int = 8
-    connected_cars: int = 3
-    rsus: int = 1
-    vans: int = 0
-    buses: int = 0
-    motorcycles: int = 0
-    bicycles: int = 0
-    scooters: int = 0
-    children: int = 0
-    drones: int = 0
-    parked: int = 0
-    penetration: float | None = None
-
-    def __post_init__(self) -> None:
-        counts = [field.name for field in fields(self) if field.name not in ("truck_share", "penetration")]
-        require_count(0, **{name: getattr(self, name) for name in counts})
-        require_probability(truck_share=self.truck_share)
-        if self.penetration is not None:
-            require_probability(penetration=self.penetration)
-        elif self.connected_cars > self.cars:
-            raise InvalidValueError(
-                f"connected_cars must be at most the number of cars, which is {self.cars} "
-                f"({self.vehicles} vehicles less {self.trucks} trucks), got {self.connected_cars}"
-            )
-        if self.connected + self.rsus + self.drones == 0:
-            raise InvalidValueError("there must be at least one agent: connected_cars + rsus + drones >= 1, got 0")
-
-    @property
-    def trucks(self) -> int:
-        """How many of the vehicles are trucks."""
-        return round(self.truck_share * self.vehicles)
-
-    @property
-    def cars(self) -> int:
-        """How many of the vehicles are cars."""
-        return self.vehicles - self.trucks
-
-    @property
-    def connected(self) -> int:
-        """How many of the cars are connected agents."""
-        return self.connected_cars if self.penetration is None else round(self.penetration * self.cars)
-
-    @property
-    def on_roads(self) -> Mapping[ObjectClass, int]:
-        """Vehicles by class."""
-        return {
-            ObjectClass.CAR: self.cars,
-            ObjectClass.TRUCK: self.trucks,
-            ObjectClass.VAN: self.vans,
-            ObjectClass.BUS: self.buses,
-            ObjectClass.MOTORCYCLE: self.motorcycles,
-        }
-
-    @property
-    def people(self) -> Mapping[ObjectClass, int]:
-        """People on foot and on two wheels by class."""
-        return {
-            ObjectClass.PEDESTRIAN: self.pedestrians,
-            ObjectClass.CHILD: self.children,
-            ObjectClass.BICYCLE: self.bicycles,
-            ObjectClass.SCOOTER: self.scooters,
-        }
-
-    def within(self, room: int, *names: str) -> Population:
-        """As many of the numbers called `names` as there is room for, together; the first give way first.
-
-        Warns:
-            CrowdedWarning: that they do not all fit.
-        """
-        numbers = {name: getattr(self, name) for name in names}
-        excess = asked = sum(numbers.values())
-        excess -= room
-        if excess <= 0:
-            return self
-        for name, number in numbers.items():
-            numbers[name] = number - min(number, excess)
-            excess -= number - numbers[name]
-        fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
-        message = f"there is room for {room} of {asked} ({' + '.join(names)}), so there are {fitting}"
-        warnings.warn(message, CrowdedWarning, stacklevel=5)  # the caller of `make_scenario`
-        cars = numbers.get("vehicles", self.vehicles)
-        cars -= round(self.truck_share * cars)
-        return replace(self, **numbers, connected_cars=min(self.connected_cars, cars))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,6 +66,7 @@ class Scenario:
 
 _DENSE = (
     "vehicles",
+    "trucks",
     "vans",
     "buses",
     "motorcycles",
@@ -200,6 +93,9 @@ class Place:
     population: Population
 
 
+NUMBERS = ("density", *(field.name for field in fields(Population)))
+"""What `make_scenario` takes."""
+
 SCENARIOS: Registry[Place] = Registry("scenario")
 
 
@@ -225,11 +121,12 @@ def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -
     Args:
         place: its name as it is registered, or a place of one's own.
         density: a factor on the numbers of vehicles and people, of all that are not agents.
-        **numbers: fields of `Population`.
+        **numbers: fields of `Population`. Where `connected_cars` is not among them and there are fewer cars than the
+            scenario's own number of connected ones, all are.
 
     Raises:
         UnknownNameError: no such scenario or number.
-        InvalidValueError: a number that is not accepted.
+        InvalidValueError: a number that is not accepted, or two of which one takes the other's place.
 
     Warns:
         CrowdedWarning: there is not room for all; as many as fit are there.
@@ -238,14 +135,18 @@ def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -
     known = [field.name for field in fields(Population)]
     for number in numbers:
         if number not in known:
-            raise UnknownNameError(f"number of scenario {found.name!r}", number, known)
+            raise UnknownNameError(f"number of scenario {found.name!r}", number, NUMBERS)
+    require_one_of_each(numbers)
     usual = {field: getattr(found.population, field) for field in known}
     require_non_negative(density=density)
     wanted = usual | numbers
-    dense = {field: round(density * wanted[field]) if _is_count(wanted[field]) else wanted[field] for field in _DENSE}
-    return Scenario(found.name, found.make_layout(), Population(**(wanted | dense)))
+    wanted |= {name: round(density * wanted[name]) for name in _DENSE if _is_count(wanted[name])}
+    if "connected_cars" not in numbers:
+        cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
+        wanted["connected_cars"] = min(wanted["connected_cars"], cars)
+    return Scenario(found.name, found.make_layout(), Population(**wanted))
 
 
 def _is_count(value: object) -> bool:
     """What is none is refused by `Population`, in the user's words."""
-    return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, Integral) and not isinstance(value, bool)

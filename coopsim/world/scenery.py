@@ -16,11 +16,15 @@ _GROUND = rectangle((-260.0, 260.0), (-260.0, 260.0))
 
 
 def town_map(
-    lanes: Sequence[Floats], crosswalks: Sequence[Floats], pavements: Sequence[Floats], buildings: Sequence[Building]
+    lanes: Sequence[Floats],
+    crosswalks: Sequence[Floats],
+    pavements: Sequence[Floats],
+    buildings: Sequence[Building],
+    markings: Sequence[Floats] = (),
 ) -> RoadMap:
     """The outlines; buildings have theirs."""
     footprints = tuple(rectangle(x, y) for x, y, _ in buildings)
-    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), footprints)
+    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), footprints, tuple(markings))
 
 
 def town_parts(

@@ -19,6 +19,9 @@ from coopsim.types import Ints
 BOX_TOLERANCE_M = 1e-3
 """How far a model may be from filling its box."""
 
+LONGEST_M = 100.0
+"""No road has room for what is longer; a mesh in millimetres is."""
+
 _NO_COLORS = np.zeros((0, 3), dtype=np.uint8)
 _DARK = (24, 28, 34)
 
@@ -123,7 +126,7 @@ class Model:
     Attributes:
         name: as "sedan".
         label: the `ObjectClass` it is of.
-        size_m: (3,) length, width, height of its tight box.
+        size_m: (3,) length, width, height of its tight box, each at most 100 m.
         vertices: (V, 3) m, float64, origin at the middle of the box, x forward; the first of the poses.
         faces: (F, 3) int, counter-clockwise from outside.
         tint: (F,) float in [0, 1]: how much of the actor's paint a face takes (1 paint, 0 glass, tyres).
@@ -174,8 +177,14 @@ class Model:
             raise InvalidValueError(
                 f"label {of} must be an ObjectClass, 0 to {len(CLASS_NAMES) - 1}, got {self.label!r}"
             )
-        length, width, height = self.size_m.tolist()
-        require_positive(**{f"length {of}": length, f"width {of}": width, f"height {of}": height})
+        if not (isinstance(self.name, str) and self.name):
+            raise InvalidValueError(f"name of a model must be a text, got {self.name!r}")
+        for side, value in zip(("length", "width", "height"), self.size_m.tolist(), strict=True):
+            require_positive(**{f"{side} {of}": value})
+            if value > LONGEST_M:
+                raise InvalidValueError(
+                    f"{side} {of} must be at most {LONGEST_M:g} m, got {value:g}: is it in other units than metres?"
+                )
         if not len(self.faces):
             raise InvalidValueError(f"faces {of} must be at least one, got none")
         require_finite(self.poses, f"vertices {of}")
@@ -225,9 +234,11 @@ class RoadMap:
         crosswalks: polygons.
         pavements: polygons.
         buildings: footprints.
+        markings: painted lines.
     """
 
     lanes: tuple[Floats, ...]
     crosswalks: tuple[Floats, ...]
     pavements: tuple[Floats, ...]
     buildings: tuple[Floats, ...]
+    markings: tuple[Floats, ...] = ()

@@ -9,6 +9,7 @@ from highway_env.road.road import RoadNetwork
 
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.layout import LANE_M, Bay, Footways, Layout, flights_around, lane_outline, rectangle
+from coopsim.world.markings import lane_lines
 from coopsim.world.scenery import row_of_buildings, town_map, town_parts
 from coopsim.world.streets import (
     APPROACH_SPEED_M_S,
@@ -80,7 +81,8 @@ def _street_layout(
     buildings = row_of_buildings(streets.corner_m, 1) + row_of_buildings(streets.corner_m, -1)
     strips = [rectangle((-_ROW_M, _ROW_M), span) for span in ((-streets.kerb_m, -LANE_M), (LANE_M, streets.kerb_m))]
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + strips
-    road_map = town_map(lanes, [crosswalk_of(streets, arm) for arm in crosswalks], pavements_of(streets), buildings)
+    stripes = [crosswalk_of(streets, arm) for arm in crosswalks]
+    road_map = town_map(lanes, stripes, pavements_of(streets), buildings, lane_lines(network))
     return Layout(
         network=network,
         slots=slots,

@@ -9,6 +9,7 @@ from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.layout import Layout, Road, flights_around
+from coopsim.world.markings import lane_lines
 from coopsim.world.scenery import Building, town_map, town_parts
 from coopsim.world.snapshot import StaticPart
 from coopsim.world.streets import (
@@ -44,7 +45,7 @@ def town_layout(
     """
     slots, (movements, priority), (buildings, parts) = slots_of(streets), rights, around
     crosswalks = [crosswalk_of(streets, arm) for arm in streets.arms]
-    road_map = town_map(surface, crosswalks, pavements_of(streets), buildings)
+    road_map = town_map(surface, crosswalks, pavements_of(streets), buildings, lane_lines(network, movements))
     return Layout(
         network=network,
         slots=slots,

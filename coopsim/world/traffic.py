@@ -17,7 +17,7 @@ from coopsim.world.engine.lanes import Network
 from coopsim.world.engine.reference import ReferenceEngine
 from coopsim.world.layout import LANE_M, LaneIndex, Layout, Slot
 from coopsim.world.models_by_class import models_of
-from coopsim.world.scenario import Population
+from coopsim.world.population import Population
 from coopsim.world.snapshot import Model
 
 _COMPANY = 6
@@ -33,7 +33,9 @@ _START_BRAKING_M_S2 = 5.0  # of who starts right behind somebody slower
 _START_GAP_M = 0.5  # left when it has braked
 _START_TURN_RAD = 0.3  # who goes another way is not ahead
 
-_PARKING_M = 0.15  # how far from the middle of its bay somebody stands, at most
+PARKED_ASIDE_M = 0.15
+"""How far from the middle of its bay somebody stands, at most."""
+
 _PARKED_VANS = 0.15  # share of them, where a bay has no class of its own
 
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and nobody could pass;
@@ -204,7 +206,7 @@ class Traffic:
             row = self.fleet.rows[k]
             row["id"], row["driver"], row["model"] = self._next_id, PARKED, fitting[rng.integers(len(fitting))]
             self._next_id += 1
-            row["x"] = bay.x_m + rng.uniform(-_PARKING_M, _PARKING_M)
+            row["x"] = bay.x_m + rng.uniform(-PARKED_ASIDE_M, PARKED_ASIDE_M)
             row["y"], row["heading"] = bay.y_m, bay.heading_rad
             row["length"], row["width"] = self._models[row["model"]].size_m[:2]
             lane = self._layout.network.get_closest_lane_index(np.array([bay.x_m, bay.y_m]), bay.heading_rad)

@@ -66,6 +66,9 @@ MANNERS: Mapping[ObjectClass, Manner] = {
 """People in the world, in this order; the speeds of free walking are about those of Weidmann (ETH Zürich, 1993)."""
 
 
+NO_BODIES = np.zeros(0, BODY)
+
+
 class People:
     """N people of one class on their ways.
 
@@ -76,6 +79,7 @@ class People:
         models: shapes to choose from.
         seed: the episode's.
         taken: (V, 2) m, where vehicles are: nobody starts on a lane right before one, if there is another place.
+        others: (M,) `BODY`, who is there already: nobody starts in somebody else, if there is another place.
     """
 
     def __init__(
@@ -86,6 +90,7 @@ class People:
         models: Sequence[Model],
         seed: int,
         taken: Floats,
+        others: NDArray[Any] = NO_BODIES,
     ) -> None:
         self._rng = rng = stream(seed, "people", label.title)
         self._ways = ways or Footways(
@@ -95,14 +100,18 @@ class People:
         self._from = self._to = self._then = np.zeros(count, dtype=np.int64)
         self._offset = rng.uniform(-manner.offset_m, manner.offset_m, (count, 2))
         self.position = np.full((count, 2), np.inf)
+        fitting = models_of(models, label) if count else np.zeros(1, dtype=np.int64)
+        longest_m = max(float(models[k].size_m[0]) for k in fitting)
         for _ in range(_TRIES):
-            self._start_anew(~self._is_clear(taken))
+            self._start_anew(~(self._is_clear(taken) & self._is_apart(longest_m, others)), rng)
+        again = stream(seed, "room for people", label.title)  # where both is too much, apart is enough
+        for _ in range(_TRIES):
+            self._start_anew(~self._is_apart(longest_m, others), again)
         self.speed = rng.uniform(*manner.speed_m_s, count)
         self._hurried = rng.random(count) < HURRIED_SHARE
         a, b = self._ends()
         self.velocity = np.zeros((count, 2))
         self.yaw = np.arctan2(*(b - a).T[::-1])
-        fitting = models_of(models, label) if count else np.zeros(1, dtype=np.int64)
         self.model = fitting[rng.integers(len(fitting), size=count)]
         self.travelled_m = np.zeros(count)
         size = np.array([model.size_m for model in models])[self.model]
@@ -186,18 +195,18 @@ class People:
         self._then = np.where(stuck, following, self._then)
         self._waited_s = np.where(stuck, 0.0, self._waited_s)
 
-    def _start_anew(self, who: NDArray[np.bool_]) -> None:
+    def _start_anew(self, who: NDArray[np.bool_], rng: np.random.Generator) -> None:
         """Draw a place on a way that is not a crossing; everyone draws, and who is asked takes it."""
         count = len(who)
         places = np.argwhere((self._ways.neighbours >= 0) & ~self._to_neighbours())
         if not len(places):
             return
-        node, branch = places[self._rng.integers(len(places), size=count)].T
+        node, branch = places[rng.integers(len(places), size=count)].T
         self._from = np.where(who, node, self._from)
         self._to = np.where(who, self._ways.neighbours[node, branch], self._to)
-        self._then = np.where(who, self._next(self._from, self._to, self._rng.random(count)), self._then)
+        self._then = np.where(who, self._next(self._from, self._to, rng.random(count)), self._then)
         a, b = self._ends()
-        walked = self._rng.random(count)[:, None]
+        walked = rng.random(count)[:, None]
         self.position = np.where(who[:, None], a + walked * (b - a), self.position)
 
     def _to_neighbours(self) -> NDArray[np.bool_]:
@@ -214,6 +223,16 @@ class People:
         gap_m = np.linalg.norm(np.where(found[:, None], self.position, 0.0)[:, None] - taken, axis=2).min(axis=1)
         clear: NDArray[np.bool_] = found & (gap_m > self._manner.clear_m)
         return clear
+
+    def _is_apart(self, longest_m: float, others: NDArray[Any]) -> NDArray[np.bool_]:
+        """Who is not in anybody else; of two of this class the second one is in the first."""
+        place = np.nan_to_num(self.position, posinf=0.0)  # of who has not found any, and will look for one
+        earlier = np.tri(len(self), k=-1, dtype=np.bool_)
+        close = (np.linalg.norm(place[:, None] - place, axis=2) < longest_m) & earlier
+        offset = place[:, None] - np.column_stack([others["x"], others["y"]])
+        meets = np.linalg.norm(offset, axis=2) < (longest_m + others["length"]) / 2
+        apart: NDArray[np.bool_] = ~(close.any(axis=1) | meets.any(axis=1))
+        return apart
 
     def _next(self, origin: Ints, node: Ints, draw: Floats) -> Ints:
         """A neighbour of `node`, not back to `origin` unless there is no other way."""

@@ -17,7 +17,7 @@ from coopsim.world.models import make_models
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
 from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import MANNERS, People
+from coopsim.world.vulnerable import MANNERS, NO_BODIES, People
 
 LONGEST_STEP_S = 0.1
 """Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
@@ -53,9 +53,10 @@ class World:
         if layout.cycleways is not None:
             ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
         taken = self._traffic.fleet.position
-        self._people = [
-            People(ways[label], population.people[label], label, self.models, seed, taken) for label in MANNERS
-        ]
+        self._people: list[People] = []
+        for label in MANNERS:
+            others = np.concatenate([NO_BODIES, *(people.bodies for people in self._people)])
+            self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
         self._time_s = 0.0
         self._flights = layout.flights[: population.drones]
         self._units = layout.rsus[: population.rsus]

@@ -21,7 +21,8 @@ from coopsim.envs.spaces import pack_tracks
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.patterns import BeamPattern
 from coopsim.types import Tracks
-from coopsim.world.scenario import Population, Scenario
+from coopsim.world.population import Population
+from coopsim.world.scenario import Scenario
 
 BUSY = {"vehicles": 44, "pedestrians": 26}
 """As many vehicles as the crossing has room for, and people to make it 70 actors."""

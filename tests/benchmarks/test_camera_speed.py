@@ -49,6 +49,9 @@ def test_camera_frame(renderer: str, lens: str, fog_visibility_m: float) -> None
         rig.render(geometry.triangles(actors), actors, bodies)
         spent.append(time.perf_counter() - began)
     rig.close()
-    agent_ms = 1e3 * float(np.median(spent[1:])) / len(rigs)  # the first pays for compiling and for buffers
+    agent_ms, least_ms = (1e3 * float(of(spent[1:])) / len(rigs) for of in (np.median, np.min))  # first: compiles
     air = "clear air" if fog_visibility_m == np.inf else "fog"
-    print(f"\n{renderer}, {lens}, {air}: {agent_ms:.1f} ms an agent and frame (budget {BUDGET_MS:.0f} ms)")
+    print(
+        f"\n{renderer}, {lens}, {air}: {agent_ms:.1f} ms an agent and frame, at least {least_ms:.1f} "
+        f"(budget {BUDGET_MS:.0f} ms)"
+    )

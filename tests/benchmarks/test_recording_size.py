@@ -6,6 +6,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from stepping import Stepper
+
 import coopsim
 from coopsim.data.episode import Episode
 from coopsim.world.recorded import PlayedWorld, recorded_scenario
@@ -34,17 +37,17 @@ def test_size_and_speed_of_a_recording(tmp_path: Path) -> None:
         print(f"\n{name}: {size:.0f} bytes a frame, {played:.2f} ms to play it, {simulated:.2f} ms to simulate it")
 
 
-def test_cost_of_visibility(tmp_path: Path) -> None:
-    path = coopsim.record("crossing", tmp_path / "run", seed=7, max_cycles=20)
-    spent_ms = {}
-    for exposed in (False, True):
-        env = coopsim.parallel_env("crossing", playback=path, expose_ground_truth=exposed)
-        policy = coopsim.make_policy("no_fusion")
-        observations, _ = env.reset(seed=7)
-        policy.reset(env.agent_specs, seed=7)
-        began = time.perf_counter()
-        while env.agents:
-            observations, *_ = env.step(policy.act(observations))
-        spent_ms[exposed] = (time.perf_counter() - began) / 20 * 1000
-    extra = (spent_ms[True] - spent_ms[False]) / len(env.possible_agents)
-    print(f"\nvisibility: {extra:.0f} ms per agent and frame, on top of {spent_ms[False]:.0f} ms for a whole step")
+def test_cost_of_visibility() -> None:
+    """By the rays of an HDL-32E, and by the pixels of four 320 x 180 cameras, on each of 4 agents."""
+    modes = ("rgb", "instance")
+    env = coopsim.parallel_env("crossing", cameras="surround", camera_modes=modes, expose_ground_truth=True)
+    stepper, source = Stepper(env), env._source
+    spent_ms: dict[str, list[float]] = {"visibility": [], "pixel_visibility": []}
+    for _ in range(20):
+        stepper.step()
+        for kind, spent in spent_ms.items():
+            began = time.perf_counter()
+            getattr(source, kind)()
+            spent.append((time.perf_counter() - began) * 1000 / len(env.possible_agents))
+    for kind, spent in spent_ms.items():
+        print(f"\n{kind}: {np.median(spent):.0f} ms per agent and frame, at least {min(spent):.0f}")

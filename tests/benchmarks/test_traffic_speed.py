@@ -14,7 +14,8 @@ from coopsim.taxonomy import ObjectClass
 from coopsim.world.highway import make_highway
 from coopsim.world.layout import Layout, Slot
 from coopsim.world.models import make_models
-from coopsim.world.scenario import Population, make_scenario
+from coopsim.world.population import Population
+from coopsim.world.scenario import make_scenario
 from coopsim.world.traffic import Traffic
 from coopsim.world.vulnerable import People
 

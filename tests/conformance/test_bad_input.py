@@ -208,7 +208,7 @@ def test_after_an_error_in_the_middle_only_reset_goes_on(make_small: Make, part:
         ({"lidar": "HDL-32"}, UnknownNameError, "Did you mean 'HDL-32E'"),
         ({"lidar": 16}, InvalidValueError, "^lidar must be a beam table, .*, or None; got 16"),
         ({"lidar_columns": 0}, InvalidValueError, r"^lidar_columns must be an integer in 1\.\.16384, got 0"),
-        ({"lidar_range_m": 0.5}, InvalidValueError, "^lidar_range_m must be a finite number > 1, got 0.5"),
+        ({"lidar_range_m": 0.5}, InvalidValueError, "^lidar_range_m must be > 1 and <= 10000, got 0.5"),
         ({"reward": MotaReward}, InvalidValueError, r"^reward must be a coopsim Reward.*: write MotaReward\(\)"),
         ({"name": "x"}, UnknownNameError, "^unknown option 'name'"),
         ({"scenario": "highway"}, UnknownNameError, "^unknown option 'scenario'"),

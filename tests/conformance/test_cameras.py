@@ -161,6 +161,12 @@ def test_hour_and_weather_reach_the_pictures(make_small: Make, hour: str) -> Non
         ({"cameras": "surond"}, UnknownNameError, "unknown cameras 'surond'. Did you mean 'surround'"),
         ({"cameras": {"cav_9": "front"}}, UnknownNameError, "unknown cameras of agent 'cav_9'"),
         ({"cameras": [TINY, TINY]}, InvalidValueError, "cameras must have names of their own"),
+        (
+            {"cameras": {"rsu_0": [Camera("low", above_m=-5.5)]}},
+            InvalidValueError,
+            "camera 'low' of rsu_0 is 0.5 m under the ground: above_m = -5.5 counts from the top of a body that is 5 m",
+        ),
+        ({"cameras": [Camera("low", above_m=-1.5)]}, InvalidValueError, "camera 'low' of cav_0 is .* under the ground"),
         ({"camera_modes": ("rgb", "deph")}, UnknownNameError, "unknown camera_modes 'deph'. Did you mean 'depth'"),
         ({"camera_modes": "rgb"}, InvalidValueError, "camera_modes must be different names"),
         ({"camera_modes": ("semantic",)}, InvalidValueError, "'semantic' are ground truth.*expose_ground_truth=True"),

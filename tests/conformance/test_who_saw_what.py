@@ -10,6 +10,9 @@ import pytest
 from conftest import SIMULATED
 from test_environments import play
 
+from coopsim.sensors.camera import Camera
+from coopsim.sensors.intrinsics import Intrinsics
+
 Make = Callable[..., Any]
 
 
@@ -52,6 +55,29 @@ def test_without_a_lidar_lines_of_sight_tell_who_saw_what(make_small: Make) -> N
     _, infos = make_small(lidar=None, expose_ground_truth=True, ground_truth="all").reset(seed=2)
     assert all("visibility" not in info for info in infos.values())
     assert {seen_by for info in infos.values() for seen_by in info["ground_truth"]["seen_by"]} >= {0, 1}
+
+
+TINY = Camera("front", Intrinsics.from_fov(48, 27))
+CAMERAS: dict[str, Any] = {"cameras": {"cav_0": [TINY], "rsu_0": [TINY]}, "renderer": "raycast"}
+
+
+@pytest.mark.parametrize("lidar", [None, "VLP-16"])
+def test_pixels_are_told_of_who_has_cameras_where_pictures_tell_actors_apart(make_small: Make, lidar: Any) -> None:
+    modes = ("rgb", "instance")
+    env = make_small(expose_ground_truth=True, max_cycles=2, lidar=lidar, camera_modes=modes, **CAMERAS)
+    for infos in (frame[-1] for frame in play(env, seed=2)):
+        for agent, info in infos.items():
+            assert ("pixel_visibility" in info) == (agent in ("cav_0", "rsu_0"))
+        for agent in ("cav_0", "rsu_0"):
+            seen, picture = infos[agent]["pixel_visibility"], infos[agent]["segmentation"]["front"]["instance"]
+            shown = [(picture == actor).sum() for actor in seen["id"]]
+            np.testing.assert_array_equal(np.rint(seen["pixels"] * seen["visible"]), shown)
+
+
+def test_pixels_are_told_only_where_they_are_asked_for(make_small: Make) -> None:
+    for options in ({"expose_ground_truth": True}, {"expose_ground_truth": True, **CAMERAS}, CAMERAS):
+        _, infos = make_small(**options).reset(seed=2)
+        assert all("pixel_visibility" not in info for info in infos.values())
 
 
 def test_cooperation_gains_what_only_others_see(make_small: Make) -> None:

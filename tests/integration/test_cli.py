@@ -11,6 +11,7 @@ import subprocess
 import sys
 import termios
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,20 @@ def test_a_scenario_file_is_recorded_and_demonstrated(tmp_path: Path) -> None:
     command = ["demo", "--environment", str(town), "--playback", str(run), "--policies", "late_fusion"]
     assert main([*command, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]) == 0
     assert [row["latency"] for row in json.loads(numbers.read_text())] == ["the channel's"]
+
+
+def test_a_warning_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["record", "merge", "--frames", "1", "--vehicles", "60", "--out", str(tmp_path / "run.coopsim")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = to_stderr
+        assert main(command) == 0
+    assert capsys.readouterr().err.startswith("coopsim: warning: there is room for 47 of 60 (")
+
+
+def to_stderr(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
+    """As Python shows warnings where pytest does not collect them."""
+    sys.stderr.write(warnings.formatwarning(message, category, filename, lineno))
 
 
 def test_places_of_files_are_recorded_by_name(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import coopsim
 from coopsim.detection.simulated import Detector, SimulatedDetector
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.air import Weather
 from coopsim.sensors.lidar import LidarConfig
 from coopsim.sensors.patterns import PATTERNS
@@ -54,6 +54,27 @@ def test_every_lidar_has_its_sweep(run: Make) -> None:
     alone, _ = run(lidar={"roof": ROOF})
     for agent in observations:  # another sensor does not shift this one's noise
         np.testing.assert_array_equal(alone[agent]["sweeps"]["roof"], observations[agent]["sweeps"]["roof"])
+
+
+def test_beam_tables_may_stand_beside_each_other_by_name(run: Make) -> None:
+    tables, _ = run(lidar={"roof": "VLP-16", "front": PATTERNS.get("HDL-32E")}, lidar_columns=256)
+    configs, _ = run(lidar={"roof": ROOF, "front": LidarConfig(columns=256)})
+    for agent, observation in tables.items():
+        for name in ("roof", "front"):
+            np.testing.assert_array_equal(observation["sweeps"][name], configs[agent]["sweeps"][name])
+    with pytest.raises(UnknownNameError, match=r"unknown lidar 'roof' 'VLP-61'\. Did you mean 'VLP-16'"):
+        make(lidar={"roof": "VLP-61"})
+
+
+def test_lidars_and_weather_may_be_written_down_as_mappings(run: Make) -> None:
+    plain: dict[str, Any] = {"pattern": "VLP-16", "columns": 128, "x_m": 2.9, "above_m": -0.9}
+    objects, _ = run(lidar={"bumper": BUMPER}, weather=Weather(rain_mm_h=5.0))
+    mappings, _ = run(lidar={"bumper": plain}, weather={"rain_mm_h": 5.0})
+    for agent, observation in mappings.items():
+        np.testing.assert_array_equal(observation["sweeps"]["bumper"], objects[agent]["sweeps"]["bumper"])
+    assert list(run(lidar=plain)[0]["cav_0"]["sweeps"]) == ["lidar"]
+    with pytest.raises(UnknownNameError, match=r"unknown lidar option 'colums'\. Did you mean 'columns'"):
+        make(lidar={"pattern": "VLP-16", "colums": 128})
 
 
 def test_one_config_is_the_only_lidar(run: Make, tmp_path: Path) -> None:
@@ -131,13 +152,19 @@ def test_a_detector_that_needs_sweeps_needs_a_lidar() -> None:
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"lidar": 3}, "lidar must be a beam table, its name or path, a LidarConfig, a dict of these, or None; got 3"),
-        ({"lidar": {}}, "lidar must be"),
-        ({"lidar": {"roof": "VLP-16"}}, "lidar must have a name and a LidarConfig for each, got 'roof': 'VLP-16'"),
-        ({"lidar": {3: ROOF}}, "lidar must have a name"),
+        ({"lidar": 3}, "^lidar must be a beam table, its name or path, a LidarConfig, a mapping .*, or None; got 3"),
+        ({"lidar": {"pattern": "VLP-16", "columns": 0}}, r"^lidar: columns must be an integer in 1\.\.16384, got 0"),
+        ({"lidar": {"roof": {"columns": 0}}}, "^lidar 'roof': columns must be"),
+        ({"lidar": {}}, "lidar must name at least one LiDAR"),
+        ({"lidar": {"roof": 16}}, "^lidar 'roof' must be a beam table, its name or path, a LidarConfig or .*; got 16"),
+        ({"lidar": {"roof": None}}, "^lidar 'roof' must be .*; got None"),
+        ({"lidar": {3: ROOF}}, "lidar must have a name for each, got 3"),
+        ({"lidar": {"roof": ROOF, "front": "VLP-16"}, "lidar_columns": 64}, "lidar_columns must be left out"),
+        ({"lidar_range_m": 1e5}, "^lidar_range_m must be > 1 and <= 10000, got 100000.0"),
         ({"lidar": ROOF, "lidar_columns": 64}, "lidar_columns must be left out where lidar is a LidarConfig"),
         ({"lidar": {"a": ROOF}, "lidar_range_m": 50.0}, "lidar_range_m must be left out"),
         ({"weather": "rain"}, "weather must be a coopsim Weather or None, got 'rain'"),
+        ({"weather": {"rain_mm_h": -1}}, "^weather: rain_mm_h must be"),
         ({"lidar": "nowhere.csv"}, "cannot read the beam table nowhere.csv"),
         ({"lidar": LidarConfig(above_m=-0.5)}, "lidar 'lidar' at x, y, z = .* is inside the body of"),
         ({"lidar": {"a": LidarConfig(above_m=-3.0)}}, "lidar 'a' is .* m under the ground"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from coopsim.errors import DuplicateNameError
+from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.registry import Registry
 from coopsim.world.models.cars import make_cars, make_vans
 from coopsim.world.models.heavy import make_buses, make_trucks
@@ -26,7 +26,10 @@ def register_model(model: Model) -> Model:
 
     Raises:
         DuplicateNameError: there is a model of that name.
+        InvalidValueError: it is no model.
     """
+    if not isinstance(model, Model):
+        raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
     if any(model.name == other.name for other in _built_in()):
         raise DuplicateNameError(f"model {model.name!r} is built in")
     return OWN_MODELS.register(model.name)(model)

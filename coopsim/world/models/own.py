@@ -18,6 +18,8 @@ from coopsim.taxonomy import ObjectClass
 from coopsim.types import Ints
 from coopsim.world.snapshot import Model
 
+_FARTHEST = 1e9  # in whatever units: farther out, numbers are too coarse for a shape, and merging vertices overflows
+
 
 def model_from_mesh(
     mesh: trimesh.Trimesh | str | Path,
@@ -44,7 +46,8 @@ def model_from_mesh(
 
     Raises:
         InvalidValueError: there is no such file, or no mesh in it; no faces; faces of vertices that are not there, or
-            that look different ways; a vertex that is not finite; a mesh that is flat; a size or share out of range.
+            that look different ways; a vertex that is not finite, or beyond 1e9; a mesh that is flat; a size or share
+            out of range, so also more than 100 m, as a mesh in millimetres has without `size_m`.
     """
     of = f"of model {name!r}"
     solid = _loaded(mesh, of)
@@ -76,6 +79,8 @@ def _loaded(mesh: trimesh.Trimesh | str | Path, of: str) -> trimesh.Trimesh:
     if not len(mesh.faces):
         raise InvalidValueError(f"the mesh {of} must have faces, got none")
     require_finite(np.asarray(mesh.vertices), f"vertices {of}")
+    if np.abs(mesh.vertices).max() > _FARTHEST:
+        raise InvalidValueError(f"vertices {of} must be within {_FARTHEST:g} of the origin along each axis")
     low, high = int(mesh.faces.min()), int(mesh.faces.max())
     if low < 0 or high >= len(mesh.vertices):
         wrong, last = (low if low < 0 else high), len(mesh.vertices) - 1

@@ -34,10 +34,13 @@ from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.located_yaml import Entry
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.layout import Bay, Layout, Road, Slot, flights_around, lane_outline, rectangle
+from coopsim.world.markings import lane_lines
 from coopsim.world.own.roads import Roads, read_roads
+from coopsim.world.own.room import Kerbs, require_room_to_park, require_room_to_start
 from coopsim.world.own.scenery import read_building, read_tree
 from coopsim.world.own.ways import Ways, read_ways
-from coopsim.world.scenario import Place, Population
+from coopsim.world.population import Population
+from coopsim.world.scenario import Place
 from coopsim.world.scenery import town_parts
 from coopsim.world.snapshot import RoadMap
 from coopsim.world.streets import RSU_HEIGHT_M, spaced_slots
@@ -77,12 +80,15 @@ def read_place(entry: Entry) -> Place:
     starts = _starts(roads, fields)
     walks = read_ways(fields["walks"], roads.network) if "walks" in fields else None
     rides = read_ways(fields["rides"], roads.network, one_way=True) if "rides" in fields else None
-    buildings = _each(fields, "buildings", read_building)
-    trees = _each(fields, "trees", lambda item, _: read_tree(item))
-    rsus = tuple(_each(fields, "rsus", lambda item, _: _unit(item)))
+    kerbs = Kerbs(roads)
+    buildings = _each(fields, "buildings", lambda item, k: read_building(item, k, kerbs))
+    trees = _each(fields, "trees", lambda item, _: read_tree(item, kerbs))
+    rsus = tuple(_each(fields, "rsus", lambda item, _: _unit(item, kerbs)))
     mast_m = float(fields["mast_m"].checked(require_between, 1, 30)) if "mast_m" in fields else RSU_HEIGHT_M
     road_map = _road_map(roads, walks, [outline for outline, _ in buildings])
-    bays = tuple(_each(fields, "parked", lambda item, _: _bay(item, roads)))
+    bays = _each(fields, "parked", lambda item, _: _bay(item, kerbs))
+    if bays:
+        require_room_to_park(bays, fields["parked"].entries(), kerbs)
     low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
     ground = rectangle((low[0] - _AROUND_M, high[0] + _AROUND_M), (low[1] - _AROUND_M, high[1] + _AROUND_M))
     middle = fields["drones_around"].point() if "drones_around" in fields else (low + high) / 2
@@ -104,7 +110,7 @@ def read_place(entry: Entry) -> Place:
         priority=roads.priority,
         cars_first=int(fields["cars_first"].checked(require_count, 0)) if "cars_first" in fields else 0,
         cycleways=rides.footways if rides else None,
-        bays=bays,
+        bays=tuple(bays),
         flights=flights_around(middle),
         roads_ahead=roads.ahead,
         clearance_m=_CLEARANCE_M,
@@ -119,12 +125,14 @@ def _each(fields: Mapping[str, Entry], name: str, read: Callable[[Entry, int], T
 
 
 def _usual_population(layout: Layout) -> Population:
-    vehicles = min(30, len(layout.slots) * 2 // 3)
+    starts, rsus = len(layout.slots), min(1, len(layout.rsus))
+    vehicles = min(30, max(starts * 2 // 3, min(starts, 1)))
     return Population(
         vehicles=vehicles,
         pedestrians=0 if layout.footways is None else min(8, layout.footways.room),
-        connected_cars=min(3, vehicles // 2),
-        rsus=min(1, len(layout.rsus)),
+        connected_cars=min(3, (vehicles + 1) // 2),
+        rsus=rsus,
+        drones=0 if vehicles or rsus else 1,
     )
 
 
@@ -144,6 +152,7 @@ def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[Slot, float
                 f"starts in one lane must be at least {_APART_M:g} m apart, got {apart_m:.1f} m from that in line "
                 f"{item_a.line}"
             )
+    require_room_to_start([slot for slot, _ in starts], items, roads)
     return starts
 
 
@@ -196,25 +205,19 @@ def _speeds(roads: Roads, fields: Mapping[str, Entry]) -> tuple[float, ...]:
     return tuple(speeds)
 
 
-def _bay(entry: Entry, roads: Roads) -> Bay:
+def _bay(entry: Entry, kerbs: Kerbs) -> Bay:
     fields = entry.fields(("at", "heading_deg"), ("label",))
-    x, y = fields["at"].point().tolist()
-    for road, pieces in roads.pieces.items():
-        for lane in map(roads.lane, pieces):
-            along, aside = lane.local_coordinates(np.array([x, y]))
-            if 0 <= along <= lane.length and abs(aside) < _BESIDE_M:
-                raise fields["at"].error(
-                    f"at must be at least {_BESIDE_M:g} m from the middle of every lane, got {abs(aside):.2f} m from "
-                    f"that of the road in line {roads.entry[road].line}: it would stand in the way"
-                )
+    at = fields["at"].point()
+    kerbs.require_beside(at[None], fields["at"], "at", _BESIDE_M)
     heading_deg = float(fields["heading_deg"].checked(require_finite_number))
     label = _PARKED[fields["label"].choice(_PARKED)] if "label" in fields else None
-    return Bay(x, y, float(np.radians(heading_deg)), label)
+    return Bay(float(at[0]), float(at[1]), float(np.radians(heading_deg)), label)
 
 
-def _unit(entry: Entry) -> SE3:
+def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
     fields = entry.fields(("at", "look_at"))
     at, ahead = fields["at"].point(), fields["look_at"].point() - fields["at"].point()
+    kerbs.require_beside(at[None], fields["at"], "at")
     if not ahead.any():
         raise fields["look_at"].error("look_at must be another place than at")
     return SE3.from_xyz_yaw([*at, 0.0], float(np.arctan2(ahead[1], ahead[0])))
@@ -223,4 +226,5 @@ def _unit(entry: Entry) -> SE3:
 def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
     lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
-    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings))
+    lines = lane_lines(roads.network, roads.movements)
+    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)

@@ -8,6 +8,7 @@ import trimesh
 from coopsim.checks import require_between
 from coopsim.geometry.se3 import Floats
 from coopsim.located_yaml import Entry
+from coopsim.world.own.room import Kerbs, along_outline
 from coopsim.world.scenery import PAINTS
 from coopsim.world.snapshot import StaticPart
 
@@ -16,7 +17,7 @@ _TRUNK_M = 0.2  # radius
 _CROWN = 2 / 3  # share of a tree's height that leaves have
 
 
-def read_building(entry: Entry, number: int) -> tuple[Floats, StaticPart]:
+def read_building(entry: Entry, number: int, kerbs: Kerbs) -> tuple[Floats, StaticPart]:
     """An outline (K, 2) m, counter-clockwise, and the block on it."""
     fields = entry.fields(("outline", "height_m"))
     outline = fields["outline"].points(3)
@@ -29,14 +30,16 @@ def read_building(entry: Entry, number: int) -> tuple[Floats, StaticPart]:
         raise fields["outline"].error(
             "outline must be convex, without a corner that is none: write a building of another shape as several"
         )
+    kerbs.require_beside(along_outline(outline), fields["outline"], "outline")
     if turns[0] < 0:
         outline = outline[::-1]
     return outline, _block(outline, height_m, PAINTS[number % len(PAINTS)])
 
 
-def read_tree(entry: Entry) -> list[StaticPart]:
+def read_tree(entry: Entry, kerbs: Kerbs) -> list[StaticPart]:
     """A trunk and a crown."""
     fields = entry.fields(("at",), ("height_m", "crown_m"))
+    kerbs.require_beside(fields["at"].point()[None], fields["at"], "at")
     x, y = fields["at"].point().tolist()
     height_m = float(fields["height_m"].checked(require_between, 2, 60)) if "height_m" in fields else 9.0
     crown_m = float(fields["crown_m"].checked(require_between, 0.5, 30)) if "crown_m" in fields else 5.0

@@ -72,7 +72,7 @@ def _links(entry: Entry, nodes: Mapping[str, Floats]) -> list[_Link]:
     """Pairs of nodes that follow each other."""
     links: list[_Link] = []
     for way in entry.entries():
-        names = [item.choice(nodes, "node") for item in way.entries()]
+        names = [item.choice(nodes, "node") for item in way.entries(" of nodes for each")]
         if len(names) < 2 or any(a == b for a, b in pairwise(names)):
             raise way.error(f"{entry.name} must lead from node to node, each once, got [{', '.join(names)}]")
         links += pairwise(names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from pathlib import Path
@@ -181,3 +182,23 @@ def test_a_frame_that_no_world_can_show_is_refused(tmp_path: Path, odd: str) -> 
     EpisodeWriter(tmp_path / "odd", HEADER).append(Actors(**rows), agents(0.0))
     with pytest.raises(RecordingError, match="damaged in frame 0"):
         list(Episode(tmp_path / "odd"))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("population", 5), ("seed", "x"), ("dt_s", 0.0), ("agents", 3), ("models", [1]), ("odd", 1)]
+)
+def test_a_header_of_other_types_is_refused(tmp_path: Path, field: str, value: object) -> None:
+    whole = write(tmp_path / "whole").read_bytes()
+    at = len(MAGIC) + 12
+    length = struct.unpack_from("<3I", whole, len(MAGIC))[1]
+    text = json.dumps(json.loads(whole[at : at + length]) | {field: value}).encode()
+    start = struct.pack("<3I", 1, len(text), zlib.crc32(text))
+    (tmp_path / "other").write_bytes(MAGIC + start + text + whole[at + length :])
+    with pytest.raises(RecordingError, match="has a header that is none of coopsim's"):
+        Episode(tmp_path / "other")
+
+
+@pytest.mark.parametrize("path", [None, 3])
+def test_only_a_path_is_written_to(path: Any) -> None:
+    with pytest.raises(InvalidValueError, match="path must be that of a file to write, got"):
+        EpisodeWriter(path, HEADER)

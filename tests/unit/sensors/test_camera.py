@@ -130,6 +130,16 @@ def test_only_what_is_near_enough_is_drawn(shoot: Shoot) -> None:
     assert (images["front"].depth > 0).all() and (images["rear"].depth == 0).all()
 
 
+def test_what_is_nearer_than_near_is_looked_through(shoot: Shoot) -> None:
+    height_m = CAR[2] + Camera("x").above_m
+    screen = box_part([0.1, 0.0, height_m], (0.02, 4.0, 4.0))
+    wall = box_part([10.5, 0.0, 0.0], (1.0, 60.0, 60.0))
+    lens = Intrinsics.from_fov(64, 48)
+    for near_m, depth_m in ((0.05, 0.09), (0.2, 10.0)):
+        image = shoot(static=[screen, wall], intrinsics=lens, near_m=near_m)["front"]
+        np.testing.assert_allclose(image.depth, depth_m, atol=1e-3)
+
+
 def test_paint_shows_and_the_roof_is_lighter_than_the_side_in_the_shade(shoot: Shoot) -> None:
     mast = AgentBody("rsu_0", "rsu", None, HOME, MAST_M)
     image = shoot(actors([[10.0, 0.0, 0.0]], color=(250, 10, 10)), body=mast)["front"]
@@ -150,10 +160,12 @@ def test_pictures_are_as_large_as_said(shoot: Shoot) -> None:
         ({"name": "front left"}, "name of a camera must be a word"),
         ({"name": 3}, "name of a camera must be a word"),
         ({"intrinsics": (320, 180)}, "intrinsics of camera 'a' must be Intrinsics"),
-        ({"near_m": 0.0}, "near_m of camera 'a' must be a finite number > 0"),
-        ({"near_m": 2.0, "far_m": 1.0}, "near_m < far_m"),
+        ({"near_m": 0.0}, r"near_m of camera 'a' must be in \[0.001, 10000\], got 0.0"),
+        ({"near_m": 2.0, "far_m": 1.0}, "near_m must be less than far_m of camera 'a', got 2.0 and 1.0"),
         ({"far_m": np.inf}, "far_m of camera 'a'"),
-        ({"above_m": np.nan}, "above_m of camera 'a' must be a finite number"),
+        ({"far_m": 1e39}, "far_m of camera 'a'"),
+        ({"above_m": np.nan}, r"above_m of camera 'a' must be in \[-100, 100\], got nan"),
+        ({"x_m": 1500.0}, r"x_m of camera 'a' must be in \[-100, 100\]"),
         ({"x_m": "1"}, "x_m of camera 'a'"),
         ({"pitch_rad": np.inf}, "pitch_rad of camera 'a'"),
         ({"yaw_rad": None}, "yaw_rad of camera 'a'"),

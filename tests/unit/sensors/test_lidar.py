@@ -263,7 +263,14 @@ def test_nothing_around_is_an_empty_sweep() -> None:
         ({"above_m": np.inf}, InvalidValueError, "above_m"),
         ({"max_range_m": "far"}, InvalidValueError, "max_range_m"),
         ({"max_range_m": 0.5}, InvalidValueError, "min_range_m = 1.0"),
+        ({"max_range_m": 1e300}, InvalidValueError, r"max_range_m must be in \[0, 10000\], got 1e\+300"),
         ({"reference_range_m": 0.0}, InvalidValueError, "reference_range_m"),
+        ({"reference_range_m": 1e300}, InvalidValueError, "reference_range_m"),
+        (
+            {"pattern": BeamPattern("slip", np.linspace(-0.5, 0.5, 20_000))},
+            InvalidValueError,
+            "columns times beams must be at most 8388608, got 20480000",
+        ),
     ],
 )
 def test_bad_numbers_are_refused(bad: dict[str, Any], error: type[Exception], match: str) -> None:

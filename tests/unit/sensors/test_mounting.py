@@ -110,7 +110,8 @@ def test_a_mast_has_no_inside() -> None:
 @pytest.mark.parametrize(
     ("bad", "error", "match"),
     [
-        ({"x_m": np.nan}, InvalidValueError, "x_m must be a finite number"),
+        ({"x_m": np.nan}, InvalidValueError, r"x_m must be in \[-100, 100\], got nan"),
+        ({"above_m": 2900.0}, InvalidValueError, r"above_m must be in \[-100, 100\], got 2900.0"),
         ({"pitch_rad": "down"}, InvalidValueError, "pitch_rad must be a finite number"),
         ({"backend": "gpu"}, UnknownNameError, "unknown backend 'gpu'.*embree, grid"),
         ({"threads": 0}, InvalidValueError, "threads must be an integer >= 1"),

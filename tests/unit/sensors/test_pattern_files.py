@@ -25,6 +25,11 @@ def test_a_table_is_read(tmp_path: Path, name: str, text: str) -> None:
     assert len(LidarConfig(str(tmp_path / name)).beams.elevation_rad) == 3
 
 
+def test_a_spreadsheets_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_bytes(b"\xef\xbb\xbfelevation_deg\r\n10\r\n-20\r\n")
+    np.testing.assert_allclose(np.degrees(load_pattern(tmp_path / "mine.csv").elevation_rad), [10.0, -20.0])
+
+
 def test_azimuth_may_be_left_out(tmp_path: Path) -> None:
     (tmp_path / "mine.csv").write_text("elevation_deg\n10\n-20\n")
     assert load_pattern(tmp_path / "mine.csv").azimuth_rad is None
@@ -33,27 +38,38 @@ def test_azimuth_may_be_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("a.csv", "", "has elevation_deg and may have azimuth_deg, got"),
+        ("a.csv", "", r"^a.csv:1: a beam table has the columns elevation_deg and, if any, azimuth_deg, got \[\]"),
         ("a.csv", "elevation_deg\n", "at least one beam"),
         ("a.csv", "10\n20\n", r"got \['10'\]"),
-        ("a.csv", "elevation_deg,azimuth_deg\n1\n", "beam 1 has 1 values for 2 columns"),
-        ("a.csv", "elevation_deg\n1\nup\n", "elevation_deg of beam 2 must be a number, got 'up'"),
-        ("a.csv", "elevation_deg\n95\n", "within"),
-        ("a.csv", "elevation_deg\nnan\n", "finite"),
-        ("a.yaml", "- 1\n- 2\n", "a mapping with elevation_deg, got list"),
-        ("a.yaml", "elevation: [1]\n", r"got \['elevation'\]"),
-        ("a.yaml", "elevation_deg: [1, 2]\nazimuth_deg: [1]\n", "azimuth_rad must have shape"),
-        ("a.yaml", "elevation_deg: [1, up]\n", "could not convert"),
+        ("a.csv", "elevation_deg;azimuth_deg\n1;2\n", r"got \['elevation_deg;azimuth_deg'\]"),
+        ("a.csv", "elevation_deg,elevation_deg\n1,2\n", "^a.csv:1: a beam table has the columns"),
+        ("a.csv", "elevation_deg,azimuth_deg\n\n1\n", "^a.csv:3: a beam has 2 values, got 1"),
+        ("a.csv", "elevation_deg\n1\nup\n", "^a.csv:3: elevation_deg must be a number, got 'up'"),
+        ("a.csv", "elevation_deg\n90\n", r"^a.csv:2: elevation_deg must be a number in \(-90, 90\), got 90"),
+        ("a.csv", "elevation_deg\nnan\n", "^a.csv:2: elevation_deg must be .*, got nan"),
+        ("a.csv", "elevation_deg,azimuth_deg\n1,181\n", r"^a.csv:2: azimuth_deg must be in \[-180, 180\], got 181"),
+        ("a.yaml", "- 1\n- 2\n", "^a.yaml:1: file: expected keys and values. Accepted: azimuth_deg, elevation_deg"),
+        ("a.yaml", "", "^a.yaml:1: file: expected keys and values"),
+        ("a.yaml", "elevation: [1]\n", "^a.yaml:1: unknown key 'elevation'. Did you mean 'elevation_deg'"),
+        ("a.yaml", "azimuth_deg: [1]\n", "elevation_deg is missing"),
+        ("a.yaml", "elevation_deg: 3\n", "^a.yaml:1: elevation_deg must be a list, got 3"),
+        ("a.yaml", "elevation_deg: []\n", "at least one beam"),
+        ("a.yaml", "elevation_deg: [1]\nelevation_deg: [2]\n", "^a.yaml:2: elevation_deg is there twice"),
+        ("a.yaml", "elevation_deg: [1, 2]\nazimuth_deg: [1]\n", "2 elevation_deg need as many azimuth_deg, got 1"),
+        ("a.yaml", "elevation_deg:\n- 1\n- up\n", "^a.yaml:3: elevation_deg must be a number .*, got 'up'"),
+        ("a.yaml", "elevation_deg: [1, true]\n", "elevation_deg must be a number .*, got True"),
         ("a.yaml", "elevation_deg: [1, [2]]\n", "a.yaml"),
         ("a.yaml", "elevation_deg: {", "is no YAML"),
-        ("a.yaml", "!!python/object/apply:os.getcwd []\n", "is no YAML"),
+        ("a.yaml", "!!python/object/apply:os.getcwd []\n", "a.yaml"),
     ],
 )
-def test_what_is_no_table_is_refused_by_its_file(tmp_path: Path, name: str, text: str, match: str) -> None:
+def test_what_is_no_table_is_refused_by_its_file_and_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str, match: str
+) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(InvalidValueError, match=match) as caught:
-        load_pattern(tmp_path / name)
-    assert name in str(caught.value)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidValueError, match=match):
+        load_pattern(name)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

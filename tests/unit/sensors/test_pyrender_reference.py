@@ -144,6 +144,12 @@ kept = [make_renderer(name) for name in ("pyrender", "opengl", "pyrender")]
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_another_platform_of_opengl_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
+    with pytest.raises(MissingDependencyError, match="PYOPENGL_PLATFORM must be unset or 'egl', got 'osmesa'"):
+        make_renderer("pyrender")
+
+
 def test_pyrender_that_was_asked_for_must_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyrender", None)  # type: ignore[arg-type]
     with pytest.raises(MissingDependencyError, match=r"pip install 'coopsim\[pyrender\]'.*libegl1") as raised:

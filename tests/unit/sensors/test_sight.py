@@ -14,6 +14,7 @@ from coopsim.detection.simulated import count_returns
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.rng import stream
+from coopsim.sensors.air import Weather
 from coopsim.sensors.geometry import SceneGeometry
 from coopsim.sensors.lidar import Lidar, LidarConfig
 from coopsim.sensors.raycast import RayScene
@@ -31,11 +32,12 @@ def expected(who, static=(), **config):  # type: ignore[no-untyped-def]
     return sight.expected_returns(SENSOR_M, who, config.get("own_id"))
 
 
+@pytest.mark.parametrize("weather", [None, Weather(fog_visibility_m=100.0), Weather(rain_mm_h=20.0)])
 @pytest.mark.parametrize("name", ["crossing", "highway"])
-def test_agrees_with_the_lidar_in_traffic(name: str) -> None:
+def test_agrees_with_the_lidar_in_traffic(name: str, weather: Weather | None) -> None:
     world = World(make_scenario(name), seed=3)
-    lidar, geometry = Lidar(LidarConfig()), SceneGeometry(world.models, world.static)
-    sight = LineOfSight(world.static, BEAMS, 1024, 120.0)
+    lidar, geometry = Lidar(LidarConfig(), weather), SceneGeometry(world.models, world.static)
+    sight = LineOfSight(world.static, BEAMS, 1024, 120.0, weather)
     want, got = [], []
     for _ in range(5):
         for _ in range(5):
@@ -49,7 +51,7 @@ def test_agrees_with_the_lidar_in_traffic(name: str) -> None:
             at = body.world_SE3_base.apply(lidar.config.base_SE3_sensor(body.height_m).translation)
             got.append(sight.expected_returns(at, who, body.actor_id))
     real, imagined = np.concatenate(want), np.concatenate(got)
-    assert ((real > 0) == (imagined > 0)).mean() > 0.9
+    assert ((real > 0) == (imagined > 0)).mean() > (0.9 if weather is None else 0.85)
     assert 0.8 < imagined.sum() / real.sum() < 1.25
     often = real >= 20
     assert 0.7 < np.median(imagined[often] / real[often]) < 1.4
@@ -97,6 +99,16 @@ def test_the_count_falls_with_range_and_stops_at_the_last() -> None:
     near, middle, far, beyond = expected(who)
     assert near > 4 * middle > 16 * far > 0 == beyond
     assert expected(who, range_m=30.0)[2] == 0
+
+
+def test_the_thicker_the_fog_the_fewer_and_the_nearer_returns() -> None:
+    who = actors([[10.0, 0.0, 0.0], [-20.0, 30.0, 0.0], [60.0, 25.0, 0.0]])
+    counts = [expected(who)]
+    for visibility_m in (500.0, 150.0, 50.0):
+        sight = LineOfSight((), BEAMS, 1024, 120.0, Weather(fog_visibility_m=visibility_m))
+        counts.append(sight.expected_returns(SENSOR_M, who, None))
+    assert (np.diff(counts, axis=0) <= 0).all()
+    assert counts[-1][0] > 0.9 * counts[0][0] and counts[-1][2] == 0 < counts[1][2]
 
 
 def test_twice_the_columns_are_twice_the_returns() -> None:

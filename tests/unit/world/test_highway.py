@@ -10,7 +10,7 @@ from worlds import DT_S, frames, make_world, place_of, speed_of
 from coopsim.world.drivers import MANEUVERS
 from coopsim.world.highway import make_highway
 from coopsim.world.models import make_models
-from coopsim.world.scenario import Population
+from coopsim.world.population import Population
 from coopsim.world.traffic import Traffic
 from coopsim.world.world import World
 

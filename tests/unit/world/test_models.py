@@ -140,7 +140,7 @@ HALF = 0.5 * np.array(trimesh.creation.box((4.0, 2.0, 1.5)).vertices)
     ("changes", "message"),
     [
         ({"label": 9}, "label of model 'box' must be an ObjectClass, 0 to 8, got 9"),
-        ({"size_m": [4.0, 2.0]}, r"size_m of model box must have shape \(3,\), got \(2,\)"),
+        ({"size_m": [4.0, 2.0]}, r"size_m of model 'box' must have shape \(3,\), got \(2,\)"),
         ({"size_m": [0.0, 2.0, 1.5]}, "length of model 'box' must be a finite number > 0, got 0.0"),
         ({"vertices": np.full((8, 3), np.nan)}, "vertices of model 'box' must be finite, got nan at index"),
         ({"vertices": HALF}, r"must fill the box size_m = \[4.0, 2.0, 1.5\]"),
@@ -149,9 +149,9 @@ HALF = 0.5 * np.array(trimesh.creation.box((4.0, 2.0, 1.5)).vertices)
         ({"faces": np.zeros((0, 3), int), "tint": [], "reflectivity": []}, "must be at least one, got none"),
         ({"tint": np.full(12, 1.5)}, r"tint of model 'box' must be in \[0, 1\], got 1.5"),
         ({"reflectivity": np.full(12, np.nan)}, "reflectivity of model 'box'"),
-        ({"reflectivity": np.ones(3)}, r"reflectivity of model box must have shape \(12,\)"),
+        ({"reflectivity": np.ones(3)}, r"reflectivity of model 'box' must have shape \(12,\)"),
         ({"poses": HALF[None]}, "must fill the box"),
-        ({"poses": np.zeros((4, 7, 3))}, r"poses of model box must have shape \(N, 8, 3\)"),
+        ({"poses": np.zeros((4, 7, 3))}, r"poses of model 'box' must have shape \(N, 8, 3\)"),
         ({"cycle_m": 0.0}, "cycle_m of model 'box' must be a finite number > 0"),
     ],
 )

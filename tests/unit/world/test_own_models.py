@@ -105,7 +105,16 @@ def turned_face() -> trimesh.Trimesh:
         (turned_face(), {}, "neighbours look different ways"),
         (BOX, {"size_m": [4.0, 0.0, 1.0]}, "width of model 'mine' must be a finite number > 0, got 0.0"),
         (BOX, {"size_m": [4.0, np.nan, 1.0]}, "width of model 'mine' must be a finite number > 0, got nan"),
-        (BOX, {"size_m": [4.0, 1.0]}, r"must have shape \(3,\)"),
+        (BOX, {"size_m": [4.0, 1.0]}, r"size_m of model 'mine' must have shape \(3,\)"),
+        (
+            with_changes(BOX.vertices * 1000),
+            {},
+            "length of model 'mine' must be at most 100 m, got 4000: is it in other",
+        ),
+        (BOX, {"size_m": [4.0, 1e300, 1.0]}, "width of model 'mine' must be at most 100 m"),
+        (with_changes(BOX.vertices * 1e200), {"size_m": [4.0, 2.0, 1.0]}, "vertices of model 'mine' must be within 1e"),
+        (BOX, {"name": ""}, "name of a model must be a text, got ''"),
+        (BOX, {"name": None}, "name of a model must be a text, got None"),
         (BOX, {"label": 12}, "must be an ObjectClass, 0 to 8, got 12"),
         (BOX, {"tint": 2.0}, r"tint of model 'mine' must be in \[0, 1\]"),
         (BOX, {"reflectivity": -0.1}, r"reflectivity of model 'mine' must be in \[0, 1\]"),
@@ -141,6 +150,11 @@ def test_worlds_choose_among_registered_models_too() -> None:
     SceneGeometry(world.models, world.static).triangles(world.actors())
     with pytest.raises(DuplicateNameError, match="'delivery_robot' is already registered"):
         register_model(robot)
+
+
+def test_what_is_no_model_is_not_registered() -> None:
+    with pytest.raises(InvalidValueError, match=r"^model must be a Model, .*, got 'robot'"):
+        register_model("robot")  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("_own")

@@ -213,6 +213,20 @@ def test_what_is_wrong_with_roads_is_said_with_the_line(tmp_path: Path, change: 
             "  starts:\n    - {road: [a, b], at_m: 3}\n    - {road: [a, b], at_m: 9}\n",
             r"own.yaml:14: starts in one lane must be at least 14 m apart, got 6.0 m from that in line 13",
         ),
+        (
+            "  parked:\n    - {at: [9, -8], heading_deg: 0}\n    - {at: [15, -8], heading_deg: 0}\n",
+            r"own.yaml:14: who is parked here needs 6.3 x 2.4 m, and would stand in who is parked in line 13",
+        ),
+        (
+            "  parked: [{at: [20, -8], heading_deg: 90, label: bus}]\n",
+            r"own.yaml:12: the side of whoever is parked must be at least 1.7 m from .* got 0.15 m from .* in line 8",
+        ),
+        (
+            "  buildings: [{outline: [[20, -9], [20.4, -9], [20.4, 9], [20, 9]], height_m: 5}]\n",
+            r"own.yaml:12: outline must be at least 2 m from the middle of every lane",
+        ),
+        ("  trees: [{at: [20, -1]}]\n", r"own.yaml:12: at must be at least 2 m from .* got 1.00 m from .* line 8"),
+        ("  rsus: [{at: [20, 2], look_at: [0, 0]}]\n", r"own.yaml:12: at must be at least 2 m from .* in line 10"),
         ("  starts: [{road: [a, b], at_m: 3, route: [d]}]\n", r"own.yaml:12: route: there is no road from 'b' to 'd'"),
         ("  parked: [{at: [20, -3], heading_deg: 0}]\n", r"own.yaml:12: at must be at least 3 m from .* in line 8"),
         ("  parked: [{at: [20, -8], heading_deg: 0, label: tram}]\n", r"own.yaml:12: unknown label 'tram'"),
@@ -244,6 +258,30 @@ def test_what_is_wrong_beside_the_roads_is_said_with_the_line(tmp_path: Path, mo
         load_scenario_file(path)
 
 
+@pytest.mark.parametrize(
+    ("starts", "agent"),
+    [
+        ("[]", "drone_0"),
+        ("[{road: [a, b], at_m: 9}]", "cav_0"),
+        ("[{road: [a, b], at_m: 9}, {road: [c, d], at_m: 9}]", "cav_0"),
+    ],
+)
+def test_a_place_with_few_starts_has_an_agent(tmp_path: Path, starts: str, agent: str) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text(f"{ROADS}  starts: {starts}\n")
+    assert list(World(make_scenario(place_of_file(path)), 0).agents()) == [agent]
+
+
+def test_nobody_starts_in_who_starts_on_a_road_that_crosses(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    crossing = (
+        "    - {road: [north_line, east_out], at_m: 18.5}\n    - {road: [east_line, west_out], at_m: 12}\n  cars_first"
+    )
+    path.write_text(VILLAGE.read_text().replace("  cars_first", crossing))
+    with pytest.raises(ScenarioFileError, match=r"own.yaml:\d+: who starts here would stand in who starts in line"):
+        load_scenario_file(path)
+
+
 def test_messages_name_the_file(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_text("place: {}\n")
@@ -253,7 +291,7 @@ def test_messages_name_the_file(tmp_path: Path) -> None:
 
 def test_a_parked_bus_may_stand_in_a_bay(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
-    path.write_text(ROADS + "  parked: [{at: [20, -8], heading_deg: 90, label: bus}]\n")
+    path.write_text(ROADS + "  parked: [{at: [20, -12], heading_deg: 90, label: bus}]\n")
     scenario = make_scenario(place_of_file(path), parked=1)
     rows = World(scenario, 0)._traffic.fleet.rows
     assert (rows["heading"][-1], rows["x"][-1]) == (pytest.approx(np.pi / 2), pytest.approx(20, abs=0.2))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from worlds import frames, make_world, vehicles
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.iou import iou_bev
 from coopsim.taxonomy import ObjectClass
 from coopsim.world.crowd import is_blocked, push_apart
 from coopsim.world.engine.fleet import BODY, VEHICLE, Fleet
@@ -142,6 +143,14 @@ def test_riders_start_clear_of_vehicles_on_their_lane() -> None:
     taken = np.array([[x, 2.0] for x in np.arange(20.0, 60.0, 10.0)])
     riders = People(CROSSING.cycleways, 30, ObjectClass.BICYCLE, models(), 0, taken)
     assert np.linalg.norm(riders.position[:, None] - taken, axis=2).min() > 15
+
+
+@pytest.mark.parametrize("name", ["crossing", "parking_street"])
+def test_nobody_starts_in_somebody_else(name: str) -> None:
+    for seed in range(3):
+        actors = make_world(name, seed, pedestrians=30, children=8, bicycles=6, scooters=4).actors()
+        rows = np.hstack([actors.boxes.center, actors.boxes.size, actors.boxes.yaw[:, None]])
+        assert np.count_nonzero(iou_bev(rows, rows)) == len(rows)  # everybody with oneself
 
 
 def test_velocities_are_what_positions_do() -> None:

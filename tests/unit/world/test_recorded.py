@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,18 @@ def test_a_recording_with_other_models_is_refused(tmp_path: Path) -> None:
     EpisodeWriter(tmp_path / "other", EpisodeHeader(*fields, models)).append(frame.actors, frame.agents)
     with pytest.raises(RecordingError, match=r"other models than there are: spaceship is missing"):
         PlayedWorld(Episode(tmp_path / "other"), make_scenario("crossing"))
+
+
+def test_a_recording_among_other_scenery_is_refused(tmp_path: Path) -> None:
+    """As of another version, in which a corner was narrower: its traffic would drive through a wall."""
+    path = coopsim.record("crossing", tmp_path / "run", max_cycles=1)
+    scenario = make_scenario("crossing")
+    (*rest, part) = scenario.layout.static
+    moved = replace(part, vertices=part.vertices + np.array([0.0, 0.5, 0.0]))
+    other = replace(scenario, layout=replace(scenario.layout, static=(*rest, moved)))
+    PlayedWorld(Episode(path), scenario)
+    with pytest.raises(RecordingError, match=r"recorded \(coopsim .* in another 'crossing' than there is"):
+        PlayedWorld(Episode(path), other)
 
 
 def test_bad_input_is_told_before_anything_is_written(tmp_path: Path) -> None:

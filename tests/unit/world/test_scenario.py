@@ -1,11 +1,14 @@
 """What is asked for is checked, and the message says what is accepted."""
 
+import re
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
-from coopsim.world.scenario import make_scenario
+from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.world import World
 
 
@@ -72,3 +75,59 @@ def test_penetration_is_a_share_of_the_cars(penetration: float, connected: int) 
     assert scenario.population.cars == 17
     agents = World(scenario, 0).agents().values()
     assert sum(agent.kind == "cav" for agent in agents) == connected
+
+
+def test_trucks_are_given_by_number_or_by_share() -> None:
+    by_number = make_scenario("crossing", vehicles=20, trucks=5).population
+    by_share = make_scenario("crossing", vehicles=20, truck_share=0.25).population
+    assert by_number.on_roads == by_share.on_roads and by_number.cars == 15
+    assert make_scenario("crossing", vehicles=20, trucks=5, density=2.0).population.cars == 30
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"connected_cars": 2, "penetration": 0.1}, "penetration takes the place of connected_cars"),
+        ({"truck_share": 0.2, "trucks": 3}, "trucks takes the place of truck_share"),
+        ({"trucks": -1}, "trucks must be an integer >= 0, got -1"),
+        ({"trucks": 31}, "trucks must be at most vehicles, which is 30, got 31"),
+    ],
+)
+def test_numbers_that_exclude_each_other(numbers: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        make_scenario("crossing", **numbers)
+
+
+def test_where_there_are_few_cars_the_usual_number_of_connected_ones_is_no_request() -> None:
+    assert make_scenario("crossing").population.connected == 3
+    assert make_scenario("crossing", vehicles=2).population.connected == 2
+    assert make_scenario("crossing", density=0.0).population.connected == 0
+    assert make_scenario("crossing", truck_share=1.0).population.connected == 0
+    with pytest.raises(InvalidValueError, match="connected_cars must be at most the number of cars, which is 0"):
+        make_scenario("crossing", density=0.0, connected_cars=3)
+    with pytest.raises(InvalidValueError, match="at least one agent"):
+        make_scenario("platoon", density=0.0)  # which has no roadside unit
+
+
+def test_the_card_has_the_numbers_of_every_scenario() -> None:
+    card = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \|" + r" (\d+) \|" * 6 + "$", card, flags=re.M)
+    expected = []
+    for name in SCENARIOS:
+        own = make_scenario(name).population
+        trucks = own.vehicles - own.cars
+        numbers = (own.cars, trucks, own.pedestrians, own.parked, own.connected, own.rsus)
+        expected.append((name, *map(str, numbers)))
+        assert not (own.vans or own.buses or own.motorcycles or own.children or own.bicycles or own.scooters)
+    assert sorted(rows) == sorted(expected)
+
+
+def test_density_counts_in_numpy_as_in_python() -> None:
+    assert make_scenario("crossing", vehicles=np.int64(10), density=2.0).population.vehicles == 20
+
+
+@pytest.mark.parametrize("numbers", [{"penetration": 0.5}, {"trucks": 4}, {"connected_cars": 1, "truck_share": 0.5}])
+def test_a_population_is_made_again_from_its_numbers(numbers: dict[str, Any]) -> None:
+    population = make_scenario("crossing", **numbers).population
+    again = make_scenario("crossing", **population.numbers).population
+    assert again.on_roads == population.on_roads and again.connected == population.connected

@@ -1,0 +1,154 @@
+"""How many of what there are in a scenario."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from coopsim.checks import require_count, require_probability
+from coopsim.errors import CrowdedWarning, InvalidValueError
+from coopsim.taxonomy import ObjectClass
+
+_IN_PLACE_OF = {"connected_cars": "penetration", "truck_share": "trucks"}
+"""Numbers that do not count where the other one is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Population:
+    """How many of what there are.
+
+    Attributes:
+        vehicles: cars and trucks together, connected ones included.
+        truck_share: of these, in [0, 1].
+        pedestrians: people on foot.
+        connected_cars: how many of the cars are connected agents.
+        rsus: roadside units.
+        vans: next to `vehicles`, as all that follow.
+        buses: on the roads.
+        motorcycles: on the roads.
+        bicycles: where the place has room for them: on the edge of lanes, or with pedestrians.
+        scooters: as bicycles.
+        children: on foot.
+        drones: agents in the air, each with sensors that look down.
+        parked: vehicles at the kerb, where the place has bays.
+        penetration: share of the cars that are connected, in [0, 1], in the place of `connected_cars`.
+        trucks: how many of the vehicles are trucks, in the place of `truck_share`.
+    """
+
+    vehicles: int = 30
+    truck_share: float = 0.15
+    pedestrians: int = 8
+    connected_cars: int = 3
+    rsus: int = 1
+    vans: int = 0
+    buses: int = 0
+    motorcycles: int = 0
+    bicycles: int = 0
+    scooters: int = 0
+    children: int = 0
+    drones: int = 0
+    parked: int = 0
+    penetration: float | None = None
+    trucks: int | None = None
+
+    def __post_init__(self) -> None:
+        shares = ("truck_share", "penetration")
+        counts = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in shares}
+        if self.trucks is None:
+            del counts["trucks"]
+        require_count(0, **counts)
+        require_probability(truck_share=self.truck_share)
+        if self.cars < 0:
+            raise InvalidValueError(f"trucks must be at most vehicles, which is {self.vehicles}, got {self.trucks}")
+        if self.penetration is not None:
+            require_probability(penetration=self.penetration)
+        elif self.connected_cars > self.cars:
+            raise InvalidValueError(
+                f"connected_cars must be at most the number of cars, which is {self.cars} "
+                f"({self.vehicles} vehicles less {self.vehicles - self.cars} trucks), got {self.connected_cars}"
+            )
+        if self.connected + self.rsus + self.drones == 0:
+            raise InvalidValueError("there must be at least one agent: connected_cars + rsus + drones >= 1, got 0")
+
+    @property
+    def cars(self) -> int:
+        """How many of the vehicles are cars."""
+        return _cars_of(self.vehicles, self.truck_share, self.trucks)
+
+    @property
+    def connected(self) -> int:
+        """How many of the cars are connected agents."""
+        return self.connected_cars if self.penetration is None else round(self.penetration * self.cars)
+
+    @property
+    def on_roads(self) -> Mapping[ObjectClass, int]:
+        """Vehicles by class."""
+        return {
+            ObjectClass.CAR: self.cars,
+            ObjectClass.TRUCK: self.vehicles - self.cars,
+            ObjectClass.VAN: self.vans,
+            ObjectClass.BUS: self.buses,
+            ObjectClass.MOTORCYCLE: self.motorcycles,
+        }
+
+    @property
+    def people(self) -> Mapping[ObjectClass, int]:
+        """People on foot and on two wheels by class."""
+        return {
+            ObjectClass.PEDESTRIAN: self.pedestrians,
+            ObjectClass.CHILD: self.children,
+            ObjectClass.BICYCLE: self.bicycles,
+            ObjectClass.SCOOTER: self.scooters,
+        }
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What `make_scenario` takes to have the same: all fields but those in whose place another one is."""
+        replaced = [name for name, other in _IN_PLACE_OF.items() if getattr(self, other) is not None]
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in replaced}
+
+    def within(self, room: int, *names: str) -> Population:
+        """As many of the numbers called `names` as there is room for, together; the first give way first.
+
+        Warns:
+            CrowdedWarning: that they do not all fit.
+        """
+        numbers = {name: getattr(self, name) for name in names}
+        excess = asked = sum(numbers.values())
+        excess -= room
+        if excess <= 0:
+            return self
+        for name, number in numbers.items():
+            numbers[name] = number - min(number, excess)
+            excess -= number - numbers[name]
+        fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
+        message = f"there is room for {room} of {asked} ({' + '.join(names)}), so there are {fitting}"
+        warnings.warn(message, CrowdedWarning, stacklevel=5)  # the caller of `make_scenario`
+        vehicles = numbers.get("vehicles", self.vehicles)
+        trucks = None if self.trucks is None else min(self.trucks, vehicles)
+        cars = _cars_of(vehicles, self.truck_share, trucks)
+        return replace(self, **numbers, trucks=trucks, connected_cars=min(self.connected_cars, cars))
+
+
+def require_one_of_each(numbers: Mapping[str, Any]) -> None:
+    """Of two numbers of which one takes the other's place, one may be given.
+
+    Raises:
+        InvalidValueError: both are.
+    """
+    for number, other in _IN_PLACE_OF.items():
+        if number in numbers and numbers.get(other) is not None:
+            raise InvalidValueError(f"{other} takes the place of {number}: one of them is accepted, got both")
+
+
+def beside(said: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """What still counts of the numbers that a file says, where others are given that go before them."""
+    pairs = [pair for number, other in _IN_PLACE_OF.items() for pair in ((number, other), (other, number))]
+    replaced = {number for number, other in pairs if given.get(other) is not None}
+    return {name: value for name, value in said.items() if name not in replaced}
+
+
+def _cars_of(vehicles: int, truck_share: float, trucks: int | None) -> int:
+    return vehicles - (round(truck_share * vehicles) if trucks is None else trucks)
