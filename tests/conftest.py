@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 import coopsim
 from coopsim.world.scenario import SCENARIOS
@@ -16,6 +17,10 @@ SMALL: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256
 """Quick to sense, and still with agents that hear each other."""
 
 SIMULATED = SCENARIOS.names()
+
+# A busy machine, or a kernel that is still to be compiled, is no failure.
+settings.register_profile("coopsim", deadline=None)
+settings.load_profile("coopsim")
 
 
 @pytest.fixture

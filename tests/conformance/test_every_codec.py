@@ -75,7 +75,7 @@ def test_every_flipped_bit_is_refused_or_decoded_never_worse(name: str) -> None:
 
 
 @EVERY
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(noise=st.binary(max_size=300), kept=st.integers(0, 40))
 def test_random_bytes_are_refused_or_decoded_never_worse(name: str, noise: bytes, kept: int) -> None:
     attempt(name, noise)

@@ -98,7 +98,7 @@ def in_slots(config: ChannelConfig, slots: int) -> ChannelConfig:
     return replace(config, radio=replace(config.radio or Radio(), slots=slots), bandwidth=None)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     config=st.one_of(configs, st.builds(in_slots, configs, st.integers(1, 20))),
     seed=st.integers(0, 1000),
@@ -122,13 +122,13 @@ def test_the_walk_meets_every_way_to_end() -> None:
     assert counts.lost > counts.corrupted + counts.stale
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(config=configs, seed=st.integers(0, 1000))
 def test_the_same_seed_gives_the_same_messages(config: ChannelConfig, seed: int) -> None:
     assert walk(config, seed, 8)[1] == walk(config, seed, 8)[1]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(config=configs.filter(lambda config: config.bandwidth is None), seed=st.integers(0, 1000))
 def test_an_agent_more_changes_nothing_between_the_others(config: ChannelConfig, seed: int) -> None:
     """Where they do not share a medium, of course."""

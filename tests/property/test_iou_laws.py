@@ -1,7 +1,7 @@
 """What holds for any two boxes."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_bev
@@ -13,7 +13,6 @@ size = st.floats(0.01, 15)
 box = st.tuples(metres, metres, metres, size, size, size, st.floats(-10, 10)).map(lambda row: np.array([row]))
 
 
-@settings(deadline=None)  # the first call compiles
 @given(box, box)
 def test_symmetric_bounded_and_ordered(a: np.ndarray, b: np.ndarray) -> None:
     for iou, giou in ((iou_3d, giou_3d), (iou_bev, giou_bev)):
@@ -25,14 +24,12 @@ def test_symmetric_bounded_and_ordered(a: np.ndarray, b: np.ndarray) -> None:
     assert iou_3d(a, b)[0, 0] <= iou_bev(a, b)[0, 0] + 1e-7
 
 
-@settings(deadline=None)  # the first call compiles
 @given(box)
 def test_a_box_is_itself(a: np.ndarray) -> None:
     for kernel in KERNELS:
         np.testing.assert_allclose(kernel(a, a), 1.0, atol=1e-7)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(box, box, st.floats(-7, 7), metres, metres)
 def test_moving_and_turning_the_world_changes_nothing(
     a: np.ndarray, b: np.ndarray, turn: float, x: float, y: float

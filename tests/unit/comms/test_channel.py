@@ -206,7 +206,7 @@ def test_radio_delivers_what_is_near_and_is_the_same_in_both_directions() -> Non
         assert channel.link_counts["a", "b"] == channel.link_counts["b", "a"]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     latency_s=st.floats(0, 1),
     jitter_s=st.floats(0, 0.5),

@@ -18,7 +18,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle
 from coopsim.types import Detections
 
-QUICK = settings(max_examples=60, deadline=None)
+QUICK = settings(max_examples=60)
 CODEC = Codec()
 FLOAT = 1e-9  # of float64, in the places where an error may be exactly as large as stated
 

@@ -36,7 +36,7 @@ OBJECT = st.tuples(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.lists(st.tuples(OBJECT, st.integers(0, 8), number(-160, 160)), max_size=4),
     st.tuples(number(-1e7, 1e7), number(-1e7, 1e7), number(-1000, 8000)),

@@ -18,7 +18,7 @@ from coopsim.comms.codecs.queries import InstanceQueries, QueriesCodec
 from coopsim.comms.codecs.sparse_features import SparseFeaturesCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 
-QUICK = settings(max_examples=60, deadline=None)
+QUICK = settings(max_examples=60)
 BYTES = {"float32": 4, "float16": 2, "int8": 1}
 EVERY_NUMBER = pytest.mark.parametrize("number", FEATURE_NUMBERS)
 

@@ -17,7 +17,7 @@ from coopsim.comms.codecs.voxels import VoxelsCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 from coopsim.types import Sweep
 
-QUICK = settings(max_examples=60, deadline=None)
+QUICK = settings(max_examples=60)
 NUMBERS: list[tuple[PointNumber, int]] = [("float32", 16), ("float16", 8), ("int16", 7)]
 
 

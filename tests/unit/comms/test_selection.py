@@ -44,7 +44,7 @@ def said(uplink: WithinBudget, observation: Observation, sender: str = "cav_0") 
     return sorted(found.center[:, 0].round(1).tolist())
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(count=st.integers(0, 40), budget_bytes=st.integers(1, 2000), selection=st.sampled_from(SELECTIONS.names()))
 def test_as_many_as_fit_and_not_one_more(count: int, budget_bytes: int, selection: str) -> None:
     observation = observe(boxes(np.arange(count) * 9.0, 0.5))

@@ -60,7 +60,7 @@ def write(path: Path, frames: int = 3, count: int = 4) -> Path:
     return path
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32), counts=st.lists(st.integers(0, 5), min_size=1, max_size=6))
 def test_every_bit_comes_back_also_where_actors_come_and_go(
     tmp_path_factory: pytest.TempPathFactory, seed: int, counts: list[int]

@@ -43,7 +43,7 @@ def test_kinds_objects_owners_and_seeds_are_independent() -> None:
     np.testing.assert_allclose(np.corrcoef(columns), np.eye(len(columns)), atol=0.03)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.sets(st.integers(0, 2**31 - 1), max_size=6), min_size=1, max_size=5), st.integers(0, 2**31 - 1))
 def test_one_more_object_and_another_order_shift_nobody(frames: list[set[int]], newcomer: int) -> None:
     one, other = (LastingNormals(3, "rsu_0", (KIND, WHITE), 0.1) for _ in range(2))

@@ -43,7 +43,7 @@ def unknown(count: int, scale: float = 1.0) -> Corrections:
     return Corrections(np.zeros((count, 3)), np.broadcast_to(UNSURE * scale, (count, 3, 3)))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=SEEDS, count=st.integers(4, 30))
 def test_errors_of_a_metre_and_a_degree_are_found_and_taken_back(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
@@ -83,7 +83,7 @@ def test_the_solution_is_that_of_a_general_solver() -> None:
     assert np.abs(mean - errors).max() < 0.1  # boxes are 5 cm off, and nine of them see it
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=SEEDS, angle=st.floats(-3.1, 3.1))
 def test_turning_and_moving_the_world_turns_the_corrections(seed: int, angle: float) -> None:
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
@@ -59,7 +59,6 @@ def test_a_taller_box_reaches_both_where_none_of_their_size_does(gap_m: float) -
 HEIGHTS_M, PROBABILITIES = st.floats(0.5, 4.0), st.floats(0.01, 0.99)
 
 
-@settings(deadline=None)  # the first call may compile
 @given(st.floats(-9.0, 9.0), HEIGHTS_M, HEIGHTS_M, PROBABILITIES)
 def test_never_less_likely_on_the_object_than_either_of_the_two(
     gap_m: float, own_m: float, other_m: float, share: float
@@ -104,7 +103,6 @@ def test_a_height_that_is_given_up_may_stay_as_a_box_of_its_own() -> None:
     np.testing.assert_allclose(kept.found.boxes.center[:, 2], [4.8, 0.8, 0.8], atol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.floats(-9.0, 9.0), PROBABILITIES)
 def test_nothing_is_out_of_reach_if_all_that_is_given_up_stays(gap_m: float, share: float) -> None:
     groups = [found((0, 0.5)), found((0, 0.5), bottom_m=gap_m)]

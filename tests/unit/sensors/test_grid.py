@@ -77,7 +77,7 @@ def mixed_scene(rng: np.random.Generator) -> np.ndarray:
     return corners
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), level=st.booleans())
 def test_agrees_with_embree_on_any_scene_from_any_pose(seed: int, level: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -72,7 +72,7 @@ def from_above(box: np.ndarray) -> shapely.Polygon:
     return shapely.affinity.rotate(flat, yaw, (x, y), use_radians=True)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 25))
 def test_lines_are_blocked_as_shapely_says(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ def all_around(rng: np.random.Generator, count: int = 4000) -> Floats:
     return np.concatenate([rays / np.linalg.norm(rays, axis=1, keepdims=True), straight])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**31), spread_m=st.sampled_from([0.5, 5.0, 60.0]))
 def test_no_ray_that_meets_a_box_is_left_out(seed: int, spread_m: float) -> None:
     rng = np.random.default_rng(seed)

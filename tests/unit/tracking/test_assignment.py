@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
@@ -37,7 +37,6 @@ def one_by_one(affinity: np.ndarray, gate: float) -> list[tuple[int, int]]:
 
 
 @pytest.mark.parametrize("assign", [hungarian, greedy])
-@settings(deadline=None)  # the first call compiles
 @given(affinity=matrices, gate=gates)
 def test_one_to_one_and_above_the_gate(assign, affinity: np.ndarray, gate: float) -> None:  # type: ignore[no-untyped-def]
     before = affinity.copy()
@@ -93,7 +92,6 @@ def test_greedy_takes_the_best_first() -> None:
     assert sorted(pairs(hungarian(affinity, 0.0))) == [(0, 1), (1, 0)]
 
 
-@settings(deadline=None)
 @given(affinity=matrices, gate=gates)
 def test_greedy_is_what_its_name_says(affinity: np.ndarray, gate: float) -> None:
     assert pairs(greedy(affinity, gate)) == one_by_one(affinity, gate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -41,7 +41,6 @@ def test_the_closed_form_solves_the_fully_connected_graph(both: np.ndarray) -> N
     np.testing.assert_allclose(refine(center, anchor), expected, atol=1e-9)
 
 
-@settings(deadline=None)  # the first solution takes its time
 @given(points, st.integers(1, 4), st.floats(1, 80))
 def test_any_graph_is_solved(both: np.ndarray, count: int, radius_m: float) -> None:
     center, anchor = both
@@ -51,7 +50,6 @@ def test_any_graph_is_solved(both: np.ndarray, count: int, radius_m: float) -> N
         )
 
 
-@settings(deadline=None)
 @given(points)
 def test_a_graph_that_reaches_all_is_the_fully_connected_one(both: np.ndarray) -> None:
     center, anchor = both
@@ -115,7 +113,6 @@ def crowds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
     return cars(*xs), np.array(agent, dtype=int)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(crowds(), st.floats(0.05, 0.9))
 def test_groups_hold_no_agent_twice_and_are_numbered_in_order(
     crowd: tuple[np.ndarray, np.ndarray], threshold: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2
@@ -115,7 +115,6 @@ def test_no_boxes_give_empty_matrices(count: int) -> None:
     assert mahalanobis(none, some_covariance(0), many, planar=True).shape == (0, count)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(boxes, boxes)
 def test_symmetric_and_bounded(a: np.ndarray, b: np.ndarray) -> None:
     for affinity in SYMMETRIC:
@@ -127,7 +126,6 @@ def test_symmetric_and_bounded(a: np.ndarray, b: np.ndarray) -> None:
     assert (((aligned >= 0) & (aligned <= 1)) | (aligned == -np.inf)).all()
 
 
-@settings(deadline=None)
 @given(boxes, boxes, metres, metres, metres, st.floats(-7, 7))
 def test_moving_and_turning_the_world_changes_nothing(
     a: np.ndarray, b: np.ndarray, x: float, y: float, z: float, turn: float
@@ -143,7 +141,6 @@ def test_moving_and_turning_the_world_changes_nothing(
     assert (np.fmax(moved, still)[~both] < 1e-6).all()
 
 
-@settings(deadline=None)
 @given(boxes, boxes, metres, metres, st.floats(-7, 7), st.booleans())
 def test_mahalanobis_turns_with_the_world(
     a: np.ndarray, b: np.ndarray, x: float, y: float, turn: float, planar: bool

@@ -134,7 +134,7 @@ places = st.tuples(st.floats(-150, 250), st.floats(-150, 150), st.floats(-7, 7))
 
 
 @given(st.sampled_from(sorted(PLACES)), places)
-@settings(max_examples=200, deadline=None)  # each looks at all lanes of a place: slow on a busy machine
+@settings(max_examples=200)  # each looks at all lanes of a place: slow on a busy machine
 def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, float]) -> None:
     network = NETWORKS[place]
     x, y, heading = where
