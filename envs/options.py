@@ -196,7 +196,9 @@ class SimulationOptions:
         require_instance(Detector, detector=self.detector)
         if isinstance(self.weather, Mapping):
             object.__setattr__(self, "weather", make("weather", Weather, self.weather))
-        require_instance(Weather, weather=self.weather)
+        if not (self.weather is None or isinstance(self.weather, Weather)):
+            accepted = "a Weather, a mapping of its fields, or None"
+            raise InvalidValueError(f"weather must be {accepted}, got {self.weather!r}")
         self._check_files()
         lidars = self.lidars
         self.illumination  # noqa: B018  (its own checks run now)
