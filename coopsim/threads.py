@@ -9,8 +9,15 @@ import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+from functools import cache, partial
+from itertools import count
+from queue import SimpleQueue
+from threading import Thread
 from typing import TypeVar
+
+import numpy as np
+
+from coopsim.atomics import Counters
 
 T = TypeVar("T")
 
@@ -47,9 +54,46 @@ def run_all(acts: Sequence[Callable[[], T]], threads: int, crew: str) -> list[T]
     return [done[k] for k in range(len(acts))]
 
 
+def work_together(
+    lead: Callable[[Counters, int], object], follow: Callable[[Counters, int], object], threads: int
+) -> None:
+    """Do a job that takes less than it takes to wake a thread.
+
+    Args:
+        lead: does what the others have not begun, and returns when all is done. Called here.
+        follow: helps, and then stays awake until the next job or for a while. Called by threads that are free.
+        threads: that share the job, the calling one included.
+    """
+    crew = _crew(threads - 1)
+    number = next(crew.numbers)
+    for jobs in crew.jobs:
+        if jobs.empty():  # who has not even taken the last one up is late enough
+            jobs.put(partial(follow, crew.bell, number))
+    lead(crew.bell, number)
+
+
+class _Crew:
+    def __init__(self, helpers: int) -> None:
+        self.bell, self.numbers = np.zeros(1, np.int64), count(1)
+        self.jobs: list[SimpleQueue[Callable[[], object]]] = [SimpleQueue() for _ in range(helpers)]
+        for jobs in self.jobs:
+            Thread(target=_serve, args=(jobs,), daemon=True).start()
+
+
+def _serve(jobs: SimpleQueue[Callable[[], object]]) -> None:
+    while True:
+        jobs.get()()
+
+
+@cache
+def _crew(helpers: int) -> _Crew:
+    return _Crew(helpers)
+
+
 @cache
 def _pool(crew: str, threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix=f"coopsim-{crew}")
 
 
 os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
+os.register_at_fork(after_in_child=_crew.cache_clear)

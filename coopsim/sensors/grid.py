@@ -8,17 +8,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Parts, Triangles
-from coopsim.sensors.grid_kernel import LANES, Beams, sweep_sector
-from coopsim.sensors.grid_shapes import Singles, place
+from coopsim.sensors.grid_job import BANDS_DRAWN, Job, follow, lead
+from coopsim.sensors.grid_kernel import LANES, Beams
+from coopsim.sensors.grid_room import Rooms, aligned
+from coopsim.sensors.grid_shapes import Scene, Singles
 from coopsim.sensors.patterns import BeamPattern
-from coopsim.threads import run_all
+from coopsim.threads import work_together
 from coopsim.types import Ints
+
+_RUNS = 16
+"""In how many pieces threads that share a sweep set up the scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,18 +49,22 @@ class RayGrid:
     """
 
     def __init__(self, pattern: BeamPattern, columns: int) -> None:
-        self._order = np.argsort(-pattern.elevation_rad, kind="stable")
-        tangent, shift_rad = np.tan(pattern.elevation_rad[self._order]), pattern.offset_rad[self._order]
+        order = np.argsort(-pattern.elevation_rad, kind="stable")
+        tangent, shift_rad = np.tan(pattern.elevation_rad[order]), pattern.offset_rad[order]
         azimuth = np.arange(-(-columns // LANES) * LANES) * (2 * np.pi / columns)
         cos, sin = np.cos(azimuth), np.sin(azimuth)
+        table = aligned((2, len(azimuth)), np.float32)
+        table[:] = cos, sin
         self._beams = Beams(
             tangent.astype(np.float32),
             shift_rad.astype(np.float32),
-            cos.astype(np.float32),
-            sin.astype(np.float32),
+            table[0],
+            table[1],
             columns,
+            order,
             (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
         )
+        self._rooms = Rooms(len(order), len(cos))
 
     def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
         """Cast all rays, at one time.
@@ -75,7 +83,7 @@ class RayGrid:
 
     def room(self) -> GridHits:
         """Room for the hits of all rays."""
-        table = len(self._order), self._beams.columns
+        table = len(self._beams.order), self._beams.columns
         return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
 
     @property
@@ -87,17 +95,14 @@ class RayGrid:
         self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
     ) -> None:
         """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
-        corners = place(
-            triangles.vertices, np.ascontiguousarray(world_SE3_sensor.rotation), world_SE3_sensor.translation
-        )
-        scene = corners, triangles.faces, triangles.parts or _one_part(triangles)
-        out = hits.range_m, hits.face, hits.cosine
-
-        def work(first: int, last: int) -> None:
-            sweep_sector(scene, self._beams, self._order, (first, last), out)
-
-        ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
-        run_all([partial(work, *pair) for pair in pairwise(ends)], threads, "lidar")
+        rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
+        parts = triangles.parts or _one_part(triangles)
+        scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
+        room, out = self._rooms.take(scene), (hits.range_m, hits.face, hits.cosine)
+        pieces = (1, 1) if threads == 1 else (_RUNS, threads)
+        job = Job(scene, self._beams, blocks, room, out, pieces, np.zeros(BANDS_DRAWN + pieces[1], np.int64))
+        work_together(partial(lead, job), partial(follow, job), threads)
+        self._rooms.give_back(room)
 
 
 def _one_part(triangles: Triangles) -> Parts:
