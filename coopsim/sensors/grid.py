@@ -23,6 +23,7 @@ from coopsim.types import Ints
 
 _RUNS = 16
 """In how many pieces threads that share a sweep set up the scene."""
+_ROOMS = Rooms()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +54,7 @@ class RayGrid:
         tangent, shift_rad = np.tan(pattern.elevation_rad[order]), pattern.offset_rad[order]
         azimuth = np.arange(-(-columns // LANES) * LANES) * (2 * np.pi / columns)
         cos, sin = np.cos(azimuth), np.sin(azimuth)
-        table = aligned((2, len(azimuth)), np.float32)
+        table = aligned(2 * len(azimuth), np.float32).reshape(2, -1)
         table[:] = cos, sin
         self._beams = Beams(
             tangent.astype(np.float32),
@@ -64,7 +65,6 @@ class RayGrid:
             order,
             (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
         )
-        self._rooms = Rooms(len(order), len(cos))
 
     def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
         """Cast all rays, at one time.
@@ -98,11 +98,13 @@ class RayGrid:
         rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
         parts = triangles.parts or _one_part(triangles)
         scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
-        room, out = self._rooms.take(scene), (hits.range_m, hits.face, hits.cosine)
-        pieces = (1, 1) if threads == 1 else (_RUNS, threads)
-        job = Job(scene, self._beams, blocks, room, out, pieces, np.zeros(BANDS_DRAWN + pieces[1], np.int64))
+        rows, columns = len(self._beams.order), (blocks[1] - blocks[0]) * LANES
+        room, out = _ROOMS.take(scene, rows * columns), (hits.range_m, hits.face, hits.cosine)
+        canvas, pieces = room.canvas_of(rows, columns), (1, 1) if threads == 1 else (_RUNS, threads)
+        progress = np.zeros(BANDS_DRAWN + pieces[1], np.int64)
+        job = Job(scene, self._beams, blocks, room.corners, room.shapes, canvas, out, pieces, progress)
         work_together(partial(lead, job), partial(follow, job), threads)
-        self._rooms.give_back(room)
+        _ROOMS.give_back(room)
 
 
 def _one_part(triangles: Triangles) -> Parts:

@@ -13,9 +13,8 @@ from typing import NamedTuple
 from numba import njit
 
 from coopsim.atomics import Counters, add, raise_to, wait_for
-from coopsim.sensors.grid_kernel import LANES, Beams, draw, resolve
-from coopsim.sensors.grid_room import Room
-from coopsim.sensors.grid_shapes import Scene, Singles, set_up
+from coopsim.sensors.grid_kernel import LANES, Beams, Canvas, draw, resolve
+from coopsim.sensors.grid_shapes import Corners, Scene, Shapes, Singles, set_up
 from coopsim.types import Ints
 
 TICKETS, RUNS_SET_UP, ROWS_RESOLVED, BANDS_DRAWN = range(4)
@@ -33,7 +32,9 @@ class Job(NamedTuple):
         scene: what there is.
         beams: the rays.
         blocks: of `LANES` columns, from the first to before the last.
-        room: that no other job uses.
+        corners: room for the scene's.
+        shapes: room for the scene's.
+        canvas: room for the blocks.
         hits: as in `resolve`.
         pieces: numbers of runs and of bands: D.
         progress: (BANDS_DRAWN + D,) of 0.
@@ -42,7 +43,9 @@ class Job(NamedTuple):
     scene: Scene
     beams: Beams
     blocks: tuple[int, int]
-    room: Room
+    corners: Corners
+    shapes: Shapes
+    canvas: Canvas
     hits: tuple[Singles, Ints, Singles]
     pieces: tuple[int, int]
     progress: Counters
@@ -66,7 +69,7 @@ def follow(job: Job, bell: Counters, number: int) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _work(job: Job) -> None:
     """Do pieces until all have been begun."""
-    scene, beams, blocks, room, progress = job.scene, job.beams, job.blocks, job.room, job.progress
+    scene, beams, blocks, shapes, progress = job.scene, job.beams, job.blocks, job.shapes, job.progress
     parts, rows, (runs, bands) = len(scene.parts.closed), len(beams.tangent), job.pieces
     height = -(-rows // bands)
     sector = _sector(beams, blocks)
@@ -76,17 +79,17 @@ def _work(job: Job) -> None:
         n = band - bands
         if band < 0:
             run = parts * ticket // runs, parts * (ticket + 1) // runs
-            set_up(scene, run, beams.tangent, sector, room.corners, room.shapes)
+            set_up(scene, run, beams.tangent, sector, job.corners, shapes)
             add(progress, RUNS_SET_UP, 1)
         elif n < 0:
             wait_for(progress, RUNS_SET_UP, runs)
-            draw(scene.parts.face_start, room.shapes, beams, blocks, (band, bands), room.canvas)
+            draw(scene.parts.face_start, shapes, beams, blocks, (band, bands), job.canvas)
             add(progress, BANDS_DRAWN + band, 1)
         elif n < bands * height:
             band, row = n // height, n // height + n % height * bands  # the first band's rows first
             if row < rows:
                 wait_for(progress, BANDS_DRAWN + band, 1)
-                resolve(room.shapes, beams, row, blocks, room.canvas.owner, job.hits)
+                resolve(shapes, beams, row, blocks, job.canvas.owner, job.hits)
                 add(progress, ROWS_RESOLVED, 1)
         else:
             return

@@ -1,8 +1,8 @@
-"""Memory for sweeps, used again: whatever sweeps are made of is as large as the scene, or as the grid."""
+"""Memory that sweeps use in turn: what the last one wrote to is still in the processor's cache."""
 
 from __future__ import annotations
 
-import math
+from operator import ge
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,57 +20,63 @@ class Room(NamedTuple):
     Attributes:
         corners: for the scene's vertices or more.
         shapes: for its faces and parts or more.
-        canvas: for all rays.
+        canvas: for the rays or more, in one row.
     """
 
     corners: Corners
     shapes: Shapes
     canvas: Canvas
 
+    def canvas_of(self, rows: int, columns: int) -> Canvas:
+        """The canvas as a grid without gaps: rows that are far apart would compete for the same places in a cache."""
+        nearness, owner = self.canvas
+        rays = rows * columns
+        return Canvas(nearness[:rays].reshape(rows, columns), owner[:rays].reshape(rows, columns))
+
+    @property
+    def size(self) -> tuple[int, int, int, int]:
+        """For how many vertices, faces, parts and rays there is room."""
+        corners, shapes, canvas = self
+        return len(corners.slope), len(shapes.face), len(shapes.counts), len(canvas.owner)
+
 
 class Rooms:
-    """Rooms that no sweep uses at the moment; any thread may take one.
+    """Those that no sweep uses at the moment; any thread may take one."""
 
-    Args:
-        rows: of the canvas.
-        columns: of the canvas, a multiple of `LANES`.
-    """
-
-    def __init__(self, rows: int, columns: int) -> None:
-        self._grid = rows, columns
+    def __init__(self) -> None:
         self._free: list[Room] = []
 
-    def take(self, scene: Scene) -> Room:
-        """One in which a scene fits, for the taker alone."""
-        size = len(scene.vertices), len(scene.faces), len(scene.parts.closed)
+    def take(self, scene: Scene, rays: int) -> Room:
+        """One in which a scene and so many rays fit, for the taker alone."""
+        need = len(scene.vertices), len(scene.faces), len(scene.parts.closed), rays
         try:
             room = self._free.pop()
         except IndexError:
-            return self._make(*size)
-        has = len(room.corners.local), len(room.shapes.face), len(room.shapes.counts)
-        return room if all(np.greater_equal(has, size)) else self._make(*size)
+            return _make(*need)
+        return room if all(map(ge, room.size, need)) else _make(*map(max, room.size, need))
 
     def give_back(self, room: Room) -> None:
         """For sweeps to come, once no thread uses it any more."""
         self._free.append(room)
 
-    def _make(self, vertices: int, faces: int, parts: int) -> Room:
-        shapes = Shapes(
-            np.empty(parts, np.int64),
-            np.empty((faces, 9), np.float32),
-            np.empty((faces, 3)),
-            np.empty(faces, np.float32),
-            np.empty((faces, 2), np.float32),
-            np.empty((faces, 2), np.int32),
-            np.empty(faces, np.int64),
-        )
-        corners = Corners(np.empty((vertices, 3)), np.empty(vertices, np.float32), np.empty(vertices, np.float32))
-        return Room(corners, shapes, Canvas(aligned(self._grid, np.float32), aligned(self._grid, np.int32)))
+
+def _make(vertices: int, faces: int, parts: int, rays: int) -> Room:
+    shapes = Shapes(
+        np.empty(parts, np.int64),
+        np.empty((faces, 9), np.float32),
+        np.empty((faces, 3)),
+        np.empty(faces, np.float32),
+        np.empty((faces, 2), np.float32),
+        np.empty((faces, 2), np.int32),
+        np.empty(faces, np.int64),
+    )
+    corners = Corners(np.empty((vertices, 3)), np.empty(vertices, np.float32), np.empty(vertices, np.float32))
+    return Room(corners, shapes, Canvas(aligned(rays, np.float32), aligned(rays, np.int32)))
 
 
-def aligned(shape: tuple[int, int], dtype: DTypeLike) -> NDArray[Any]:
-    """An empty array that begins where a line of the processor's cache does."""
-    size = math.prod(shape) * np.dtype(dtype).itemsize
+def aligned(count: int, dtype: DTypeLike) -> NDArray[Any]:
+    """An empty array (count,) that begins where a line of the processor's cache does."""
+    size = count * np.dtype(dtype).itemsize
     memory = np.empty(size + _CACHE_LINE_BYTES, np.uint8)
     first = -memory.ctypes.data % _CACHE_LINE_BYTES
-    return memory[first : first + size].view(dtype).reshape(shape)
+    return memory[first : first + size].view(dtype)
