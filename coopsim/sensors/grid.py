@@ -23,6 +23,7 @@ from coopsim.types import Ints
 
 _RUNS = 16
 """In how many pieces threads that share a sweep set up the scene."""
+
 _ROOMS = Rooms()
 
 
@@ -75,7 +76,7 @@ class RayGrid:
         Args:
             triangles: the scene.
             world_SE3_sensor: the sensor's pose, any roll and pitch.
-            threads: that share the work; the result does not depend on it.
+            threads: that share the work, one for each beam at most; the result does not depend on it.
         """
         hits = self.room()
         self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
@@ -100,6 +101,7 @@ class RayGrid:
         scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
         rows, columns = len(self._beams.order), (blocks[1] - blocks[0]) * LANES
         room, out = _ROOMS.take(scene, rows * columns), (hits.range_m, hits.face, hits.cosine)
+        threads = min(threads, rows)
         canvas, pieces = room.canvas_of(rows, columns), (1, 1) if threads == 1 else (_RUNS, threads)
         progress = np.zeros(BANDS_DRAWN + pieces[1], np.int64)
         job = Job(scene, self._beams, blocks, room.corners, room.shapes, canvas, out, pieces, progress)
