@@ -8,17 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Parts, Triangles
-from coopsim.sensors.grid_kernel import LANES, Beams, sweep_sector
-from coopsim.sensors.grid_shapes import Singles, place
+from coopsim.sensors.grid_job import BANDS_DRAWN, Job, follow, lead
+from coopsim.sensors.grid_kernel import LANES, Beams
+from coopsim.sensors.grid_room import Rooms, aligned
+from coopsim.sensors.grid_shapes import Scene, Singles
 from coopsim.sensors.patterns import BeamPattern
-from coopsim.threads import run_all
+from coopsim.threads import work_together
 from coopsim.types import Ints
+
+_RUNS = 16
+"""In how many pieces threads that share a sweep set up the scene."""
+
+_ROOMS = Rooms()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,16 +51,19 @@ class RayGrid:
     """
 
     def __init__(self, pattern: BeamPattern, columns: int) -> None:
-        self._order = np.argsort(-pattern.elevation_rad, kind="stable")
-        tangent, shift_rad = np.tan(pattern.elevation_rad[self._order]), pattern.offset_rad[self._order]
+        order = np.argsort(-pattern.elevation_rad, kind="stable")
+        tangent, shift_rad = np.tan(pattern.elevation_rad[order]), pattern.offset_rad[order]
         azimuth = np.arange(-(-columns // LANES) * LANES) * (2 * np.pi / columns)
         cos, sin = np.cos(azimuth), np.sin(azimuth)
+        table = aligned(2 * len(azimuth), np.float32).reshape(2, -1)
+        table[:] = cos, sin
         self._beams = Beams(
             tangent.astype(np.float32),
             shift_rad.astype(np.float32),
-            cos.astype(np.float32),
-            sin.astype(np.float32),
+            table[0],
+            table[1],
             columns,
+            order,
             (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
         )
 
@@ -67,7 +76,7 @@ class RayGrid:
         Args:
             triangles: the scene.
             world_SE3_sensor: the sensor's pose, any roll and pitch.
-            threads: that share the work; the result does not depend on it.
+            threads: that share the work, one for each beam at most; the result does not depend on it.
         """
         hits = self.room()
         self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
@@ -75,7 +84,7 @@ class RayGrid:
 
     def room(self) -> GridHits:
         """Room for the hits of all rays."""
-        table = len(self._order), self._beams.columns
+        table = len(self._beams.order), self._beams.columns
         return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
 
     @property
@@ -87,17 +96,17 @@ class RayGrid:
         self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
     ) -> None:
         """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
-        corners = place(
-            triangles.vertices, np.ascontiguousarray(world_SE3_sensor.rotation), world_SE3_sensor.translation
-        )
-        scene = corners, triangles.faces, triangles.parts or _one_part(triangles)
-        out = hits.range_m, hits.face, hits.cosine
-
-        def work(first: int, last: int) -> None:
-            sweep_sector(scene, self._beams, self._order, (first, last), out)
-
-        ends = np.linspace(*blocks, min(threads, blocks[1] - blocks[0]) + 1).astype(int).tolist()
-        run_all([partial(work, *pair) for pair in pairwise(ends)], threads, "lidar")
+        rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
+        parts = triangles.parts or _one_part(triangles)
+        scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
+        rows, columns = len(self._beams.order), (blocks[1] - blocks[0]) * LANES
+        room, out = _ROOMS.take(scene, rows * columns), (hits.range_m, hits.face, hits.cosine)
+        threads = min(threads, rows)
+        canvas, pieces = room.canvas_of(rows, columns), (1, 1) if threads == 1 else (_RUNS, threads)
+        progress = np.zeros(BANDS_DRAWN + pieces[1], np.int64)
+        job = Job(scene, self._beams, blocks, room.corners, room.shapes, canvas, out, pieces, progress)
+        work_together(partial(lead, job), partial(follow, job), threads)
+        _ROOMS.give_back(room)
 
 
 def _one_part(triangles: Triangles) -> Parts:

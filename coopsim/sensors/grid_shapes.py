@@ -23,8 +23,26 @@ _SLOPE_SLACK = np.float32(1e-5)
 _ZERO, _ONE, _TURN = np.float32(0.0), np.float32(1.0), np.float32(2 * math.pi)
 
 
+class Scene(NamedTuple):
+    """F triangles and who looks at them.
+
+    Attributes:
+        vertices: (V, 3) m, world frame.
+        faces: (F, 3) int.
+        parts: runs of both, P.
+        rotation: (3, 3) of the sensor: its axes in the world, in columns.
+        origin: (3,) m, where the sensor is.
+    """
+
+    vertices: Floats
+    faces: Ints
+    parts: Parts
+    rotation: Floats
+    origin: Floats
+
+
 class Corners(NamedTuple):
-    """V vertices as a sensor sees them.
+    """Room for V vertices as a sensor sees them.
 
     Attributes:
         local: (V, 3) m, sensor frame.
@@ -38,17 +56,19 @@ class Corners(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """Room for N triangles that may meet a ray.
+    """Room for what F triangles are drawn by: each part's that may meet a ray, from its first face's row on.
 
     Attributes:
-        edges: (N, 9) three edge functions' coefficients of cos a, sin a and tan e.
-        plane: (N, 3) float64, coefficients of the inverse horizontal distance.
-        offset_m: (N,) distance of the sensor from the plane.
-        azimuth: (N, 2) first and last, rad.
-        rows: (N, 2) first beam and the one behind the last.
-        face: (N,) index into the scene's faces.
+        counts: (P,) how many the parts have.
+        edges: (F, 9) three edge functions' coefficients of cos a, sin a and tan e.
+        plane: (F, 3) float64, coefficients of the inverse horizontal distance.
+        offset_m: (F,) distance of the sensor from the plane.
+        azimuth: (F, 2) first and last, rad.
+        rows: (F, 2) first beam and the one behind the last.
+        face: (F,) index into the scene's faces.
     """
 
+    counts: Ints
     edges: Singles
     plane: Floats
     offset_m: Singles
@@ -57,7 +77,7 @@ class Shapes(NamedTuple):
     face: Ints
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _azimuth(x: np.float32, y: np.float32) -> np.float32:
     """Arctangent of y / x, rad, to 1e-5; by a polynomial (Abramowitz and Stegun 4.4.47), as it vectorizes."""
     wide, deep = abs(x), abs(y)
@@ -70,23 +90,22 @@ def _azimuth(x: np.float32, y: np.float32) -> np.float32:
     return -angle if y < _ZERO else angle
 
 
-@njit(cache=True, nogil=True)
-def place(vertices: Floats, rotation: Floats, origin: Floats) -> Corners:
-    """Vertices (V, 3) m in the world, seen from `origin` (3,) m with axes in the columns of `rotation` (3, 3)."""
-    local, azimuth = np.empty_like(vertices), np.empty(len(vertices), np.float32)
-    slope = np.empty(len(vertices), np.float32)
-    for v in range(len(vertices)):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(scene: Scene, first: int, last: int, corners: Corners) -> None:
+    """Vertices `first` to `last` as the sensor sees them."""
+    vertices, rotation, origin = scene.vertices, scene.rotation, scene.origin
+    local, azimuth, slope = corners.local, corners.azimuth, corners.slope
+    for v in range(first, last):
         x, y, z = vertices[v, 0] - origin[0], vertices[v, 1] - origin[1], vertices[v, 2] - origin[2]
         for axis in range(3):
             local[v, axis] = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
-    for v in range(len(vertices)):
+    for v in range(first, last):
         x32, y32 = np.float32(local[v, 0]), np.float32(local[v, 1])
         azimuth[v] = _azimuth(x32, y32)
         slope[v] = np.float32(local[v, 2]) / max(np.sqrt(x32 * x32 + y32 * y32), np.float32(1e-6))
-    return Corners(local, azimuth, slope)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
     """Whether the sensor is in the upright box around vertices `first` to `last`; and which azimuths the box may cover.
 
@@ -105,29 +124,29 @@ def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
     return surrounds, math.atan2(y, x), math.asin(radius / distance)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _reaches(middle: float, half: float, sector: tuple[float, float]) -> bool:
     """Whether azimuths of a middle and half width meet a sector, given in the same way."""
     apart = middle - sector[0]
     return bool(abs(apart - 2 * math.pi * np.rint(apart / (2 * math.pi))) <= half + sector[1])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cross(p: _Vector, q: _Vector) -> _Vector:
     return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _dot(p: _Vector, q: _Vector) -> float:
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _less(p: _Vector, q: _Vector) -> _Vector:
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_on_axis(p0: _Vector, p1: _Vector, p2: _Vector, turn: _Vector) -> bool:
     """Whether the sensor's axis meets a triangle or nearly a corner; `turn` is how each edge goes round the axis."""
     nearest_m2 = min(p0[0] * p0[0] + p0[1] * p0[1], p1[0] * p1[0] + p1[1] * p1[1], p2[0] * p2[0] + p2[1] * p2[1])
@@ -137,7 +156,7 @@ def _is_on_axis(p0: _Vector, p1: _Vector, p2: _Vector, turn: _Vector) -> bool:
     return left or right or nearest_m2 < _AXIS_M2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _first_not_above(tangent: Singles, slope: np.float32) -> int:
     """The first row of falling tangents that is not above a slope."""
     low, high = 0, len(tangent)
@@ -150,7 +169,7 @@ def _first_not_above(tangent: Singles, slope: np.float32) -> int:
     return low
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _span(
     azimuth: tuple[np.float32, np.float32, np.float32], slope: tuple[np.float32, np.float32, np.float32], on_axis: bool
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
@@ -176,28 +195,28 @@ def _span(
     return azimuth[0] + first, azimuth[0] + last, low, high
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def set_up(
-    corners: Corners, faces: Ints, parts: Parts, tangent: Singles, sector: tuple[float, float]
-) -> tuple[Shapes, int]:
-    """What `draw` needs of the triangles that may meet a ray.
+    scene: Scene, run: tuple[int, int], tangent: Singles, sector: tuple[float, float], corners: Corners, shapes: Shapes
+) -> None:
+    """What `draw` needs of some parts' triangles that may meet a ray; calls for distinct parts may run at once.
 
     Args:
-        corners: all vertices.
-        faces: (F, 3).
-        parts: of the faces.
+        scene: the triangles.
+        run: of parts, the first and the one behind the last.
         tangent: (B,) of the beams' elevation, falling.
         sector: azimuths of the rays, rad: their middle, and how far they reach to either side.
-
-    Returns:
-        The shapes and their number; rows beyond it mean nothing.
+        corners: room, of which these parts' share is written.
+        shapes: likewise.
     """
+    faces, parts = scene.faces, scene.parts
     local, azimuth, slope = corners.local, corners.azimuth, corners.slope
-    edges, plane = np.empty((len(faces), 9), np.float32), np.empty((len(faces), 3))
-    offset_m, bounds = np.empty(len(faces), np.float32), np.empty((len(faces), 2), np.float32)
-    rows, owner = np.empty((len(faces), 2), np.int32), np.empty(len(faces), np.int64)
-    n = 0
-    for part in range(len(parts.closed)):
+    edges, plane, offset_m = shapes.edges, shapes.plane, shapes.offset_m
+    bounds, rows, owner = shapes.azimuth, shapes.rows, shapes.face
+    _place(scene, parts.vertex_start[run[0]], parts.vertex_start[run[1]], corners)
+    for part in range(run[0], run[1]):
+        n = parts.face_start[part]
+        shapes.counts[part] = 0
         surrounds, middle, half = _outline(local, parts.vertex_start[part], parts.vertex_start[part + 1])
         if not _reaches(middle, half, sector):
             continue
@@ -235,4 +254,4 @@ def set_up(
             offset_m[n], owner[n] = abs(offset) / length, f
             bounds[n, 0], bounds[n, 1], rows[n, 0], rows[n, 1] = first, last, top, bottom
             n += 1
-    return Shapes(edges, plane, offset_m, bounds, rows, owner), n
+        shapes.counts[part] = n - parts.face_start[part]

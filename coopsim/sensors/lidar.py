@@ -67,7 +67,7 @@ class LidarConfig:
         turn_s: time of a turn, over which the agent and all others move; 0: all rays at one time. Points are where the
             moving agent would have them at the end of the turn.
         backend: "grid" draws all rays at once (see `coopsim.sensors.grid`); "embree" casts each, as a reference.
-        threads: that share a sweep, with "grid"; they change nothing but the time.
+        threads: that share a sweep, with "grid"; they change nothing but the time (by how much is in `docs/speed.md`).
     """
 
     pattern: str | BeamPattern = "HDL-32E"

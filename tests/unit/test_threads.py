@@ -7,7 +7,8 @@ from functools import partial
 
 import pytest
 
-from coopsim.threads import run_all
+from coopsim.atomics import Counters
+from coopsim.threads import run_all, work_together
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 50])
@@ -50,3 +51,54 @@ def test_an_act_may_share_work_with_another_crew() -> None:
         return sum(run_all([partial(int, k)] * 5, 2, "inner"))
 
     assert run_all([partial(act, k) for k in range(6)], 2, "outer") == [5 * k for k in range(6)]
+
+
+def nothing(bell: Counters, number: int) -> None:
+    pass
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_every_helper_is_called_and_given_what_the_leader_is(threads: int) -> None:
+    meeting, given = threading.Barrier(threads, timeout=10.0), list[tuple[int, int]]()
+
+    def act(bell: Counters, number: int) -> None:
+        meeting.wait()  # breaks, were one missing
+        given.append((id(bell), number))
+        meeting.wait()
+
+    for _ in range(3):
+        work_together(act, act, threads)
+    assert len(given) == 3 * threads and len({bell for bell, _ in given}) == 1
+    numbers = [number for _, number in given]
+    assert numbers == sorted(numbers) and len(set(numbers)) == 3
+
+
+def test_nobody_waits_for_a_helper_that_is_busy() -> None:
+    begun, leave = threading.Event(), threading.Event()
+
+    def stay(bell: Counters, number: int) -> None:
+        begun.set()
+        assert leave.wait(10.0)
+
+    def lead(bell: Counters, number: int) -> None:
+        assert begun.wait(10.0)
+
+    try:
+        work_together(lead, stay, 3)
+        for _ in range(3):
+            work_together(nothing, nothing, 3)
+    finally:
+        leave.set()
+
+
+def test_a_helper_outlives_a_job_that_is_broken() -> None:
+    broken, helped = threading.Event(), threading.Event()
+
+    def fail(bell: Counters, number: int) -> None:
+        broken.set()
+        raise ValueError("follower")
+
+    with pytest.raises(ValueError, match="leader"):
+        work_together(lambda bell, number: [broken.wait(10.0), int("leader")], fail, 2)
+    work_together(lambda bell, number: helped.wait(10.0), lambda bell, number: helped.set(), 2)
+    assert helped.is_set()

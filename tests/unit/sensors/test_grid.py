@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -162,9 +164,54 @@ def test_threads_change_nothing(columns: int) -> None:
     scene, grid = soup(mixed_scene(np.random.default_rng(5))), RayGrid(UNEVEN, columns)
     alone = grid.cast(scene, pose())
     for threads in (2, 3, 50):
-        shared = grid.cast(scene, pose(), threads)
-        for name in ("range_m", "face", "cosine"):
-            np.testing.assert_array_equal(getattr(shared, name), getattr(alone, name))
+        assert_same(grid.cast(scene, pose(), threads), alone)
+
+
+def parked(count: int) -> Triangles:
+    return triangles(actors(np.random.default_rng(count).uniform([-30, -30, -3], [30, 30, 3], (count, 3))), [ground()])
+
+
+def assert_same(got: GridHits, want: GridHits) -> None:
+    for name in ("range_m", "face", "cosine"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
+
+
+@pytest.mark.parametrize("pattern", [UNEVEN, PATTERNS.get("VLP-16")])
+def test_threads_change_nothing_of_many_parts(pattern: BeamPattern) -> None:
+    scene, grid = parked(40), RayGrid(pattern, COLUMNS)
+    alone = grid.cast(scene, pose())
+    for _ in range(20):
+        assert_same(grid.cast(scene, pose(), threads=2), alone)
+    assert_same(grid.cast(scene, pose(), threads=5), alone)
+
+
+def test_scenes_of_any_size_follow_each_other() -> None:
+    """What the last one left in memory is not seen."""
+    grid = RayGrid(UNEVEN, COLUMNS)
+    for count in (5, 40, 0, 3, 40):
+        scene = parked(count)
+        assert_same(grid.cast(scene, pose()), RayGrid(UNEVEN, COLUMNS).cast(scene, pose()))
+
+
+def test_sweeps_at_one_time_do_not_mix() -> None:
+    grid, scenes = RayGrid(UNEVEN, COLUMNS), [parked(count) for count in (4, 20, 40)]
+    alone = [grid.cast(scene, pose()) for scene in scenes]
+
+    def cast(k: int) -> list[GridHits]:
+        return [grid.cast(scenes[k], pose(), threads=2) for _ in range(50)]
+
+    with ThreadPoolExecutor(len(scenes)) as pool:
+        for k, sweeps in enumerate(pool.map(cast, range(len(scenes)))):
+            for sweep in sweeps:
+                assert_same(sweep, alone[k])
+
+
+def test_helpers_rest_when_there_is_nothing_to_do() -> None:
+    grid, scene = RayGrid(UNEVEN, COLUMNS), parked(5)
+    grid.cast(scene, pose(), threads=3)
+    began_s = time.process_time()
+    time.sleep(0.5)
+    assert time.process_time() - began_s < 0.1  # two that never rested would take up to a second
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
