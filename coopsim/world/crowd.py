@@ -19,8 +19,10 @@ _REACH_M = 2.5  # the push is below 1 per cent of its strength from here on
 _BEHIND = 0.3  # how much of the push comes from who is behind
 _RADIUS_M = 0.3
 
-_AHEAD_M = 0.9  # how far ahead of oneself the road has to be free
 _MARGIN_M = 0.6  # beside a vehicle
+_STANDING_M_S = 0.1
+_NEAR_M = 3.5  # beyond which no vehicle is in anybody's way
+_NEARER_M = 0.05  # by which one's next step may bring one to a vehicle along which one goes
 _FORESIGHT_S = 1.0  # for which a vehicle's way is kept free
 
 
@@ -64,18 +66,27 @@ def _push_apart(position: Floats, heading: Floats, everybody: NDArray[Any], orde
 
 
 @njit(cache=True, nogil=True)
-def is_blocked(position: Floats, heading: Floats, rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether the next step of people (N, 2) leads into a vehicle, or into where it will be in a moment."""
+def is_blocked(position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool) -> NDArray[np.bool_]:
+    """Whether the next step of people leads into a vehicle, or into where it will be in a moment.
+
+    Args:
+        position: (N, 2) m.
+        ahead: (N, 2) m, from there to where the road has to be free.
+        rows: (V,) `VEHICLE`.
+        passes: they may go along a vehicle that stands, however close: it may stand because of them.
+    """
     blocked = np.zeros(len(position), dtype=np.bool_)
     for i in range(len(position)):
         for k in range(len(rows)):
             vehicle: Vehicle = rows[k]
             dx, dy = position[i, 0] - vehicle.x, position[i, 1] - vehicle.y
-            if math.hypot(dx, dy) > vehicle.length + abs(vehicle.speed) * _FORESIGHT_S + 2.0:
+            if math.hypot(dx, dy) > vehicle.length + abs(vehicle.speed) * _FORESIGHT_S + _NEAR_M:
                 continue
             now = _outside(vehicle, dx, dy)
-            soon = _outside(vehicle, dx + _AHEAD_M * heading[i, 0], dy + _AHEAD_M * heading[i, 1])
+            soon = _outside(vehicle, dx + ahead[i, 0], dy + ahead[i, 1])
             # Who is in its way already may go on, and who is too close may go away from it, but not along.
+            if passes and abs(vehicle.speed) < _STANDING_M_S and soon > now - _NEARER_M:
+                continue
             if soon < _MARGIN_M and now > 0 and soon <= now:
                 blocked[i] = True
                 break

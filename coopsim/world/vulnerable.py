@@ -32,6 +32,10 @@ HURRIED_GAP_S = 2.5
 
 HURRIED_SHARE = 0.1
 
+HELD_S = 3.0
+SQUEEZE_S = 3.0
+"""Who has been held up by others for `HELD_S` goes on through them for `SQUEEZE_S`, or a crowd would stand for ever."""
+
 _CAUTION_M = 2.5  # from either end of a vehicle
 _RELAXATION_S = 0.5
 _BRAKING_M_S2 = 1.5  # towards where one may have to wait, and towards bends
@@ -48,6 +52,8 @@ class Manner(NamedTuple):
         swerve_m: how much farther aside others may push them.
         bend_m_s: speed at the end of a way.
         clear_m: how far from the middle of any vehicle people start.
+        ahead_m: how far ahead of their middle the road has to be free.
+        passes: goes along close to vehicles that stand, in their lane.
     """
 
     speed_m_s: tuple[float, float]
@@ -55,13 +61,15 @@ class Manner(NamedTuple):
     swerve_m: float
     bend_m_s: float
     clear_m: float
+    ahead_m: float
+    passes: bool
 
 
 MANNERS: Mapping[ObjectClass, Manner] = {
-    ObjectClass.PEDESTRIAN: Manner((1.0, 1.6), 0.3, 0.5, 1.6, 0.0),
-    ObjectClass.CHILD: Manner((0.8, 1.4), 0.3, 0.5, 1.4, 0.0),
-    ObjectClass.BICYCLE: Manner((3.5, 5.5), 0.05, 0.1, 2.0, 15.0),
-    ObjectClass.SCOOTER: Manner((3.5, 5.5), 0.05, 0.1, 2.0, 15.0),
+    ObjectClass.PEDESTRIAN: Manner((1.0, 1.6), 0.3, 0.5, 1.6, 0.0, 0.9, passes=False),
+    ObjectClass.CHILD: Manner((0.8, 1.4), 0.3, 0.5, 1.4, 0.0, 0.9, passes=False),
+    ObjectClass.BICYCLE: Manner((3.5, 5.5), 0.05, 0.1, 2.0, 15.0, 2.5, passes=True),
+    ObjectClass.SCOOTER: Manner((3.5, 5.5), 0.05, 0.1, 2.0, 15.0, 2.5, passes=True),
 }
 """People in the world, in this order; the speeds of free walking are about those of Weidmann (ETH Zürich, 1993)."""
 
@@ -117,6 +125,7 @@ class People:
         size = np.array([model.size_m for model in models])[self.model]
         self._length, self._width = size[:, 0], size[:, 1]
         self._waited_s = np.zeros(count)
+        self._held_s = np.zeros(count)  # by other people; below zero: time left to make way through them
         self._goes = ~self._crossing()
 
     def __len__(self) -> int:
@@ -146,10 +155,12 @@ class People:
         way = b - self.position
         distance = np.linalg.norm(way, axis=1)
         heading = way / np.maximum(distance, 1e-9)[:, None]
-        waits = ~self._goes | is_blocked(self.position, heading, fleet.rows)
+        ahead = heading * self._manner.ahead_m
+        waits = ~self._goes | is_blocked(self.position, ahead, fleet.rows, self._manner.passes)
         self._waited_s = np.where(waits, self._waited_s + dt_s, 0.0)
         wanted = heading * np.minimum(self.speed, self._allowed(distance))[:, None]
-        force = (wanted - self.velocity) / _RELAXATION_S + push_apart(self.position, heading, everybody)
+        push = push_apart(self.position, heading, everybody) * (self._held_s >= 0)[:, None]
+        force = (wanted - self.velocity) / _RELAXATION_S + push
         velocity = self.velocity + force * dt_s
         fastest = np.minimum(1.0, self.speed / np.maximum(np.hypot(*velocity.T), 1e-9))
         moved = np.where(waits[:, None], 0.0, velocity * (fastest * dt_s)[:, None])
@@ -159,6 +170,7 @@ class People:
         self.travelled_m += np.hypot(*self.velocity.T) * dt_s
         walks = np.hypot(*self.velocity.T) > 0.1
         self.yaw = np.where(walks, np.arctan2(self.velocity[:, 1], self.velocity[:, 0]), self.yaw)
+        self._held_s = self._held_for(dt_s, ~walks & ~waits & ~self._queues(waits))
         self._turn_at_ends(a, b)
         self._turn_back()
 
@@ -177,6 +189,16 @@ class People:
         excess = aside.sum(axis=1) - np.clip(aside.sum(axis=1), -limit, limit)
         kept: Floats = after - excess[:, None] * normal
         return kept
+
+    def _queues(self, waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Who comes to where others of the class wait to cross."""
+        queues: NDArray[np.bool_] = np.isin(self._to, self._from[waits]) & ~self._crossing()
+        return queues
+
+    def _held_for(self, dt_s: float, held: NDArray[np.bool_]) -> Floats:
+        """Seconds, of those who are `held` and of those who make way."""
+        held_s = np.where(held | (self._held_s < 0), self._held_s + dt_s, 0.0)
+        return np.where(held_s > HELD_S, -SQUEEZE_S, held_s)
 
     def _turn_at_ends(self, a: Floats, b: Floats) -> None:
         # Everyone draws in every frame, arrived or not: one person's way does not shift another's.

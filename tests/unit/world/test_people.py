@@ -14,6 +14,7 @@ from worlds import frames, make_world, vehicles
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.iou import iou_bev
 from coopsim.taxonomy import ObjectClass
+from coopsim.world import vulnerable
 from coopsim.world.crowd import is_blocked, push_apart
 from coopsim.world.engine.fleet import BODY, VEHICLE, Fleet
 from coopsim.world.layout import Footways
@@ -116,8 +117,8 @@ def test_nobody_steps_in_front_of_a_car_or_into_its_side() -> None:
     position = np.array([[0.0, 2.0], [4.0, 1.8], [0.0, 6.0], [-5.0, 0.0]])
     down = np.tile([0.0, -1.0], (4, 1))
     rows = fleet((0.0, 0.0, 0.0, 5.0)).rows
-    np.testing.assert_array_equal(is_blocked(position, down, rows), [True, True, False, False])
-    assert not is_blocked(position, -down, rows).any()  # away from it
+    np.testing.assert_array_equal(is_blocked(position, 0.9 * down, rows, False), [True, True, False, False])
+    assert not is_blocked(position, -0.9 * down, rows, False).any()  # away from it
 
 
 def test_cars_stop_for_somebody_on_the_crosswalk_and_go_on() -> None:
@@ -151,6 +152,39 @@ def test_nobody_starts_in_somebody_else(name: str) -> None:
         actors = make_world(name, seed, pedestrians=30, children=8, bicycles=6, scooters=4).actors()
         rows = np.hstack([actors.boxes.center, actors.boxes.size, actors.boxes.yaw[:, None]])
         assert np.count_nonzero(iou_bev(rows, rows)) == len(rows)  # everybody with oneself
+
+
+def test_riders_who_meet_on_a_narrow_way_do_not_stand_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    def least_reach_m() -> float:
+        riders = People(a_way(20.0), 8, ObjectClass.BICYCLE, models(), 0, NOBODY)
+        places = walk(riders, 1500, fleet())[-300:, :, 0]
+        return float(np.ptp(places, axis=0).min())
+
+    assert least_reach_m() > 15.0
+    monkeypatch.setattr(vulnerable, "HELD_S", np.inf)
+    assert least_reach_m() < 1.0
+
+
+def test_riders_pass_a_truck_that_stands_because_of_them() -> None:
+    truck = fleet((0.0, -1.8, 0.0, 0.0))
+    truck.rows["length"], truck.rows["width"] = 8.0, 2.5  # 0.55 m beside their middle
+    position, along = np.array([[0.0, 0.0], [-8.0, -1.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
+    assert is_blocked(position, along, truck.rows, False).tolist() == [True, False]
+    assert is_blocked(position, 2.5 * along, truck.rows, True).tolist() == [False, False]
+    assert is_blocked(position, 3.5 * along, truck.rows, True).tolist() == [False, True]  # it is ahead of the second
+    truck.rows["speed"] = 3.0
+    assert is_blocked(position, 2.5 * along, truck.rows, True)[0]
+
+
+def test_crosswalks_that_riders_share_with_people_stay_passable() -> None:
+    world = make_world("parking_street", 0, bicycles=4, scooters=2, children=4)
+    rows = world._traffic.fleet.rows[:14]
+    still_s = np.zeros(14)
+    for _ in range(1500):
+        world.step(DT_S)
+        still_s = np.where(np.abs(rows["speed"]) < 0.1, still_s + DT_S, 0.0)
+        assert still_s.max() < 60.0
+    assert world.crashed() == ()
 
 
 def test_velocities_are_what_positions_do() -> None:
