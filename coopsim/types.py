@@ -317,7 +317,7 @@ class Message:
     """What one agent broadcast.
 
     Attributes:
-        sender: the agent's name.
+        sender: the agent's name, which is not empty.
         captured_ns: when the content was sensed (not when it was sent or arrived).
         pose: the sender's estimate of its own pose at that time.
         payload: the encoded content.
@@ -329,6 +329,10 @@ class Message:
     pose: PoseEstimate
     payload: bytes
     codec: str
+
+    def __post_init__(self) -> None:
+        if not self.sender:
+            raise InvalidValueError("sender must be an agent's name, got ''")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
