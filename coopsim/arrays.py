@@ -89,9 +89,10 @@ def _described(array: NDArray[Any]) -> str:
 
 def require_identified(ids: NDArray[np.int64], label: NDArray[np.int64], what: str) -> None:
     """Raise `InvalidValueError` unless the ids of one frame's objects (N,) are unique, and their labels classes."""
-    unique, counts = np.unique(ids, return_counts=True)
-    if len(unique) < len(ids):
-        twice = unique[counts > 1].tolist()
+    ordered = np.sort(ids)
+    again = ordered[1:] == ordered[:-1]
+    if again.any():
+        twice = np.unique(ordered[1:][again]).tolist()
         raise InvalidValueError(f"{what} ids must be unique within a frame, got {twice} more than once")
     if len(label) and not (label.min() >= 0 and label.max() < len(CLASS_NAMES)):
         wrong = sorted(set(label.tolist()) - set(range(len(CLASS_NAMES))))
