@@ -88,12 +88,17 @@ def _described(array: NDArray[Any]) -> str:
 
 
 def require_identified(ids: NDArray[np.int64], label: NDArray[np.int64], what: str) -> None:
-    """Raise `InvalidValueError` unless the ids of one frame's objects (N,) are unique, and their labels classes."""
+    """Raise `InvalidValueError` unless the ids (N,) of one frame's objects are unique, and their labels classes."""
     ordered = np.sort(ids)
     again = ordered[1:] == ordered[:-1]
     if again.any():
         twice = np.unique(ordered[1:][again]).tolist()
         raise InvalidValueError(f"{what} ids must be unique within a frame, got {twice} more than once")
+    require_classes(label, what)
+
+
+def require_classes(label: NDArray[np.int64], what: str) -> None:
+    """Raise `InvalidValueError` unless all labels (N,) are those of an `ObjectClass`."""
     if len(label) and not (label.min() >= 0 and label.max() < len(CLASS_NAMES)):
         wrong = sorted(set(label.tolist()) - set(range(len(CLASS_NAMES))))
         raise InvalidValueError(f"{what} labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
