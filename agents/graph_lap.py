@@ -89,8 +89,9 @@ class GraphLapAOS(GraphLap):
 class GraphLapTSA(GraphLap):
     """One stage per agent, anchored at that agent's boxes (eq. 12-13): the others' first, then the own.
 
-    Later stages only extend tracks that the stages before missed (algorithm 1, lines 18-21): every box stands in every
-    stage, so letting each stage begin tracks would begin every track several times. Parameters as in `GraphLap`.
+    Later stages only extend tracks that the stages before missed (algorithm 1, lines 18-20). In the paper they begin
+    tracks, too (line 21); not here, because every box stands in every stage, so each would begin another track of an
+    object that the stage before has just updated. Parameters as in `GraphLap`.
     """
 
     def make_tracker(self) -> Tracker:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from coopsim.agents.base import Policy
-from coopsim.agents.tracking import over_origin
+from coopsim.agents.tracking import over_origin, within_reach
 from coopsim.catalog import POLICIES
 from coopsim.checks import require_between, require_choice, require_flag, require_number
 from coopsim.comms.message import decode_tracks
@@ -23,11 +23,8 @@ from coopsim.tracking.late import OWN
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
-from coopsim.tracking.tracker import sane
+from coopsim.tracking.tracker import FARTHEST_M, reportable
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
-
-_FARTHEST_M = 10_000.0
-"""What is farther away in x or y is left out: no radio reaches there, and uncertainties grow with its square."""
 
 _MOTION = ConstantVelocity()
 """How what was heard moves on: as in the tracker that it comes from."""
@@ -114,7 +111,7 @@ class TrackToTrack(Policy):
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each agent's last message, while it is valid, in order of the agents' names."""
-        read = list(self.read(agent, observation.inbox, decode_tracks))
+        read = self.read(agent, within_reach(observation), decode_tracks)
         for (message, estimates), pose in zip(read, self._poses(read, observation, state), strict=True):
             captured_ns = min(message.captured_ns, observation.time_ns)
             known = state.heard.get(message.sender)
@@ -132,7 +129,7 @@ class TrackToTrack(Policy):
         frame = state.tracker.frame
         if state.alignment is None:
             return [frame.odom_SE3_sender(message, observation) for message, _ in read]
-        own = sane(observation.detections).transform(frame.odom_SE3_base)
+        own = reportable(observation.detections).transform(frame.odom_SE3_base)
         heard = [
             Heard(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
             for message, each in read
@@ -146,7 +143,7 @@ class TrackToTrack(Policy):
         frame = state.tracker.frame
         estimates = estimates.transform(odom_SE3_sender)
         away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
-        estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= _FARTHEST_M]
+        estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= FARTHEST_M]
         if state.is_object:
             then = frame.pose_at(captured_ns)
             estimates = estimates[~over_origin(estimates.tracks.boxes.transform(then.inverse()))]

@@ -17,8 +17,8 @@ from coopsim.geometry.se3 import SE3
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.late import LATE, OWN, LateMeasurements, Measurement
 from coopsim.tracking.odometry import OdometryFrame
-from coopsim.tracking.tracker import Tracker, sane
-from coopsim.types import AgentSpec, Detections, Mask, Observation, Tracks
+from coopsim.tracking.tracker import FARTHEST_M, Tracker, reportable
+from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
 
 
 @dataclass
@@ -69,9 +69,9 @@ class TrackingPolicy(Policy):
         state = self._states[agent]
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = sane(observation.detections).transform(odom_SE3_base)
-        read = [] if self.uplink == "none" else self.read(agent, observation.inbox, decode_detections)
-        heard = [Heard(message, sane(found)) for message, found in read]
+        own = reportable(observation.detections).transform(odom_SE3_base)
+        read = [] if self.uplink == "none" else self.read(agent, within_reach(observation), decode_detections)
+        heard = [Heard(message, reportable(found)) for message, found in read]
         poses = _poses(heard, own, observation, state)
         measured = [Measurement(OWN, observation.time_ns, own)]
         measured += [_received(each, pose, state) for each, pose in zip(heard, poses, strict=True)]
@@ -92,6 +92,12 @@ def _received(heard: Heard, odom_SE3_sender: SE3, state: _AgentState) -> Measure
         then = state.frame.pose_at(message.captured_ns)
         found = found[~over_origin(found.boxes.transform(then.inverse()))]
     return Measurement(message.sender, message.captured_ns, found)
+
+
+def within_reach(observation: Observation) -> list[Message]:
+    """The messages whose senders say that they are within `FARTHEST_M` of the receiver."""
+    here = observation.pose.xyz_yaw[:3]
+    return [each for each in observation.inbox if np.abs(each.pose.xyz_yaw[:3] - here).max() <= FARTHEST_M]
 
 
 def over_origin(boxes: Boxes3D) -> Mask:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from coopsim.errors import InvalidValueError
+from coopsim.taxonomy import CLASS_NAMES
 
 Shape = tuple[int | None, ...]
 
@@ -84,6 +85,23 @@ def _described(array: NDArray[Any]) -> str:
     """Its type and, if that is short, what is in it."""
     content = repr(array.tolist())
     return f"{array.dtype} {content}" if len(content) <= 40 else str(array.dtype)
+
+
+def require_identified(ids: NDArray[np.int64], label: NDArray[np.int64], what: str) -> None:
+    """Raise `InvalidValueError` unless the ids (N,) of one frame's objects are unique, and their labels classes."""
+    ordered = np.sort(ids)
+    again = ordered[1:] == ordered[:-1]
+    if again.any():
+        twice = np.unique(ordered[1:][again]).tolist()
+        raise InvalidValueError(f"{what} ids must be unique within a frame, got {twice} more than once")
+    require_classes(label, what)
+
+
+def require_classes(label: NDArray[np.int64], what: str) -> None:
+    """Raise `InvalidValueError` unless all labels (N,) are those of an `ObjectClass`."""
+    if len(label) and not (label.min() >= 0 and label.max() < len(CLASS_NAMES)):
+        wrong = sorted(set(label.tolist()) - set(range(len(CLASS_NAMES))))
+        raise InvalidValueError(f"{what} labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
 
 
 def require_finite(array: NDArray[Any], what: str) -> None:

@@ -13,11 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.arrays import Shape, frozen, require_finite
+from coopsim.arrays import Shape, frozen, require_finite, require_identified
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.taxonomy import CLASS_NAMES
 
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -178,13 +177,7 @@ class Tracks:
         self.boxes.validate("tracks")
         require_finite(self.velocity, "track velocity")
         require_finite(self.score, "track score")
-        unique, counts = np.unique(self.id, return_counts=True)
-        if len(unique) < len(self.id):
-            twice = unique[counts > 1].tolist()
-            raise InvalidValueError(f"track ids must be unique within a frame, got {twice} more than once")
-        if not (self.label.min() >= 0 and self.label.max() < len(CLASS_NAMES)):
-            wrong = sorted({int(label) for label in self.label} - set(range(len(CLASS_NAMES))))
-            raise InvalidValueError(f"track labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
+        require_identified(self.id, self.label, "track")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,7 +310,7 @@ class Message:
     """What one agent broadcast.
 
     Attributes:
-        sender: the agent's name.
+        sender: the agent's name, which is not empty.
         captured_ns: when the content was sensed (not when it was sent or arrived).
         pose: the sender's estimate of its own pose at that time.
         payload: the encoded content.
@@ -329,6 +322,10 @@ class Message:
     pose: PoseEstimate
     payload: bytes
     codec: str
+
+    def __post_init__(self) -> None:
+        if not self.sender:
+            raise InvalidValueError("sender must be an agent's name, got ''")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from coopsim.arrays import as_numbers
+from coopsim.arrays import as_numbers, require_classes
 from coopsim.embedding import directions
 from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -239,6 +239,7 @@ def _unpack_tracks(packed: object) -> Tracks:
 
 def _pack_detections(found: Detections, embedding_dim: int, *, covariances: bool) -> dict[str, Any]:
     """Embeddings at length 1, zeros for none, as for covariances: an observation is finite."""
+    require_classes(found.label, "detection")
     rows: dict[str, Any] = {"box": found.boxes.array, "score": found.score[:, None], "label": found.label}
     if found.embedding is not None and found.embedding.shape[1] != embedding_dim:
         width = found.embedding.shape[1]

@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 import coopsim
 from coopsim.world.scenario import SCENARIOS
+
+# How fast examples are drawn and run is the machine's affair: a busy one is no failure.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
 
 SMALL: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 12}
 """Quick to sense, and still with agents that hear each other."""
 
 SIMULATED = SCENARIOS.names()
-
-# A busy machine, or a kernel that is still to be compiled, is no failure.
-settings.register_profile("coopsim", deadline=None)
-settings.load_profile("coopsim")
 
 
 @pytest.fixture

@@ -56,6 +56,8 @@ def decode_message(wire: bytes) -> Message:
         codec = wire[least + sender_length : names_end].decode()
     except UnicodeDecodeError as error:
         raise CodecError(f"the names in the envelope are not UTF-8: {error}") from error
+    if not sender:
+        raise CodecError("the envelope names no sender")
     if not np.isfinite(pose).all():
         raise CodecError(f"the sender's pose must be finite, got {pose}")
     covariance = _unpack_covariance(_COVARIANCE.unpack_from(wire, names_end)) if stated else None

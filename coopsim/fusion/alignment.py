@@ -19,6 +19,9 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.tracking.odometry import OdometryFrame
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, PoseEstimate
 
+_KNOWN_NS = 60 * NS_PER_S
+"""For how long the pose error of an agent that is silent is remembered; names may change for ever."""
+
 _MEMORY_NS = 2 * NS_PER_S
 _GATES_M = (2.0, 1.0)
 """Farthest apart of two boxes on one object: under the consensus, and once the poses are corrected by it."""
@@ -103,6 +106,8 @@ class PoseAlignment:
         now_ns = observation.time_ns
         self._seen = {time_ns: seen for time_ns, seen in self._seen.items() if time_ns >= now_ns - _MEMORY_NS}
         self._seen[now_ns] = _seen(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
+        self._used_ns = {name: used_ns for name, used_ns in self._used_ns.items() if used_ns >= now_ns - _KNOWN_NS}
+        self._senders = {name: self._senders[name] for name in self._used_ns}
 
     def _corrections(
         self, captured_ns: int, heard: Sequence[Heard], stated: Sequence[SE3], observation: Observation

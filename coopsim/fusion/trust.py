@@ -71,7 +71,8 @@ def away_from_middle(detections: Detections) -> Floats:
     if not len(detections):
         return np.zeros(0)
     places = detections.boxes.center[:, :2]
-    weight = np.maximum(detections.score, 1e-6) ** _CLEARLY
+    score = np.maximum(detections.score, 1e-6)
+    weight = (score / score.max()) ** _CLEARLY
     distance: Floats = np.linalg.norm(places - weight @ places / weight.sum(), axis=1)
     return distance
 

@@ -45,7 +45,17 @@ class Evaluator:
         self._last_frame = np.zeros(0, dtype=np.int64)
 
     def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
-        """Score one frame; truth and tracks in one frame of reference, ids unique in each."""
+        """Score one frame.
+
+        Args:
+            truth: what is there.
+            tracks: what is reported, in the same frame of reference.
+
+        Raises:
+            InvalidValueError: boxes are not finite or have no size, ids are not unique, or labels are no classes.
+        """
+        truth.validate()
+        tracks.validate()
         if not len(tracks):
             self.log.append(truth, tracks, Pairs.none())
             return FrameCounts(0, 0, len(truth), 0, len(truth))

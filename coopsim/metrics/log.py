@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.arrays import frozen, require_identified
 from coopsim.checks import require_threshold
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -34,6 +35,13 @@ class GroundTruth:
     label: Ints
     seen_by: Ints | None = None
 
+    def __post_init__(self) -> None:
+        count = (len(self.boxes),)
+        object.__setattr__(self, "id", frozen(self.id, count, np.int64, "id"))
+        object.__setattr__(self, "label", frozen(self.label, count, np.int64, "label"))
+        if self.seen_by is not None:
+            object.__setattr__(self, "seen_by", frozen(self.seen_by, count, np.int64, "seen_by"))
+
     @classmethod
     def empty(cls) -> GroundTruth:
         """No objects."""
@@ -42,6 +50,11 @@ class GroundTruth:
 
     def __len__(self) -> int:
         return len(self.boxes)
+
+    def validate(self) -> None:
+        """Raise `InvalidValueError` on what nothing can be scored against: not finite, no size, twice the same id."""
+        self.boxes.validate("objects")
+        require_identified(self.id, self.label, "object")
 
 
 _COLUMNS = {

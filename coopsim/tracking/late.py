@@ -96,6 +96,10 @@ class AsIfCurrent(LateMeasurements):
         return self._track([measurement.detections for measurement in self._newest(measurements)], now_ns)
 
 
+_WORTHLESS_NS = 5 * NS_PER_S
+"""What was captured longer ago is not moved on, and who has been silent for longer is forgotten: names may change."""
+
+
 class PredictForward(LateMeasurements):
     """Moves what is late to where it should be by now.
 
@@ -111,17 +115,21 @@ class PredictForward(LateMeasurements):
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         self.tracker.require_time(now_ns)
+        oldest_ns = now_ns - _WORTHLESS_NS
+        self._sources = {name: each for name, each in self._sources.items() if (each.time_ns or 0) >= oldest_ns}
         return self._track([self._moved(measurement, now_ns) for measurement in self._newest(measurements)], now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         found, captured_ns = sane(measurement.detections), min(measurement.captured_ns, now_ns)
         if measurement.source == OWN:
             return found
-        source = self._sources.setdefault(measurement.source, self._make_tracker())
-        if source.time_ns is not None and captured_ns <= source.time_ns:
-            return Detections.empty()  # something newer of this source has been used
+        source = self._sources.get(measurement.source) or self._make_tracker()
+        overtaken = source.time_ns is not None and captured_ns <= source.time_ns
+        if overtaken or captured_ns < now_ns - _WORTHLESS_NS:
+            return Detections.empty()
         moved = source.velocity_of(found, captured_ns) * (now_ns - captured_ns) / NS_PER_S
         source.step(found, captured_ns)
+        self._sources[measurement.source] = source
         center = found.boxes.center + np.pad(moved, ((0, 0), (0, 1)))
         return replace(found, boxes=Boxes3D(center, found.boxes.size, found.boxes.yaw))
 

@@ -6,7 +6,7 @@ from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.estimates import TrackEstimates
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.odometry import OdometryFrame
-from coopsim.tracking.tracker import sane
+from coopsim.tracking.tracker import reportable
 from coopsim.types import Observation
 
 
@@ -34,7 +34,7 @@ class OnBoardTracker:
         """
         self.frame.move(observation)
         tracks = self._tracker.step(
-            sane(observation.detections).transform(self.frame.odom_SE3_base), observation.time_ns
+            reportable(observation.detections).transform(self.frame.odom_SE3_base), observation.time_ns
         )
         beliefs = self._tracker.reported().beliefs
         return TrackEstimates(tracks, ConstantVelocity.planar_covariance(beliefs))

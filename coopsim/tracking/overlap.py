@@ -19,7 +19,9 @@ _YAW = 6
 def xiou(a: ArrayLike, b: ArrayLike) -> Floats:
     """XIOU, in [0, 1]: GIoU in 3D and agreement of the headings, (GIoU + 1) (cos(difference) + 1) / 4.
 
-    Opposite headings give 0 whatever the overlap, so a detector must know front from back.
+    Opposite headings give 0 whatever the overlap, so a detector must know front from back. The enclosing shape is that
+    of `giou_3d`, an upright prism: convex, and the smallest such shape (eq. 20) where both boxes have the same floor
+    and roof.
 
     Source: Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D Multi-Object Tracking in
     Vehicle-Infrastructure Cooperation", eq. 19-23.

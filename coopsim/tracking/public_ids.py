@@ -27,7 +27,7 @@ class PublicIds:
     """
 
     def __init__(self, memory_ns: int) -> None:
-        self._memory_ns, self._next = memory_ns, 1
+        self._memory_ns, self._next, self._next_agent = memory_ns, 1, 0
         self._agents: dict[str, int] = {}
         self._keys, self._public, self._used_ns = (np.zeros(0, dtype=np.int64) for _ in range(3))
 
@@ -44,7 +44,7 @@ class PublicIds:
             now_ns: must not go back.
         """
         self._forget(now_ns - self._memory_ns)
-        numbers = np.array([self._agents.setdefault(agent, len(self._agents)) for agent in agents], dtype=np.int64)
+        numbers = np.array([self._number(agent) for agent in agents], dtype=np.int64)
         keys = (numbers << _LOCAL_BITS) + members
         present = members != ABSENT
         public: Ints = np.where(present, self._known(keys), _UNKNOWN).min(axis=1, initial=_UNKNOWN)
@@ -54,6 +54,12 @@ class PublicIds:
         self._next += int(np.count_nonzero(fresh))
         self._remember(keys[present], np.broadcast_to(public[:, None], keys.shape)[present], now_ns)
         return public
+
+    def _number(self, agent: str) -> int:
+        if agent not in self._agents:
+            self._agents[agent] = self._next_agent
+            self._next_agent += 1
+        return self._agents[agent]
 
     def _known(self, keys: Ints) -> Ints:
         """The ids that keys of any shape were last reported under, or `_UNKNOWN`."""
@@ -71,4 +77,8 @@ class PublicIds:
 
     def _forget(self, oldest_ns: int) -> None:
         recent = self._used_ns >= oldest_ns
+        if recent.all():
+            return
         self._keys, self._public, self._used_ns = self._keys[recent], self._public[recent], self._used_ns[recent]
+        known = set((self._keys >> _LOCAL_BITS).tolist())
+        self._agents = {agent: number for agent, number in self._agents.items() if number in known}

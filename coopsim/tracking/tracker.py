@@ -10,6 +10,7 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.taxonomy import CLASS_NAMES
 from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.cascade import Cascade, Chooser, everyone
 from coopsim.tracking.lifecycle import Lifecycle
@@ -217,6 +218,22 @@ class Tracker:
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
+
+
+FARTHEST_M = 10_000.0
+"""Nothing farther from an agent along any axis is taken in: no sensor sees and no radio reaches as far."""
+
+
+def reportable(detections: Detections) -> Detections:
+    """What is `sane`, of a class that a report can name, and within `FARTHEST_M` of the agent.
+
+    Args:
+        detections: in an agent's base frame.
+    """
+    found = sane(detections)
+    good = (found.label >= 0) & (found.label < len(CLASS_NAMES))
+    good &= (np.abs(found.boxes.center) <= FARTHEST_M).all(axis=1)
+    return found if good.all() else found[good]
 
 
 def sane(detections: Detections) -> Detections:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.arrays import as_numbers
 from coopsim.comms.codecs.codec import CODECS, Codec, pack_rows, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
@@ -65,7 +66,8 @@ class TracksCodec(Codec[TrackEstimates]):
             raise CodecError("track ids must be unique within a message")
         tracks = Tracks(rows["id"], Boxes3D.from_array(rows["box"]), rows["velocity"], rows["score"], rows["label"])
         covariance = np.empty((len(rows), PLANAR, PLANAR))
-        covariance[:, *_UPPER] = covariance[:, *_UPPER[::-1]] = rows["covariance"]
+        upper = as_numbers(rows["covariance"], np.float64, "covariance")
+        covariance[:, *_UPPER] = covariance[:, *_UPPER[::-1]] = upper
         content = TrackEstimates(tracks, covariance)
         if not (good := sendable(content)).all():
             raise CodecError(f"track {int(np.argmin(good))} is none: {_ACCEPTED}")

@@ -169,6 +169,12 @@ def test_embeddings_survive_packing_as_directions() -> None:
         pack_observation(observe(seen), names)
 
 
+def test_a_detector_that_names_no_class_is_told_so_not_the_policy() -> None:
+    wrong = replace(detections((7, 8, 0.2)), label=[99])
+    with pytest.raises(coopsim.errors.InvalidValueError, match=r"detection labels must be in 0..8, got \[99\]"):
+        pack_observation(observe(wrong), ("cav_0",))
+
+
 def test_covariances_of_detections_survive_packing() -> None:
     names, spec = ("cav_0",), specs("cav_0")["cav_0"]
     spread = np.stack([np.diag(np.arange(1.0, 8.0)), np.eye(7)])

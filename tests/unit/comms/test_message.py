@@ -1,6 +1,8 @@
 """What is encoded comes back, and what is not a message is refused by name."""
 
 import contextlib
+import struct
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from coopsim.comms.codecs.detections import DetectionsCodec
 from coopsim.comms.message import decode_detections, decode_message, encode_message
-from coopsim.errors import CodecError
+from coopsim.errors import CodecError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections, Message, PoseEstimate
 
@@ -61,6 +63,18 @@ def test_random_bytes_are_refused_or_decoded_never_worse(noise: bytes) -> None:
     for decode in (decode_message, DetectionsCodec().decode):
         with contextlib.suppress(CodecError):
             decode(noise)
+
+
+def test_a_message_names_its_sender() -> None:
+    """Nobody's would stand for what the receiver measured itself."""
+    with pytest.raises(InvalidValueError, match="sender must be an agent's name"):
+        replace(message(), sender="")
+    wire = bytearray(encode_message(message()))
+    content = wire[4:]  # after the checksum
+    content[0] = 0  # the length of its name
+    del content[1 + 1 + 8 + 32 + 4 : 1 + 1 + 8 + 32 + 4 + len("cav_0")]
+    with pytest.raises(CodecError, match="names no sender"):
+        decode_message(struct.pack("<I", zlib.crc32(content)) + bytes(content))
 
 
 def test_other_content_is_refused() -> None:

@@ -132,6 +132,16 @@ def test_the_same_message_twice_is_placed_twice_alike_and_an_unknown_sender_is_p
     assert np.hypot(*(other.translation - there.translation)[:2]) < 0.2
 
 
+def test_senders_that_change_their_names_for_ever_are_forgotten() -> None:
+    frame, alignment = OdometryFrame(), PoseAlignment(NAMES, "cav_0")
+    for k in range(0, 900, 3):
+        own, here = Detections.empty(), PoseEstimate(np.zeros(4))
+        observation = Observation(k * FRAME_NS, here, Odometry(np.zeros(4)), own)
+        frame.move(observation)
+        alignment.place(observation, frame, own, [Heard(Message(f"cav_{k}", k * FRAME_NS, here, b"", ""), own)])
+    assert len(alignment._senders) == len(alignment._used_ns) <= 201
+
+
 @pytest.mark.parametrize(("kept", "size"), [(0.0, 0.5), (0.95, 0.3), (1.0, 0.8)])
 def test_how_large_an_error_is_and_how_long_it_lasts_is_learned(kept: float, size: float) -> None:
     rng, moments = np.random.default_rng(4), Moments(np.square([0.1, 0.1, 0.002]))

@@ -118,6 +118,7 @@ def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
     np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)
     assert len(away_from_middle(found())) == 0
     assert np.isfinite(away_from_middle(found((0, 0.0), (10, -3.0)))).all()
+    np.testing.assert_allclose(away_from_middle(found((0, 1e300), (10, 0.5))), [0, 10])
 
 
 def test_how_far_a_fused_box_is_from_what_the_nearest_agent_sees_clearly() -> None:

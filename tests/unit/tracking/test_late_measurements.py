@@ -114,6 +114,16 @@ def test_what_was_overtaken_by_newer_of_its_source_is_left_out() -> None:
     assert len(tracks.tracker.state.tracked) == 1
 
 
+def test_who_is_silent_for_long_is_forgotten_and_what_is_far_too_old_left_out() -> None:
+    tracks = PredictForward(lambda: ab3dmot(hits=1))
+    for k in range(300):
+        source = f"pseudonym {k // 10}"
+        tracks.step([Measurement(source, k * FRAME_NS, cars(0.1 * k))], k * FRAME_NS)
+    assert len(tracks._sources) <= 6
+    assert len(tracks.step([Measurement("rsu_0", 200 * FRAME_NS, cars(90.0))], 300 * FRAME_NS)) == 1
+    assert "rsu_0" not in tracks._sources
+
+
 @pytest.mark.parametrize("name", LATE.names())
 @pytest.mark.parametrize(("first", "order"), [(OWN, [9, 3, 7]), ("b", [7, 9, 3])])
 def test_the_newest_of_each_source_the_most_trusted_first(name: str, first: str, order: list[int]) -> None:

@@ -72,6 +72,14 @@ def test_ids_are_unique_never_handed_on_and_forgotten_over_many_frames() -> None
     assert len(names_of) > 60 and used == set(range(1, max(used) + 1))
 
 
+def test_agents_that_change_their_names_for_ever_are_forgotten() -> None:
+    ids = PublicIds(MEMORY_NS)
+    for k in range(200):
+        one, other = ids.assign(["", f"cav_{k}"], np.array([[3, ABSENT], [ABSENT, 3]]), k * 100).tolist()
+        assert one == 1 and other == k + 2
+    assert len(ids._agents) <= 2 + MEMORY_NS // 100
+
+
 def test_nothing_to_name() -> None:
     ids = PublicIds(MEMORY_NS)
     assert assign(ids, 0) == [] and ids.assign([""], np.zeros((0, 1), dtype=np.int64), 1).tolist() == []
