@@ -27,8 +27,8 @@ SAME_WAY = 0.5
 def swing_m(length_m: float, axle_m: float, radius_m: float) -> float:
     """How far outside the way of its front axle, a bend, the front of a long vehicle gets.
 
-    Of the second order in the length over the radius, which is that of the bend. With the axles at its ends (see
-    `Vehicle.axle_m`) a vehicle has no front before the axle, and this is 0.
+    To the second order in the length, which is a little more than it is. With the axles at its ends (`Vehicle.axle_m`)
+    a vehicle has no front before the axle, and this is 0.
     """
     return ((length_m / 2 + axle_m) ** 2 - (2 * axle_m) ** 2) / (2 * radius_m)
 
