@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coopsim.types import Ints
 from coopsim.world.engine.fleet import Body, Vehicle
-from coopsim.world.engine.lanes import CIRCULAR, Lane, LaneArrays, heading_at, local_coordinates
+from coopsim.world.engine.lanes import CIRCULAR, Lane, LaneArrays, distance_to_box, heading_at, local_coordinates
 from coopsim.world.engine.routes import lane_of_route, start_of_route
 
 LONG_M = 6.0
@@ -67,21 +67,24 @@ def tail_ahead(
         straight on; without one it is `limit_m`.
     """
     nearest, nearest_m = -1, limit_m
+    here_m = start_of_route(network, vehicle, route)
     for other in range(vehicles):
         body: Body = bodies[other]
         half_m = body.length / 2
         x, y = body.x - half_m * body.dir_x, body.y - half_m * body.dir_y
         if body.length <= LONG_M or other == me or math.hypot(x - vehicle.x, y - vehicle.y) > nearest_m:
             continue
-        start_m = start_of_route(network, vehicle, route)
+        end_m = here_m
         for k in range(vehicle.route_length):
             lane: Lane = network.lanes[lane_of_route(network, vehicle, route, k)]
+            start_m, end_m = end_m, end_m + lane.length
+            reach = (vehicle.width + body.width) / 2 + BESIDE_M + swing_on(vehicle, lane)
+            if distance_to_box(lane, x, y) > reach:  # saves time
+                continue
             along, aside = local_coordinates(lane, x, y)
             distance_m = start_m + along + half_m
-            start_m += lane.length
             if not (0 <= along <= lane.length and half_m < distance_m < nearest_m):
                 continue
-            reach = (vehicle.width + body.width) / 2 + BESIDE_M + swing_on(vehicle, lane)
             middle_is_off = abs(local_coordinates(lane, body.x, body.y)[1]) >= reach
             same_way = math.cos(body.heading - heading_at(lane, along)) > SAME_WAY
             if abs(aside) < reach and middle_is_off and same_way:
