@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from highway_env.road.lane import AbstractLane, CircularLane
 from highway_env.road.road import Road
+from highway_env.utils import not_zero, wrap_to_pi
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
 from highway_env.vehicle.kinematics import Vehicle
@@ -12,16 +13,10 @@ from highway_env.vehicle.objects import RoadObject
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.engine.car_following import MERGE_M
+from coopsim.world.engine.long_vehicles import BESIDE_M, LONG_M, SAME_WAY, swing_m
 from coopsim.world.engine.neighbours import NEAR_M
 from coopsim.world.engine.routes import draw_turn
-from coopsim.world.engine.town import (
-    BESIDE_M,
-    EASY_BRAKING_M_S2,
-    LOOK_AHEAD_M,
-    STANDING_M_S,
-    STEP_OUT_S,
-    STOP_MARGIN_M,
-)
+from coopsim.world.engine.town import EASY_BRAKING_M_S2, LOOK_AHEAD_M, STANDING_M_S, STEP_OUT_S, STOP_MARGIN_M
 from coopsim.world.junction import Junction
 from coopsim.world.layout import ROADS_AHEAD
 
@@ -38,14 +33,32 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
 
     route: list[tuple[str, str, int | None]] | None
     action: dict[str, float]
+    axle_m: float
     turn_key: int
     turns = 0
     roads_ahead = ROADS_AHEAD
 
-    def fit(self, length_m: float, width_m: float, turn_key: int) -> None:
-        """Take on a size, and what decides the turns."""
-        self.LENGTH, self.WIDTH, self.turn_key = length_m, width_m, turn_key
+    def fit(self, length_m: float, width_m: float, axle_m: float, turn_key: int) -> None:
+        """Take on a size, axles at a distance from the middle, and what decides the turns."""
+        self.LENGTH, self.WIDTH, self.axle_m, self.turn_key = length_m, width_m, axle_m, turn_key
         self.diagonal = np.hypot(length_m, width_m)
+
+    def step(self, dt: float) -> None:
+        # highway-env has the axles at a vehicle's ends: for the bicycle it is as long as its wheelbase.
+        length_m, self.LENGTH = self.LENGTH, 2 * self.axle_m
+        super().step(dt)
+        self.LENGTH = length_m
+
+    def steering_control(self, target_lane_index: tuple[str, str, int]) -> float:
+        """highway-env's; but who reaches beyond its axles leads the front one along the lane, not the middle."""
+        if self.axle_m >= self.LENGTH / 2:
+            return float(super().steering_control(target_lane_index))
+        lane = self.road.network.get_lane(target_lane_index)
+        along, aside = lane.local_coordinates(self.position + self.axle_m * self.direction)
+        heading = np.arcsin(np.clip(-self.KP_LATERAL * aside / not_zero(self.speed), -1, 1))
+        heading = lane.heading_at(along + self.speed * self.TAU_PURSUIT) + np.clip(heading, -np.pi / 4, np.pi / 4)
+        angle = wrap_to_pi(heading - self.heading)
+        return float(np.clip(angle, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE))
 
     def follow_road(self) -> None:
         self.plan_ahead()
@@ -127,7 +140,7 @@ class TownDriver(Driver):
     junction: Junction | None = None
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
-        self.leader, self.leader_m = self._look_ahead()
+        self.leader, self.leader_m = self._tail_ahead(*self._look_ahead())
         super().act(action)
         if not self.crashed:
             free = self.acceleration(self, None)
@@ -180,19 +193,44 @@ class TownDriver(Driver):
                     nearest = (other, distance_m)
         return nearest
 
+    def _tail_ahead(self, nearest: RoadObject | None, nearest_m: float) -> tuple[RoadObject | None, float]:
+        """The nearest, or before it a long vehicle that turns off: its middle is off the route, its tail not yet."""
+        for other in self.road.vehicles:
+            tail = other.position - other.LENGTH / 2 * other.direction
+            if other is self or other.LENGTH <= LONG_M or np.hypot(*(tail - self.position)) > nearest_m:
+                continue
+            for _, lane, start_m in self.upcoming():
+                along, aside = lane.local_coordinates(tail)
+                distance_m = start_m + along + other.LENGTH / 2
+                if not (0 <= along <= lane.length and other.LENGTH / 2 < distance_m < nearest_m):
+                    continue
+                reach = (self.WIDTH + other.WIDTH) / 2 + BESIDE_M + self._swing_m(lane)
+                middle_is_off = abs(lane.local_coordinates(other.position)[1]) >= reach
+                same_way = np.cos(other.heading - lane.heading_at(along)) > SAME_WAY
+                if abs(aside) < reach and middle_is_off and same_way:
+                    nearest, nearest_m = other, distance_m
+        return nearest, nearest_m
+
+    def _swing_m(self, lane: AbstractLane) -> float:
+        return swing_m(self.LENGTH, self.axle_m, lane.radius) if isinstance(lane, CircularLane) else 0.0
+
     def _in_my_way(self, other: RoadObject, lane: AbstractLane, along: float, aside: float) -> bool:
         """Whether to stay behind `other`, which is `along` and `aside` on `lane`.
 
         Vehicles if they go the same way (who crosses is the junction's business), are wrecks, or stand across with
-        their ends in the lane; people if they are in the lane or about to step into it.
+        their ends in the lane; people if they are in the lane or about to step into it. Who swings out itself keeps
+        behind those who go the same way on the outside, too.
         """
         reach = (self.WIDTH + other.WIDTH) / 2 + BESIDE_M
         heading = other.heading - lane.heading_at(along)
         if isinstance(other, Vehicle):
+            same_way = np.cos(heading) > SAME_WAY
+            if same_way:
+                reach += self._swing_m(lane)
             if other.crashed or other.speed < STANDING_M_S:
                 across = np.abs(np.cos(heading)) * other.WIDTH + np.abs(np.sin(heading)) * other.LENGTH
-                return bool(abs(aside) < (self.WIDTH + across) / 2 + BESIDE_M)
-            return bool(abs(aside) < reach and np.cos(heading) > 0.5)
+                return bool(abs(aside) < reach + (across - other.WIDTH) / 2)
+            return bool(abs(aside) < reach and same_way)
         if isinstance(lane, CircularLane):  # the rear of a long vehicle goes inside the bend
             reach += self.LENGTH**2 / (8 * lane.radius)
         soon = aside + other.speed * np.sin(heading) * STEP_OUT_S

@@ -33,6 +33,8 @@ _START_BRAKING_M_S2 = 5.0  # of who starts right behind somebody slower
 _START_GAP_M = 0.5  # left when it has braked
 _START_TURN_RAD = 0.3  # who goes another way is not ahead
 
+_BUS_AXLES = 0.25  # from the middle, in lengths: between them is half of it, as `coopsim.world.models.heavy` draws them
+
 PARKED_ASIDE_M = 0.15
 """How far from the middle of its bay somebody stands, at most."""
 
@@ -168,6 +170,7 @@ class Traffic:
             speeds = np.array(self._layout.speeds_m_s)
             row["target_speed"] = speeds[closest_speed(speeds, speed)]
         row["length"], row["width"] = self._models[model].size_m[:2]
+        row["axle_m"] = row["length"] * (_BUS_AXLES if label == ObjectClass.BUS else 0.5)
         row["lane"] = row["target_lane"] = self._network.lane_number[slot.lane]
         row["time_wanted"], row["lateral_gain"] = _MANNERS[driver]
         row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once
@@ -209,6 +212,7 @@ class Traffic:
             row["x"] = bay.x_m + rng.uniform(-PARKED_ASIDE_M, PARKED_ASIDE_M)
             row["y"], row["heading"] = bay.y_m, bay.heading_rad
             row["length"], row["width"] = self._models[row["model"]].size_m[:2]
+            row["axle_m"] = row["length"] / 2
             lane = self._layout.network.get_closest_lane_index(np.array([bay.x_m, bay.y_m]), bay.heading_rad)
             row["lane"] = row["target_lane"] = self._network.lane_number[lane]
             row["movement"] = row["ticket"] = -1

@@ -29,6 +29,7 @@ class Vehicle(Protocol):
         speed: along the heading, m/s.
         length: m.
         width: m.
+        axle_m: from the middle to either axle; half the length, as in highway-env, unless the ends reach beyond them.
         steering: of the front wheels, rad, in the last step.
         acceleration: m/s2, in the last step.
         lane: the closest.
@@ -57,6 +58,7 @@ class Vehicle(Protocol):
     speed: float
     length: float
     width: float
+    axle_m: float
     steering: float
     acceleration: float
     lane: int

@@ -2,6 +2,11 @@
 
 Polack et al., "The kinematic bicycle model: a consistent model for planning feasible trajectories for autonomous
 vehicles?", IEEE Intelligent Vehicles Symposium 2017.
+
+highway-env has the axles at a vehicle's ends and its middle on the lane's. A bus of 12 m would so need a width of
+6.5 m in a bend of 16 m. Whoever reaches beyond its axles leads the front one along the lane instead, which takes
+4.8 m: Hoffmann et al., "Autonomous automobile trajectory tracking for off-road driving", American Control Conference
+2007, with highway-env's gain and limits.
 """
 
 from __future__ import annotations
@@ -30,14 +35,32 @@ def steer(lane: Lane, vehicle: Vehicle) -> float:
     A proportional controller of the place aside asks for a speed aside, and so for a heading; another of the heading
     asks for a turn rate, and so for a steering angle.
     """
+    if vehicle.axle_m < vehicle.length / 2:
+        return float(_steer_front_axle(lane, vehicle))
     along, aside = local_coordinates(lane, vehicle.x, vehicle.y)
     ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
     speed = not_zero(vehicle.speed)
-    towards = math.asin(min(max(-vehicle.lateral_gain * aside / speed, -1.0), 1.0))
-    wanted = ahead + min(max(towards, -math.pi / 4), math.pi / 4)
-    turn_rate = HEADING_GAIN_1_S * wrap(wanted - vehicle.heading)
-    slip = math.asin(min(max(vehicle.length / 2 / speed * turn_rate, -1.0), 1.0))
+    turn_rate = HEADING_GAIN_1_S * wrap(ahead + _towards_lane(vehicle, aside) - vehicle.heading)
+    slip = math.asin(min(max(vehicle.axle_m / speed * turn_rate, -1.0), 1.0))
     return min(max(math.atan(2 * math.tan(slip)), -STEERING_MAX_RAD), STEERING_MAX_RAD)
+
+
+@njit(cache=True, nogil=True)
+def _steer_front_axle(lane: Lane, vehicle: Vehicle) -> float:
+    """The front wheels go where the lane does under them, and towards its middle line."""
+    x = vehicle.x + vehicle.axle_m * math.cos(vehicle.heading)
+    y = vehicle.y + vehicle.axle_m * math.sin(vehicle.heading)
+    along, aside = local_coordinates(lane, x, y)
+    ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
+    angle = wrap(ahead + _towards_lane(vehicle, aside) - vehicle.heading)
+    return min(max(angle, -STEERING_MAX_RAD), STEERING_MAX_RAD)
+
+
+@njit(cache=True, nogil=True)
+def _towards_lane(vehicle: Vehicle, aside: float) -> float:
+    """Angle to the lane at which to come back to its middle line, rad."""
+    angle = math.asin(min(max(-vehicle.lateral_gain * aside / not_zero(vehicle.speed), -1.0), 1.0))
+    return min(max(angle, -math.pi / 4), math.pi / 4)
 
 
 @njit(cache=True, nogil=True)
@@ -53,7 +76,7 @@ def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
             vehicle.x += vehicle.push_x
             vehicle.y += vehicle.push_y
             vehicle.crashed, vehicle.pushed = True, False
-        vehicle.heading += vehicle.speed * math.sin(slip) / (vehicle.length / 2) * dt_s
+        vehicle.heading += vehicle.speed * math.sin(slip) / vehicle.axle_m * dt_s
         vehicle.speed += vehicle.acceleration * dt_s
         vehicle.timer += dt_s
         vehicle.lane = closest_lane(lanes, vehicle.x, vehicle.y, vehicle.heading, vehicle.lane)

@@ -96,7 +96,7 @@ class ReferenceEngine:
             target_lane_index=self._network.lane_index[row["target_lane"]],
             target_speed=row["target_speed"],
         )
-        vehicle.fit(float(row["length"]), float(row["width"]), int(row["turn_key"]))
+        vehicle.fit(float(row["length"]), float(row["width"]), float(row["axle_m"]), int(row["turn_key"]))
         vehicle.roads_ahead = len(route)
         vehicle.route = [(*self._network.roads[road], None) for road, _ in route[: row["route_length"]]]
         if isinstance(vehicle, Driver):

@@ -12,8 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.engine.fleet import CHAUFFEURED, PARKED, Vehicle
 from coopsim.world.engine.lanes import LaneArrays, local_coordinates
-from coopsim.world.engine.routes import lane_of_route, plan_ahead
-from coopsim.world.engine.town import start_of_route
+from coopsim.world.engine.routes import lane_of_route, plan_ahead, start_of_route
 from coopsim.world.junction import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,

@@ -59,6 +59,13 @@ def lane_of_route(network: LaneArrays, vehicle: Vehicle, route: Ints, k: int) ->
 
 
 @njit(cache=True, nogil=True)
+def start_of_route(network: LaneArrays, vehicle: Vehicle, route: Ints) -> float:
+    """Distance to the start of the route's first road, m: it is on it, so <= 0."""
+    lane = network.lanes[lane_of_route(network, vehicle, route, 0)]
+    return -local_coordinates(lane, vehicle.x, vehicle.y)[0]
+
+
+@njit(cache=True, nogil=True)
 def follow_road(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
     """At the end of the target lane, go for the next."""
     lane = network.lanes[vehicle.target_lane]

@@ -14,18 +14,16 @@ from numpy.typing import NDArray
 from coopsim.types import Ints
 from coopsim.world.engine.car_following import COMFORT_ACC_MAX, desired_gap, free_road, gap_at
 from coopsim.world.engine.fleet import Body, Vehicle
-from coopsim.world.engine.lanes import CIRCULAR, VEHICLE_LENGTH_M, Lane, LaneArrays, heading_at, local_coordinates
+from coopsim.world.engine.lanes import CIRCULAR, VEHICLE_LENGTH_M, Lane, LaneArrays, heading_at
+from coopsim.world.engine.long_vehicles import BESIDE_M, SAME_WAY, swing_on, tail_ahead
 from coopsim.world.engine.neighbours import LaneLists, first_from
-from coopsim.world.engine.routes import lane_of_route
+from coopsim.world.engine.routes import lane_of_route, start_of_route
 
 LOOK_AHEAD_M = 60.0
 EASY_BRAKING_M_S2 = 2.0
 
 STEP_OUT_S = 2.0
 """People who will be in the lane by then are as good as in it."""
-
-BESIDE_M = 0.4
-"""Who leaves no more room than this beside a vehicle is in its way."""
 
 STANDING_M_S = 0.5
 """Who is slower than this stands."""
@@ -54,13 +52,6 @@ def stop_at(network: LaneArrays, vehicle: Vehicle, route: Ints, body: Body, line
 
 
 @njit(cache=True, nogil=True)
-def start_of_route(network: LaneArrays, vehicle: Vehicle, route: Ints) -> float:
-    """Distance to the start of the route's first road, m: it is on it, so <= 0."""
-    lane: Lane = network.lanes[lane_of_route(network, vehicle, route, 0)]
-    return -local_coordinates(lane, vehicle.x, vehicle.y)[0]
-
-
-@njit(cache=True, nogil=True)
 def look_ahead(
     network: LaneArrays, vehicle: Vehicle, route: Ints, bodies: NDArray[Any], vehicles: int, lists: LaneLists, me: int
 ) -> tuple[int, float]:
@@ -83,7 +74,8 @@ def look_ahead(
                 nearest, nearest_m = other, distance_m
                 break
         start_m += lane.length
-    return nearest, nearest_m
+    tail, tail_m = tail_ahead(network, vehicle, route, bodies, vehicles, me, nearest_m)
+    return (tail, tail_m) if tail >= 0 else (nearest, nearest_m)
 
 
 @njit(cache=True, nogil=True)
@@ -91,15 +83,19 @@ def _in_my_way(vehicle: Vehicle, other: Body, drives: bool, lane: Lane, along: f
     """Whether to stay behind `other`, which is `along` and `aside` on the lane.
 
     Vehicles if they go the same way (who crosses is the junction's business), are wrecks, or stand across with their
-    ends in the lane; people if they are in the lane or about to step into it.
+    ends in the lane; people if they are in the lane or about to step into it. Who swings out itself keeps behind those
+    who go the same way on the outside, too; not beside who comes the other way, or the two would wait for each other.
     """
     reach = (vehicle.width + other.width) / 2 + BESIDE_M
     heading = other.heading - heading_at(lane, along)
     if drives:
+        same_way = math.cos(heading) > SAME_WAY
+        if same_way:
+            reach += swing_on(vehicle, lane)
         if other.crashed or other.speed < STANDING_M_S:
             across = abs(math.cos(heading)) * other.width + abs(math.sin(heading)) * other.length
-            return abs(aside) < (vehicle.width + across) / 2 + BESIDE_M
-        return abs(aside) < reach and math.cos(heading) > 0.5
+            return abs(aside) < reach + (across - other.width) / 2
+        return abs(aside) < reach and same_way
     if lane.kind == CIRCULAR:  # the rear of a long vehicle goes inside the bend
         reach += vehicle.length**2 / (8 * lane.radius)
     soon = aside + other.speed * math.sin(heading) * STEP_OUT_S

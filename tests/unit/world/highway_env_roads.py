@@ -61,6 +61,7 @@ def fleet_of(road: Road, network: Network) -> Fleet:
         row["x"], row["y"] = vehicle.position
         row["heading"], row["speed"], row["target_speed"] = vehicle.heading, vehicle.speed, vehicle.target_speed
         row["length"], row["width"], row["timer"] = vehicle.LENGTH, vehicle.WIDTH, vehicle.timer
+        row["axle_m"] = vehicle.LENGTH / 2
         row["lane"] = network.lane_number[vehicle.lane_index]
         row["target_lane"] = network.lane_number[vehicle.target_lane_index]
         row["time_wanted"], row["lateral_gain"] = vehicle.TIME_WANTED, vehicle.KP_LATERAL

@@ -73,6 +73,8 @@ def test_trajectories_are_highway_envs(place: str) -> None:
         ("roundabout", {}),
         ("platoon", {}),
         ("occluded_crossing", {}),
+        ("t_junction", {"vehicles": 14, "buses": 8, "truck_share": 0.3}),
+        ("highway", {"vehicles": 12, "buses": 8, "truck_share": 0.3}),
     ],
 )
 @pytest.mark.parametrize("policy_control", [False, True])
