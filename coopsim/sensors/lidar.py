@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -29,10 +29,13 @@ from coopsim.sensors.returns import Echoes, Optics, receive, reflect
 from coopsim.sensors.shutter import SECTORS, Turn
 from coopsim.types import Ints, Sweep
 
+if TYPE_CHECKING:
+    from coopsim.sensors.torch_grid import TorchGrid
+
 MOST_COLUMNS = 16384
 """No sensor fires more often per turn; what is more than this is a slip that would fill the memory."""
 
-BACKENDS = ("grid", "embree")
+BACKENDS = ("grid", "torch", "embree")
 _NOBODY = -2  # an instance that no face has
 
 
@@ -66,7 +69,8 @@ class LidarConfig:
             time, 5 ns by default.
         turn_s: time of a turn, over which the agent and all others move; 0: all rays at one time. Points are where the
             moving agent would have them at the end of the turn.
-        backend: "grid" draws all rays at once (see `coopsim.sensors.grid`); "embree" casts each, as a reference.
+        backend: "grid" draws all rays at once (see `coopsim.sensors.grid`); "torch" does so on a GPU where there is one
+            (`coopsim.sensors.torch_grid`); "embree" casts each, as a reference.
         threads: that share a sweep, with "grid"; they change nothing but the time (by how much is in `docs/speed.md`).
     """
 
@@ -86,7 +90,7 @@ class LidarConfig:
     divergence_rad: float = 0.0
     pulse_m: float = 0.75
     turn_s: float = 0.0
-    backend: Literal["grid", "embree"] = "grid"
+    backend: Literal["grid", "torch", "embree"] = "grid"
     threads: int = 1
 
     def __post_init__(self) -> None:
@@ -139,7 +143,8 @@ class Lidar:
         beams = config.beams
         self._shape = len(beams.elevation_rad), config.columns
         self._tables = rays_of(beams, config.divergence_rad)
-        self._grids = [RayGrid(table, config.columns) for table in self._tables]
+        make_grid = _torch_grid() if config.backend == "torch" else RayGrid
+        self._grids = [make_grid(table, config.columns) for table in self._tables]
         self._directions = beams.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
         self._clutter: Clutter | None = None
         if self._weather.has_clutter:
@@ -224,7 +229,7 @@ class Lidar:
 
     def _cast(self, scene: RayScene, turn: Turn, k: int) -> GridHits:
         """The hits of the `k`-th ray of every beam."""
-        if self.config.backend == "grid":
+        if self.config.backend != "embree":
             return turn.cast(self._grids[k], scene.triangles, self.config.threads)
         pose = turn.world_SE3_sensor(0)
         toward = pose.rotate(self._tables[k].directions(self.config.columns))
@@ -232,6 +237,15 @@ class Lidar:
         cosine = np.abs(np.einsum("ij,ij->i", scene.normals[hits.face], toward)).astype(np.float32)
         shape = self._shape
         return GridHits(hits.range_m.reshape(shape), hits.face.reshape(shape), cosine.reshape(shape))
+
+
+def _torch_grid() -> type[TorchGrid]:
+    """Torch is imported by who uses it only: that takes seconds."""
+    try:
+        from coopsim.sensors.torch_grid import TorchGrid
+    except ImportError as missing:
+        raise InvalidValueError("the LiDAR backend torch needs torch: pip install 'coopsim[learn]'") from missing
+    return TorchGrid
 
 
 def _turn(axis: int, angle_rad: float) -> Floats:
