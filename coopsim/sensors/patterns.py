@@ -61,7 +61,7 @@ class BeamPattern:
         return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-PATTERNS: Registry[BeamPattern] = Registry("LiDAR")
+PATTERNS: Registry[BeamPattern] = Registry("beam table")
 """Beam tables of real sensors, by name: of a model's design, or of one unit where its makers publish no design."""
 
 

@@ -16,7 +16,7 @@ from coopsim.world.engine.car_following import MERGE_M
 from coopsim.world.engine.long_vehicles import BESIDE_M, LONG_M, SAME_WAY, swing_m
 from coopsim.world.engine.neighbours import NEAR_M
 from coopsim.world.engine.routes import draw_turn
-from coopsim.world.engine.town import EASY_BRAKING_M_S2, LOOK_AHEAD_M, STANDING_M_S, STEP_OUT_S, STOP_MARGIN_M
+from coopsim.world.engine.town import EASY_BRAKING_M_S2, LOOK_AHEAD_M, STANDING_M_S, STEP_OUT_S
 from coopsim.world.junction import Junction
 from coopsim.world.layout import ROADS_AHEAD
 
@@ -162,7 +162,7 @@ class TownDriver(Driver):
             accelerations.append(self._behind(self.leader, self.leader_m))
         line_m = None if self.junction is None else self.junction.line_m(self)
         if line_m is not None:
-            accelerations.append(self._behind(_Line(self.road, self.position), line_m + STOP_MARGIN_M))
+            accelerations.append(self._behind(_Line(self.road, self.position), line_m))
         return min(accelerations)
 
     def _behind(self, front: RoadObject, distance_m: float) -> float:

@@ -149,7 +149,7 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ),
         ("scenario: crossing\nbuses: 2\n", r"own.yaml:2: buses belongs below population"),
         ("scenario: crossing\noptions: {density: 2}\n", r"own.yaml:2: density belongs to the top of the file"),
-        ("scenario: crossing\noptions:\n  lidar: {pattern: VLP}\n", r"own.yaml:3: unknown lidar LiDAR 'VLP'"),
+        ("scenario: crossing\noptions:\n  lidar: {pattern: VLP}\n", r"own.yaml:3: unknown lidar beam table 'VLP'"),
         ("scenario: crossing\noptions:\n  channel: &a {b: *a}\n", r"own.yaml:3: an alias is part of what it stands"),
         ("", r"own.yaml:1: file: expected keys and values"),
     ],

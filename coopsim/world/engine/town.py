@@ -28,9 +28,6 @@ STEP_OUT_S = 2.0
 STANDING_M_S = 0.5
 """Who is slower than this stands."""
 
-STOP_MARGIN_M = 0.0
-"""How much nearer to a line than IDM to a vehicle one stops: buses that leave a bend swing out beyond the line."""
-
 
 @njit(cache=True, nogil=True)
 def drive(
@@ -48,7 +45,7 @@ def drive(
 def stop_at(network: LaneArrays, vehicle: Vehicle, route: Ints, body: Body, line_m: float) -> float:
     """IDM before a stop line, m/s2: as behind a standing vehicle of usual length."""
     gap = gap_at(vehicle, body, body.speed, VEHICLE_LENGTH_M)
-    return _free(network, vehicle, route) - _push(gap, line_m + STOP_MARGIN_M)
+    return _free(network, vehicle, route) - _push(gap, line_m)
 
 
 @njit(cache=True, nogil=True)
