@@ -23,7 +23,7 @@ _MARGIN_M = 0.6  # beside a vehicle
 _STANDING_M_S = 0.1
 _NEAR_M = 3.5  # beyond which no vehicle is in anybody's way
 _NEARER_M = 0.05  # by which one's next step may bring one to a vehicle along which one goes
-_FORESIGHT_S = 1.0  # for which a vehicle's way is kept free
+_FORESIGHT_S = 1.0  # for which a vehicle's way is kept free by who goes of their own will
 
 
 def push_apart(position: Floats, heading: Floats, everybody: NDArray[Any]) -> Floats:
@@ -66,7 +66,9 @@ def _push_apart(position: Floats, heading: Floats, everybody: NDArray[Any], orde
 
 
 @njit(cache=True, nogil=True)
-def is_blocked(position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool) -> NDArray[np.bool_]:
+def is_blocked(
+    position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool, foresight_s: float = _FORESIGHT_S
+) -> NDArray[np.bool_]:
     """Whether the next step of people leads into a vehicle, or into where it will be in a moment.
 
     Args:
@@ -74,16 +76,17 @@ def is_blocked(position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool
         ahead: (N, 2) m, from there to where the road has to be free.
         rows: (V,) `VEHICLE`.
         passes: they may go along a vehicle that stands, however close: it may stand because of them.
+        foresight_s: how much of a vehicle's way counts; 0: only where it is now.
     """
     blocked = np.zeros(len(position), dtype=np.bool_)
     for i in range(len(position)):
         for k in range(len(rows)):
             vehicle: Vehicle = rows[k]
             dx, dy = position[i, 0] - vehicle.x, position[i, 1] - vehicle.y
-            if math.hypot(dx, dy) > vehicle.length + abs(vehicle.speed) * _FORESIGHT_S + _NEAR_M:
+            if math.hypot(dx, dy) > vehicle.length + abs(vehicle.speed) * foresight_s + _NEAR_M:
                 continue
-            now = _outside(vehicle, dx, dy)
-            soon = _outside(vehicle, dx + ahead[i, 0], dy + ahead[i, 1])
+            now = _outside(vehicle, dx, dy, foresight_s)
+            soon = _outside(vehicle, dx + ahead[i, 0], dy + ahead[i, 1], foresight_s)
             # Who is in its way already may go on, and who is too close may go away from it, but not along.
             if passes and abs(vehicle.speed) < _STANDING_M_S and soon > now - _NEARER_M:
                 continue
@@ -94,10 +97,10 @@ def is_blocked(position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool
 
 
 @njit(cache=True, nogil=True)
-def _outside(vehicle: Vehicle, dx: float, dy: float) -> float:
-    """How far a place, relative to its middle, is from a vehicle and what it will drive over in a moment, m."""
+def _outside(vehicle: Vehicle, dx: float, dy: float, foresight_s: float) -> float:
+    """How far a place, relative to its middle, is from a vehicle and what it drives over within `foresight_s`, m."""
     cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
     along, aside = dx * cos + dy * sin, abs(dy * cos - dx * sin)
-    ahead = along - vehicle.length / 2 - max(vehicle.speed, 0.0) * _FORESIGHT_S
+    ahead = along - vehicle.length / 2 - max(vehicle.speed, 0.0) * foresight_s
     beyond = max(ahead, -vehicle.length / 2 - along, 0.0)
     return math.hypot(beyond, max(aside - vehicle.width / 2, 0.0))

@@ -165,7 +165,10 @@ class People:
         fastest = np.minimum(1.0, self.speed / np.maximum(np.hypot(*velocity.T), 1e-9))
         moved = np.where(waits[:, None], 0.0, velocity * (fastest * dt_s)[:, None])
         before = self.position
-        self.position = self._kept_on_way(before, before + moved, a, b)
+        after = self._kept_on_way(before, before + moved, a, b)
+        # Others may push somebody where they would not go themselves, say against a bus that waits for them.
+        stopped = is_blocked(before, after - before, fleet.rows, self._manner.passes, foresight_s=0.0)
+        self.position = np.where(stopped[:, None], before, after)
         self.velocity = (self.position - before) / dt_s
         self.travelled_m += np.hypot(*self.velocity.T) * dt_s
         walks = np.hypot(*self.velocity.T) > 0.1
