@@ -224,7 +224,7 @@ def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
 
 
 def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
-    lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
+    lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane)]
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
     lines = lane_lines(roads.network, roads.movements)
     return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
