@@ -5,10 +5,11 @@ import pytest
 from highway_env.road.lane import CircularLane
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import Polygon, union_all
+from shapely import Point, Polygon, union_all
 
+from coopsim.envs.scenario_file import SHIPPED, load_scenario_file
 from coopsim.world.layout import lane_outline
-from coopsim.world.scenario import SCENARIOS, make_scenario
+from coopsim.world.scenario import SCENARIOS, Place, make_scenario
 
 ISLAND_M2 = 10.0
 """Between the ways in and out of a roundabout there is green on purpose."""
@@ -21,6 +22,16 @@ def test_no_scenario_has_a_hole_in_its_asphalt(name: str) -> None:
     surface = union_all([Polygon(outline).buffer(1e-6, join_style="mitre") for outline in outlines])
     holes = [Polygon(ring) for part in getattr(surface, "geoms", [surface]) for ring in part.interiors]
     assert not [hole.representative_point().coords[0] for hole in holes if hole.area < ISLAND_M2]
+
+
+def test_kinks_of_a_road_from_a_file_leave_no_slit() -> None:
+    place = load_scenario_file(SHIPPED / "village.yaml").scenario
+    assert isinstance(place, Place)
+    outlines = place.make_layout().road_map.lanes
+    assert all(Polygon(outline).exterior.is_ccw for outline in outlines)
+    surface = union_all([Polygon(outline) for outline in outlines]).buffer(1e-3)
+    for kink in ((-60.0, -2.0), (-60.0, 2.0), (-110.0, 4.0), (-110.0, 8.0)):
+        assert surface.covers(Point(kink).buffer(1.95))  # a lane is 4 m wide
 
 
 @given(
