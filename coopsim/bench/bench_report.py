@@ -101,7 +101,8 @@ def _summary(table: ResultTable) -> str:
 def _interval_note(table: ResultTable) -> str:
     if len(table.seeds) == 1:
         return "There is one seed, and so no interval: what another seed would give is not known."
-    return f"± and whiskers are 95 % intervals of the mean over {len(table.seeds)} seeds, by Student's t."
+    meaning = f"± and whiskers are 95 % intervals of the mean over {len(table.seeds)} seeds, by Student's t"
+    return f"{meaning}; whiskers end where the scale does."
 
 
 def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,9 @@ from coopsim.bench.runner import OnFrame
 from coopsim.checks import require_count, require_non_negative
 from coopsim.errors import CoopsimError
 from coopsim.files import make_folder, write_whole
+
+_UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
+"""By the ends of names."""
 
 
 def publish(
@@ -79,7 +83,7 @@ def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
         command: which runs it again.
         title: of the report.
     """
-    lists = {name.replace("_", " "): ", ".join(map(_short, getattr(grid, name))) for name in LISTS}
+    lists = {_with_unit(name): ", ".join(map(_short, getattr(grid, name))) for name in LISTS}
     settings = {
         **lists,
         "frames": str(grid.frames),
@@ -92,7 +96,15 @@ def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
     return About(title, command, settings)
 
 
+def _with_unit(name: str) -> str:
+    """A list of the grid as people write it: `latencies_ms` is "latencies (ms)"."""
+    end, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
+    return name.removesuffix(end).replace("_", " ") + f" ({unit})" * bool(unit)
+
+
 def _short(value: object) -> str:
+    if value == math.inf:
+        return "no limit"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from highway_env.road.road import RoadNetwork
 
-from coopsim.geometry.se3 import Floats
-from coopsim.world.layout import LANE_M, Layout, lane_outline, rectangle
+from coopsim.world.layout import Layout, lane_outline
 from coopsim.world.scenery import Building, corner_buildings, row_of_buildings
-from coopsim.world.streets import Streets, add_arms, add_turns, corner_units, place_all
+from coopsim.world.streets import Streets, add_arms, add_turns, corner_units, middle_of
 from coopsim.world.town import town_layout
 
 _QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
@@ -28,14 +27,9 @@ def _junction(streets: Streets) -> Layout:
     network = RoadNetwork()
     add_arms(network, streets)
     movements = add_turns(network, streets)
-    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + _middle(streets)
+    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + middle_of(streets)
     rsus = corner_units(9.5, streets.kerb_m + 5.5)
     return town_layout(streets, network, surface, (movements, ()), (_buildings(streets), ()), rsus)
-
-
-def _middle(streets: Streets) -> list[Floats]:
-    """The surface between the stop lines."""
-    return [place_all(arm, rectangle((0.0, streets.stop_m), (-LANE_M, LANE_M))) for arm in streets.arms]
 
 
 def _buildings(streets: Streets) -> list[Building]:

@@ -19,6 +19,7 @@ from coopsim.world.streets import (
     add_straight,
     add_turns,
     crosswalk_of,
+    middle_of,
     place,
     place_all,
     spaced_slots,
@@ -58,10 +59,10 @@ def make_urban_grid() -> Layout:
     rsus = tuple(_unit(spot) for spot in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)))
     buildings = _buildings()
     lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
-    lanes += [_middle(spot) + rectangle((-LANE_M, LANE_M), (-LANE_M, LANE_M)) for spot in _PLACES]
+    lanes += [_middle(spot) + part for spot, streets in crossed for part in middle_of(streets)]
     crosswalks = [_middle(spot) + crosswalk_of(streets, arm) for spot, streets in crossed for arm in streets.arms]
     stripes = [_middle(spot) + stripe for spot, streets in crossed for stripe in stripes_of(streets)]
-    road_map = town_map(lanes, crosswalks, _pavements(), buildings, lane_lines(network, movements))
+    road_map = town_map(lanes, crosswalks, _pavements(junctions), buildings, lane_lines(network, movements))
     return Layout(
         network=network,
         slots=slots,
@@ -131,9 +132,16 @@ def _footways(junctions: Mapping[tuple[int, int], Streets]) -> Footways:
     return Footways(np.array(nodes), neighbours, crossing)
 
 
-def _pavements() -> list[Floats]:
+def _pavements(junctions: Mapping[tuple[int, int], Streets]) -> list[Floats]:
+    """Strips along both sides of every street; straight on where one arm is missing."""
     low, high = LANE_M, LANE_M + 3.0
-    return [
+    straight_on = [
+        _middle(spot) + place_all(arm, rectangle((low, high), (-low, low)))
+        for spot, streets in junctions.items()
+        for arm in range(4)
+        if len(streets.arms) == 3 and arm not in streets.arms
+    ]
+    return straight_on + [
         _middle(spot) + place_all(arm, rectangle((low, _BLOCK_M - low), span))
         for spot in _PLACES
         for arm in (0, 1)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from highway_env.road.lane import AbstractLane, StraightLane
+from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
@@ -202,10 +202,16 @@ def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
     return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
 
 
-def lane_outline(lane: AbstractLane, step_m: float = 4.0) -> list[Floats]:
-    """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2)."""
-    length, half = lane.length, lane.width / 2
-    along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else max(2, round(length / step_m)))
-    left = np.array([lane.position(s, half) for s in along])
-    right = np.array([lane.position(s, -half) for s in along])
+def lane_outline(lane: AbstractLane, step_m: float = 2.0) -> list[Floats]:
+    """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2) m and in a bend at most `step_m` long.
+
+    They cover all of a bend: chords of its outer edge would leave slits to the lane on the other side of it.
+    """
+    length, left_m, right_m = lane.length, lane.width / 2, lane.width / 2
+    along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else int(np.ceil(length / step_m)) + 1)
+    if isinstance(lane, CircularLane):
+        outer_m = (lane.radius + lane.width / 2) / np.cos(along[1] / lane.radius / 2) - lane.radius
+        left_m, right_m = (left_m, outer_m) if lane.direction > 0 else (outer_m, right_m)
+    left = np.array([lane.position(s, left_m) for s in along])
+    right = np.array([lane.position(s, -right_m) for s in along])
     return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]

@@ -35,7 +35,7 @@ def make_roundabout() -> Layout:
         _add_ring(network, arm)
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     buildings = [building for k in range(4) for building in corner_buildings(_CORNER_M, signs[k], k)]
-    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
+    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
     medians = rectangle((_STOP_M, streets.length_m), (-_MEDIAN_M / 2, _MEDIAN_M / 2))
     surface += [place_all(arm, medians) for arm in streets.arms]
     passing = tuple((f"out{arm}", f"in{arm}") for arm in streets.arms)

@@ -154,6 +154,16 @@ def add_turns(
     return tuple(roads)
 
 
+def middle_of(streets: Streets) -> list[Floats]:
+    """The surface (K, 2) m between stop lines that turns leave open: the arms go on, up to the turns at the corners."""
+    edge, stop = streets.edge_m, streets.stop_m
+    # From the middle to where a right turn's outer edge meets that of an arm.
+    round_m = stop - np.sqrt(stop**2 - (stop - edge) ** 2)
+    corner = np.array([[edge, edge], [round_m, edge], [edge, round_m]])
+    arms = [place_all(arm, rectangle((0.0, stop), (-edge, edge))) for arm in streets.arms]
+    return arms + [place_all(arm, corner) for arm in streets.arms if (arm + 1) % 4 in streets.arms]
+
+
 def _add_lanes(network: RoadNetwork, streets: Streets, arm: int) -> None:
     far, stop, half = streets.length_m, streets.stop_m, streets.half_m
     near, bend = stop + _APPROACH_M, far - _APPROACH_M

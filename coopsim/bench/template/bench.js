@@ -93,7 +93,7 @@ function againstBytes() {
   const chosen = (point) => held(data.conditions[point.condition], -1);
   panelsOf(`${state.metric.name} against bytes per second`, pointsOf, (points, vertical, tell, scenario) => {
     const description = `${state.metric.name} against bytes per second, ${scenario}`;
-    const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts", state.metric.name, description);
+    const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts, log scale", state.metric.name, description);
     const front = frontOf(points.filter(chosen), state.metric.less);
     const steps = front.map((point, k) => {
       const [x, y] = [horizontal.place(point.rate), vertical.place(point.mean)];

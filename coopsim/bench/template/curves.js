@@ -90,7 +90,7 @@ function bytesScale(rates) {
   const [low, high] = [Math.log10(marks[0]), Math.log10(marks[marks.length - 1])];
   const place = (rate) => inner(rate > 0 ? start + ((1 - start) * (Math.log10(rate) - low)) / (high - low) : 0);
   const ticks = marks.map((rate) => [place(rate), short(rate)]);
-  return { place, ticks: start ? [[place(0), "0"], ...ticks] : ticks };
+  return start ? { place, ticks: [[place(0), "0"], ...ticks], gap: inner(start / 2) } : { place, ticks };
 }
 
 function short(value) {
@@ -109,6 +109,10 @@ function frameOf(horizontal, vertical, xTitle, yTitle, description) {
   for (const [x, text] of horizontal.ticks) {
     svg.append(element("text", { x, y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, text));
     svg.append(element("line", { x1: x, x2: x, y1: HEIGHT - BOTTOM, y2: HEIGHT - BOTTOM + 4, class: "grid" }));
+  }
+  if (horizontal.gap) {
+    const [x, y] = [horizontal.gap, HEIGHT - BOTTOM];
+    svg.append(element("path", { d: `M${x - 5},${y + 5}l4,-10m6,0l-4,10`, class: "gap" }));
   }
   svg.append(element("text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 8, "text-anchor": "middle" }, xTitle));
   const middle = (TOP + HEIGHT - BOTTOM) / 2;

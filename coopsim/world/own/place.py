@@ -28,6 +28,7 @@ from itertools import combinations, pairwise
 from typing import TypeVar
 
 import numpy as np
+from highway_env.road.road import RoadNetwork
 
 from coopsim.checks import require_between, require_count, require_finite_number
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
@@ -59,6 +60,7 @@ KEYS = (
     "drones_around",
 )
 
+_STRAIGHT_RAD = 1e-3  # of less, the slit outside a kink is 2 mm wide
 _STOPPING_M = 14.0  # before a line nobody starts: one could not stop
 _APART_M = 14.0  # two starts in one lane: the longest bus, and where exactly one starts
 _BESIDE_M = 3.0  # from the middle of a lane to that of a parked vehicle
@@ -224,7 +226,21 @@ def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
 
 
 def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
-    lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane, step_m=2.0)]
+    lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
     lines = lane_lines(roads.network, roads.movements)
     return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
+
+
+def _wedges(network: RoadNetwork) -> list[Floats]:
+    """(3, 2) m, counter-clockwise: what lanes that meet at an angle leave open on the outside of the kink."""
+    lanes, wedges = network.lanes_dict(), []
+    for (_, node, _), lane in lanes.items():
+        for after in (other for index, other in lanes.items() if index[0] == node):
+            turn = float(wrap_angle(after.heading_at(0.0) - lane.heading_at(lane.length)))
+            if abs(turn) < _STRAIGHT_RAD:
+                continue
+            outside = -np.sign(turn) / 2
+            corners = [lane.position(lane.length, outside * lane.width), after.position(0.0, outside * after.width)]
+            wedges.append(np.array([after.position(0.0, 0.0), *(corners if turn > 0 else corners[::-1])]))
+    return wedges
