@@ -146,13 +146,14 @@ def _fuse(own: Believed, other: Believed, doubt: Doubt) -> tuple[Believed, Belie
     """Fused boxes of N pairs, and those of the pairs' boxes that they do not overlap enough."""
     gap_m = bottom(other.found.boxes) - bottom(own.found.boxes)
     share = doubt.of_own(pair_features(own.score, other.score, own.away_m, other.away_m, gap_m))
-    extent, chance = compromise(own.found.boxes, other.found.boxes, share)
+    extent, reaches = compromise(own.found.boxes, other.found.boxes, share)
     best, nearest_m = np.maximum(own.found.score, other.found.score), np.minimum(own.nearest_m, other.nearest_m)
+    right = np.stack([(1 - share) * own.chance, share * other.chance])
     pairs = own.join(other)  # all own ones, then all others
     pairs = replace(
         pairs,
         found=replace(pairs.found, score=np.tile(best, 2)),
-        chance=pairs.chance * np.concatenate([1 - share, share]),
+        chance=right.ravel(),
         nearest_m=np.tile(nearest_m, 2),
     )
     likelier = pairs[np.arange(len(share)) + len(share) * (share > 0.5)]
@@ -160,4 +161,4 @@ def _fuse(own: Believed, other: Believed, doubt: Doubt) -> tuple[Believed, Belie
     boxes[:, :6] = extent
     reached = np.concatenate([np.diag(iou_3d(boxes, each.found.boxes.array)) for each in (own, other)]) >= ON_OBJECT
     found = replace(likelier.found, boxes=Boxes3D.from_array(boxes))
-    return replace(likelier, found=found, chance=own.chance * chance), pairs[~reached]
+    return replace(likelier, found=found, chance=(right * reaches).sum(axis=0)), pairs[~reached]

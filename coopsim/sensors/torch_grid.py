@@ -91,10 +91,8 @@ class TorchGrid:
         rays = self._directions.reshape(*self._shape, 3)[:, sector]
         hit = best > 0
         face = (_LAST_FACE - (best & _LAST_FACE)).where(hit, 0)
-        away_m, cosine = (
-            torch.full(hit.shape, torch.inf, device=self.device),
-            torch.zeros(hit.shape, device=self.device),
-        )
+        away_m = torch.full(hit.shape, torch.inf, dtype=torch.float32, device=self.device)
+        cosine = torch.zeros(hit.shape, dtype=torch.float32, device=self.device)
         # Who is nearest was found in float32; how near is computed once more.
         away_m[hit] = (1.0 / (planes[face[hit], 3] * rays[hit]).sum(dim=1)).float()
         cosine[hit] = (normals[face[hit]] * rays[hit]).sum(dim=1).abs().clamp(max=1.0).float()

@@ -113,6 +113,14 @@ def test_nothing_is_out_of_reach_if_all_that_is_given_up_stays(gap_m: float, sha
     assert len(kept) == 1 or abs(gap_m) > 1.0
 
 
+def test_a_third_agent_that_is_surely_right_leaves_no_doubt_from_the_first_two() -> None:
+    undecided = [found((0, 0.5)), found((0, 0.5), bottom_m=4.0)]
+    assert trust_likelier(undecided, gate=-0.5, doubt=BY_SCORE).chance == pytest.approx(0.5, abs=0.01)
+    sure, doubtful = (found((0, score), bottom_m=-4.0) for score in (0.9, 0.1))
+    assert trust_likelier([*undecided, sure], gate=-0.5, doubt=BY_SCORE).chance == pytest.approx(1, abs=0.01)
+    assert trust_likelier([*undecided, doubtful], gate=-0.5, doubt=BY_SCORE).chance == pytest.approx(0.5, abs=0.01)
+
+
 def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
     away = away_from_middle(found((0, 0.8), (10, 0.8), (100, 0.01)))
     np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)

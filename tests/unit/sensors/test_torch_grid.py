@@ -85,6 +85,18 @@ def test_sweeps_are_those_of_the_grid_at_rest_and_turning() -> None:
         np.testing.assert_array_equal(by_torch.instance, by_grid.instance)
 
 
+def test_what_torch_makes_by_default_does_not_matter(torch_grid: type[Any]) -> None:
+    import torch
+
+    scene, before = crowd(np.random.default_rng(2)), torch.get_default_dtype()
+    try:
+        torch.set_default_dtype(torch.float64)
+        hits = torch_grid(ASIDE, COLUMNS).cast(scene, SE3.identity())
+    finally:
+        torch.set_default_dtype(before)
+    require_same(hits, RayGrid(ASIDE, COLUMNS).cast(scene, SE3.identity()))
+
+
 def test_nothing_to_hit(torch_grid: type[Any]) -> None:
     nothing = soup(np.zeros((0, 3, 3)))
     hits = torch_grid(ASIDE, COLUMNS).cast(nothing, SE3.identity())
