@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -125,7 +126,7 @@ class Population:
             excess -= number - numbers[name]
         fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
         message = f"there is room for {room} of {asked} ({' + '.join(names)}), so there are {fitting}"
-        warnings.warn(message, CrowdedWarning, stacklevel=5)  # the caller of `make_scenario`
+        warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
         vehicles = numbers.get("vehicles", self.vehicles)
         trucks = None if self.trucks is None else min(self.trucks, vehicles)
         cars = _cars_of(vehicles, self.truck_share, trucks)
@@ -148,6 +149,14 @@ def beside(said: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     pairs = [pair for number, other in _IN_PLACE_OF.items() for pair in ((number, other), (other, number))]
     replaced = {number for number, other in pairs if given.get(other) is not None}
     return {name: value for name, value in said.items() if name not in replaced}
+
+
+def _level_of_caller() -> int:
+    """How many calls above whoever asks the first one is that is not within coopsim; for `warnings.warn`."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == "coopsim":
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def _cars_of(vehicles: int, truck_share: float, trucks: int | None) -> int:

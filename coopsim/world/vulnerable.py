@@ -168,6 +168,7 @@ class People:
         after = self._kept_on_way(before, before + moved, a, b)
         # Others may push somebody where they would not go themselves, say against a bus that waits for them.
         stopped = is_blocked(before, after - before, fleet.rows, self._manner.passes, foresight_s=0.0)
+        stopped &= self._held_s >= 0  # who makes way through them is not pushed
         self.position = np.where(stopped[:, None], before, after)
         self.velocity = (self.position - before) / dt_s
         self.travelled_m += np.hypot(*self.velocity.T) * dt_s

@@ -121,6 +121,28 @@ def test_nobody_steps_in_front_of_a_car_or_into_its_side() -> None:
     assert not is_blocked(position, -0.9 * down, rows, False).any()  # away from it
 
 
+@given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-0.9, -0.2)), min_size=1, max_size=5), st.booleans())
+def test_nobody_is_shoved_against_a_vehicle(shovers: list[tuple[float, float]], crawls: bool) -> None:
+    people = People(a_way(20.0), 1, ObjectClass.PEDESTRIAN, models(), 0, NOBODY)
+    people.position = np.array([[10.0, 0.0]])
+    bus = fleet((10.0, 0.8 + 1.25, 0.0, 0.4 * crawls))  # 0.8 m beside, nearer than what people mind on their own
+    bus.rows["length"], bus.rows["width"] = 12.0, 2.5
+    for _ in range(20):
+        others = np.zeros(len(shovers), BODY)
+        others["x"], others["y"] = (people.position + shovers).T
+        others["length"] = others["width"] = 0.5
+        people.step(DT_S, bus, np.concatenate([people.bodies, others]))
+        assert people.position[0, 1] <= 0.2  # 0.6 m are left, more than half of anybody
+
+
+@pytest.mark.filterwarnings("ignore::coopsim.errors.CrowdedWarning")
+def test_on_a_crowded_crosswalk_nobody_is_shoved_against_a_bus_that_stands() -> None:
+    world = make_world("parking_street", 224, density=3.0, buses=5, truck_share=0.3)
+    for _ in range(540):  # somebody was, after 53.4 s
+        world.step(DT_S)
+    assert world.crashed() == ()
+
+
 def test_cars_stop_for_somebody_on_the_crosswalk_and_go_on() -> None:
     world_speeds = []
     for seed in range(2):

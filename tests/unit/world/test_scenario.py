@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import coopsim
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.world import World
@@ -131,3 +132,11 @@ def test_a_population_is_made_again_from_its_numbers(numbers: dict[str, Any]) ->
     population = make_scenario("crossing", **numbers).population
     again = make_scenario("crossing", **population.numbers).population
     assert again.on_roads == population.on_roads and again.connected == population.connected
+
+
+def test_the_warning_that_it_is_crowded_points_at_who_asked() -> None:
+    with pytest.warns(CrowdedWarning) as by_scenario:
+        make_scenario("parking_street", parked=1000)
+    with pytest.warns(CrowdedWarning) as by_environment:
+        coopsim.parallel_env("parking_street", parked=1000).close()
+    assert {warning.filename for warning in (*by_scenario, *by_environment)} == {__file__}
