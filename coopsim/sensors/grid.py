@@ -6,6 +6,7 @@ Embree (`coopsim.sensors.raycast`) casts any rays, one by one; here they must be
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import partial
 
@@ -42,8 +43,8 @@ class GridHits:
     cosine: Singles
 
 
-class RayGrid:
-    """The rays of a beam table, ready to be cast.
+class Grid(ABC):
+    """The rays of a beam table, ready to be cast, all at one time or by sectors.
 
     Args:
         pattern: the beams.
@@ -51,9 +52,50 @@ class RayGrid:
     """
 
     def __init__(self, pattern: BeamPattern, columns: int) -> None:
+        self._shape = len(pattern.elevation_rad), columns
+
+    def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
+        """Cast all rays, at one time.
+
+        Args:
+            triangles: the scene.
+            world_SE3_sensor: the sensor's pose, any roll and pitch.
+            threads: that share the work; the result does not depend on it.
+        """
+        hits = self.room()
+        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
+        return hits
+
+    def room(self) -> GridHits:
+        """Room for the hits of all rays."""
+        return GridHits(
+            np.empty(self._shape, np.float32), np.empty(self._shape, np.int64), np.empty(self._shape, np.float32)
+        )
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
+        return -(-self._shape[1] // LANES)
+
+    @abstractmethod
+    def cast_sector(
+        self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
+    ) -> None:
+        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
+
+
+class RayGrid(Grid):
+    """The grid of compiled kernels, whose work is shared by one thread for each beam at most.
+
+    Closed parts (see `Parts`) are seen from outside; where the sensor is in the box around one, and for open ones, both
+    sides of a triangle are. Where two triangles are equally near, the first is hit.
+    """
+
+    def __init__(self, pattern: BeamPattern, columns: int) -> None:
+        super().__init__(pattern, columns)
         order = np.argsort(-pattern.elevation_rad, kind="stable")
         tangent, shift_rad = np.tan(pattern.elevation_rad[order]), pattern.offset_rad[order]
-        azimuth = np.arange(-(-columns // LANES) * LANES) * (2 * np.pi / columns)
+        azimuth = np.arange(self.blocks * LANES) * (2 * np.pi / columns)
         cos, sin = np.cos(azimuth), np.sin(azimuth)
         table = aligned(2 * len(azimuth), np.float32).reshape(2, -1)
         table[:] = cos, sin
@@ -67,35 +109,9 @@ class RayGrid:
             (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
         )
 
-    def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
-        """Cast all rays, at one time.
-
-        Closed parts (see `Parts`) are seen from outside; where the sensor is in the box around one, and for open ones,
-        both sides of a triangle are. Where two triangles are equally near, the first is hit.
-
-        Args:
-            triangles: the scene.
-            world_SE3_sensor: the sensor's pose, any roll and pitch.
-            threads: that share the work, one for each beam at most; the result does not depend on it.
-        """
-        hits = self.room()
-        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
-        return hits
-
-    def room(self) -> GridHits:
-        """Room for the hits of all rays."""
-        table = len(self._beams.order), self._beams.columns
-        return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
-        return len(self._beams.cos) // LANES
-
     def cast_sector(
         self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
     ) -> None:
-        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
         rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
         parts = triangles.parts or _one_part(triangles)
         scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)

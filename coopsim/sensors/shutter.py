@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.sensors.geometry import Triangles
-from coopsim.sensors.grid import GridHits, RayGrid
+from coopsim.sensors.grid import Grid, GridHits
 from coopsim.sensors.grid_kernel import LANES
 from coopsim.types import Ints
-
-if TYPE_CHECKING:
-    from coopsim.sensors.torch_grid import TorchGrid
 
 SECTORS = 32
 """In how many steps a turn is taken: at 20 m/s and 10 turns a second, nothing is more than 3 cm off in time."""
@@ -67,7 +63,7 @@ class Turn:
             return self.end.compose(self.base_SE3_sensor)
         return between(self.start, self.end, self._share(sector)).compose(self.base_SE3_sensor)
 
-    def cast(self, grid: RayGrid | TorchGrid, triangles: Triangles, threads: int) -> GridHits:
+    def cast(self, grid: Grid, triangles: Triangles, threads: int) -> GridHits:
         """All rays of a grid, each in its sector's time."""
         if self.seconds == 0:
             return grid.cast(triangles, self.world_SE3_sensor(0), threads)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.geometry import Triangles
-from coopsim.sensors.grid import GridHits
+from coopsim.sensors.grid import Grid, GridHits
 from coopsim.sensors.grid_kernel import LANES
 from coopsim.sensors.patterns import BeamPattern
 
@@ -34,7 +34,7 @@ _EDGE_ON_M3 = 1e-12
 _LAST_FACE = (1 << 31) - 1
 
 
-class TorchGrid:
+class TorchGrid(Grid):
     """The rays of a beam table, ready to be cast by torch.
 
     Stands in for `coopsim.sensors.grid.RayGrid`, with the same hits but for rays that pass an edge within rounding or
@@ -47,8 +47,8 @@ class TorchGrid:
     """
 
     def __init__(self, pattern: BeamPattern, columns: int, device: str | None = None) -> None:
+        super().__init__(pattern, columns)
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        self._shape = len(pattern.elevation_rad), columns
         # Rows are beams from the bottom one to the top.
         order = np.argsort(pattern.elevation_rad, kind="stable")
         self._beam = self._there(order)
@@ -56,26 +56,9 @@ class TorchGrid:
         self._aside_rad = self._there(pattern.offset_rad[order])
         self._directions = self._there(pattern.directions(columns))
 
-    def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
-        """Cast all rays, at one time; how many `threads` share the work is torch's to say."""
-        hits = self.room()
-        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
-        return hits
-
-    def room(self) -> GridHits:
-        """Room for the hits of all rays."""
-        table = self._shape
-        return GridHits(np.empty(table, np.float32), np.empty(table, np.int64), np.empty(table, np.float32))
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
-        return -(-self._shape[1] // LANES)
-
     def cast_sector(
         self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
     ) -> None:
-        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
         local = (triangles.vertices - world_SE3_sensor.translation) @ world_SE3_sensor.rotation
         corners = self._there(local)[self._there(triangles.faces)]
         planes, normals = _half_spaces(corners)
