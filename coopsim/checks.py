@@ -40,7 +40,7 @@ def require_non_negative(**values: object) -> None:
     require_number("a finite number >= 0", lambda value: 0 <= value < math.inf, **values)
 
 
-def require_between(least: float, most: float, **values: object) -> None:
+def require_between(least: float, most: float, /, **values: object) -> None:
     """Each must be in [least, most]."""
     require_number(f"in [{least:g}, {most:g}]", lambda value: least <= value <= most, **values)
 

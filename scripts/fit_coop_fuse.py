@@ -18,14 +18,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import expit
 
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse
 from coopsim.data.recording import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.compromise import bottom
-from coopsim.fusion.trust import Doubt, away_from_middle, pair_features, trust_likelier
+from coopsim.fusion.trust import Believed, Doubt, compare, pair_features, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev, iou_3d
+from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log import TrackLog
@@ -33,6 +33,7 @@ from coopsim.metrics.score import summarize
 from coopsim.rng import stream
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.scoring import Likelihood
+from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
 
 ON_OBJECT = 0.25
@@ -42,7 +43,7 @@ NS_PER_FRAME = 100_000_000
 RIDGE = 1e-3
 FOLDS = 3
 DRAWS, DRAWN = 60, 6
-_TRACK_WEIGHTS = ("bias", "mean", "latest")
+_TRACK_WEIGHTS = ("bias", "mean", "latest", "hits", "missed")
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Weights:
     """What is learned."""
 
     doubt: Doubt
+    hearsay: Doubt
     calibration: Calibration
     likelihood: Likelihood
 
@@ -66,7 +68,7 @@ def main() -> None:
     kept = [name for name in folder.sequences if name not in args.without]
     recordings = [folder.load(name, agents) for name in kept]
     weights = fit(recordings, args.frames)
-    print(weights.doubt, weights.calibration, weights.likelihood, sep="\n")
+    print(weights.doubt, weights.hearsay, weights.calibration, weights.likelihood, sep="\n")
     report("the same recordings", figures([log_of(each, weights, args.frames) for each in recordings]))
     held_out = []
     for fold in range(FOLDS):
@@ -79,17 +81,20 @@ def main() -> None:
 
 def fit(recordings: Sequence[Recording], frames: int) -> Weights:
     """Learn from labelled recordings."""
-    doubt = Doubt(*_logistic(*_pairs(recordings, frames)))
-    calibration = Calibration(*_logistic(*_fused(recordings, frames, doubt)))
-    learned = _logistic(*_reports(recordings, frames, CoopFuse(doubt=doubt, calibration=calibration)))
+    doubt, hearsay = (Doubt(*_logistic(*each)) for each in _pairs(recordings, frames))
+    calibration = Calibration(*_logistic(*_fused(recordings, frames, doubt, hearsay)))
+    policy = CoopFuse(doubt=doubt, hearsay=hearsay, calibration=calibration)
+    learned = _logistic(*_reports(recordings, frames, policy))
     likelihood = replace(LIKELIHOOD, **dict(zip(_TRACK_WEIGHTS, learned, strict=True)))
-    return Weights(doubt, calibration, likelihood)
+    return Weights(doubt, hearsay, calibration, likelihood)
 
 
 def log_of(recording: Recording, weights: Weights, frames: int) -> TrackLog:
     """What coop_fuse with these weights reports on a recording."""
     evaluator = Evaluator(ON_OBJECT)
-    policy = CoopFuse(doubt=weights.doubt, calibration=weights.calibration, likelihood=weights.likelihood)
+    policy = CoopFuse(
+        doubt=weights.doubt, hearsay=weights.hearsay, calibration=weights.calibration, likelihood=weights.likelihood
+    )
     tracker = policy.make_tracker()
     for frame in range(min(recording.frames, frames)):
         groups = [found[frame] for found in recording.detections.values()]
@@ -116,35 +121,48 @@ def figures_of_draws(logs: Sequence[TrackLog]) -> Floats:
     return mean
 
 
-def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[Floats, Mask]:
-    """Features of two agents' boxes on one object of which one is right, and whether that is the other's."""
-    features, theirs_right = [], []
+def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, Mask], tuple[Floats, Mask]]:
+    """Features of two agents' boxes on one object of which one is right, and whether that is the other's.
+
+    First of what both see; then of what only the other sees, and where registration says that the own one would be.
+    """
+    seen_by_both, seen_by_other = [], []
     for recording in recordings:
         first, *others = recording.detections.values()
         for frame in range(min(recording.frames, frames)):
             truth = recording.truth[frame].boxes.array
-            for own, other in ((first[frame], each[frame]) for each in others):
-                mine, theirs = hungarian(giou_bev(own.boxes.array, other.boxes.array), MERGE_GATE)
-                own_right = _right(own.boxes[mine], truth)
-                other_right = _right(other.boxes[theirs], truth)
-                one = own_right != other_right
-                gap_m = bottom(other.boxes[theirs]) - bottom(own.boxes[mine])
-                away = away_from_middle(own)[mine], away_from_middle(other)[theirs]
-                features.append(pair_features(own.score[mine], other.score[theirs], *away, gap_m)[one])
-                theirs_right.append(other_right[one])
-    return np.concatenate(features), np.concatenate(theirs_right)
+            own = Believed.of_one(sane(first[frame]))
+            for other in (Believed.of_one(sane(each[frame])) for each in others):
+                seen = compare(own, other, MERGE_GATE)
+                seen_by_both.append(_one_right(own[seen.mine], other[seen.theirs], truth))
+                seen_by_other.append(_one_right(seen.expected, other[seen.new[: len(seen.expected.found)]], truth))
+    both, only_other = (
+        (np.concatenate([features for features, _ in each]), np.concatenate([right for _, right in each]))
+        for each in (seen_by_both, seen_by_other)
+    )
+    return both, only_other
 
 
-def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt) -> tuple[Floats, Mask]:
-    """Features of all fused boxes, and whether each is on an object."""
-    features, right = [], []
+def _one_right(own: Believed, other: Believed, truth: Floats) -> tuple[Floats, Mask]:
+    """Of pairs of which one is right: their features, and whether it is the other one."""
+    own_right, other_right = _right(own.found.boxes, truth), _right(other.found.boxes, truth)
+    one = own_right != other_right
+    gap_m = other.found.boxes.bottom - own.found.boxes.bottom
+    features = pair_features(own.score, other.score, own.away_m, other.away_m, gap_m)
+    return features[one], other_right[one]
+
+
+def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: Doubt) -> tuple[Floats, Mask, Floats]:
+    """Features of all fused boxes, whether each is on an object, and its chance if one of the agents is right."""
+    features, right, chance = [], [], []
     for recording in recordings:
         for frame in range(min(recording.frames, frames)):
             groups = [found[frame] for found in recording.detections.values()]
-            believed = trust_likelier(groups, MERGE_GATE, doubt, LEAST_CHANCE)
+            believed = trust_likelier(groups, MERGE_GATE, doubt, hearsay, LEAST_CHANCE)
             features.append(Calibration.features(believed))
             right.append(_on_object(believed.found.boxes.array, recording.truth[frame].boxes.array))
-    return np.concatenate(features), np.concatenate(right)
+            chance.append(believed.chance)
+    return np.concatenate(features), np.concatenate(right), np.concatenate(chance)
 
 
 def _reports(recordings: Sequence[Recording], frames: int, policy: CoopFuse) -> tuple[Floats, Mask]:
@@ -173,17 +191,21 @@ def _right(boxes: Boxes3D, truth: Floats) -> Mask:
     return right
 
 
-def _logistic(features: Floats, right: Mask) -> list[float]:
-    """Weights of a logistic regression, bias first; a slight ridge on standardised features keeps them finite."""
+def _logistic(features: Floats, right: Mask, chance: Floats | float = 1.0) -> list[float]:
+    """Weights of a logistic regression, bias first, of what is right with `chance` times the odds' probability.
+
+    A slight ridge on standardised features keeps them finite.
+    """
     middle, spread = features.mean(axis=0), features.std(axis=0) + 1e-9
     columns = np.column_stack([np.ones(len(features)), (features - middle) / spread])
-    sign = np.where(right, 1.0, -1.0)
 
     def loss(weights: Floats) -> tuple[float, Floats]:
-        margin = sign * (columns @ weights)
-        slope = -sign / (1.0 + np.exp(margin))
+        odds = expit(columns @ weights)
+        likely = np.clip(chance * odds, 1e-9, 1 - 1e-9)
+        slope = np.where(right, -1.0, likely / (1 - likely)) * (1 - odds)
         ridge = np.append(0.0, RIDGE * weights[1:])
-        return float(np.logaddexp(0.0, -margin).mean() + ridge @ weights / 2), columns.T @ slope / len(sign) + ridge
+        missed = -np.log(np.where(right, likely, 1 - likely)).mean()
+        return float(missed + ridge @ weights / 2), columns.T @ slope / len(right) + ridge
 
     fitted = minimize(loss, np.zeros(columns.shape[1]), jac=True).x
     weights = fitted[1:] / spread

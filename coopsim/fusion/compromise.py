@@ -6,36 +6,59 @@ import numpy as np
 from scipy.special import expit
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 
 ON_OBJECT, _BLUR = 0.25, 0.03
 """3D IoU from which on a box is right, as the benchmark has it, and how softly it counts as right about there."""
 
-_COMMON_GROUND = 0.7
-"""Share of a box's footprint that the object's covers, of boxes that cover less of it than most."""
+_COMMON_GROUND = 0.85
+"""Share of what two boxes cover together on the ground that is taken to be the object's: its own box is not quite
+either of them."""
 
 _SHARES = np.linspace(0.0, 1.0, 9)
 _FLOOR, _ROOF = (_SHARES[each][:, None] for each in np.triu_indices(len(_SHARES)))
 """How far up from the lower of two boxes to the higher one a floor and a roof may be, the roof at least as far."""
 
-_TIE = 3e-3
+_TIE = 1e-3
 """What a floor or a roof all the way off the mean costs in probability: decides between heights that are as likely."""
 
 
-def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Floats]:
-    """Boxes `share` (N,) of the way from own ones to another agent's, but for their heights.
+def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Boxes3D, Floats]:
+    """Boxes between own ones and another agent's, each where it most likely overlaps the object enough.
 
-    Floor and roof are those between which a box most likely overlaps the object enough, if the other box is right with
-    the probability `share` and else the own one. Where the two differ little the mean overlaps both; where they differ
-    more, a box in between, taller than either, does; where they differ by more than their own height and one is far
-    likelier, that one is taken.
+    The other box is right with the probability `share`, and else the own one. Over ground a box is their mean, weighted
+    by that, or, where the mean would miss both, half-way or either of the two; it has the heading of the likelier.
+    Floor and roof are chosen apart, between those of the two: where they differ little the mean overlaps both; where
+    they differ more, a box in between, taller than either, does; where they differ by more than their own height and
+    one is far likelier, that one is taken.
+
+    Args:
+        own: N boxes.
+        other: N boxes.
+        share: (N,).
 
     Returns:
-        Centre and size (N, 6) m, and (2, N) how likely each overlaps the object enough if the own box, and if the other
-        one, is right.
+        The boxes, and (2, N) how likely each overlaps the object enough if the own box, and if the other one, is right.
     """
-    extent: Floats = own.array[:, :6] + share[:, None] * (other.array[:, :6] - own.array[:, :6])
-    floors = np.stack([bottom(own), bottom(other)])
+    ways = np.stack([share, np.zeros_like(share), np.ones_like(share), np.full_like(share, 0.5)])
+    tried = [_of_heights(_between(own, other, share, way), own, other, share) for way in ways]
+    best = np.argmax([value for value, _, _ in tried], axis=0), np.arange(len(share))
+    boxes = np.stack([boxes for _, boxes, _ in tried])[best]
+    reaches = np.stack([reaches.T for _, _, reaches in tried])[best]
+    return Boxes3D.from_array(boxes), reaches.T
+
+
+def _between(own: Boxes3D, other: Boxes3D, share: Floats, way: Floats) -> Floats:
+    """Boxes (N, 7) `way` (N,) from the own ones to the other ones, with the heading of the likelier."""
+    between = own.array + way[:, None] * (other.array - own.array)
+    between[:, 6] = np.where(share > 0.5, other.yaw, own.yaw)
+    return between
+
+
+def _of_heights(boxes: Floats, own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Floats, Floats]:
+    """Of boxes (N, 7) over ground: how likely the best heights are right (N,), boxes with them, and (2, N) reaches."""
+    floors = np.stack([own.bottom, other.bottom])
     roofs, chances = floors + np.stack([own.size[:, 2], other.size[:, 2]]), np.stack([1 - share, share])
     order = np.argsort(floors, axis=0, kind="stable")
     (low_m, high_m), (low_roof_m, high_roof_m), (_, of_higher) = (
@@ -43,25 +66,24 @@ def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Flo
     )
     floor = low_m + _FLOOR * (high_m - low_m)
     roof = low_roof_m + _ROOF * (high_roof_m - low_roof_m)
-    reaches = np.stack([_reaches(floor, roof, *each) for each in zip(floors, roofs, strict=True)])
+    reaches = np.stack([_reaches(boxes, floor, roof, each) for each in (own, other)])
     right = (chances[:, None] * reaches).sum(axis=0)
     # Of equals the one nearest to the mean.
-    best = (right - _TIE * ((_FLOOR - of_higher) ** 2 + (_ROOF - of_higher) ** 2)).argmax(axis=0)
-    column = np.arange(len(share))
-    extent[:, 2] = (floor + roof)[best, column] / 2
-    extent[:, 5] = (roof - floor)[best, column]
-    return extent, reaches[:, best, column]
+    value = right - _TIE * ((_FLOOR - of_higher) ** 2 + (_ROOF - of_higher) ** 2)
+    best = value.argmax(axis=0), np.arange(len(share))
+    chosen = boxes.copy()
+    chosen[:, 2], chosen[:, 5] = (floor + roof)[best] / 2, (roof - floor)[best]
+    return value[best], chosen, reaches[:, *best]
 
 
-def _reaches(floor: Floats, roof: Floats, its_floor: Floats, its_roof: Floats) -> Floats:
-    """How likely boxes between floors and roofs (C, N) m overlap an object enough whose own are (N,) m."""
-    common = _COMMON_GROUND * np.maximum(np.minimum(roof, its_roof) - np.maximum(floor, its_floor), 0.0)
-    overlap = common / (roof - floor + its_roof - its_floor - common)
-    likely: Floats = expit((overlap - ON_OBJECT) / _BLUR)
+def _reaches(boxes: Floats, floor: Floats, roof: Floats, right: Boxes3D) -> Floats:
+    """How likely `boxes` (N, 7) between floors and roofs (C, N) m overlap an object enough that `right` has found."""
+    overlap = np.nan_to_num(np.diag(iou_bev(boxes, right.array)))
+    sides = np.stack([boxes[:, 3:5], right.size[:, :2]])
+    area, its_area = (sides / sides.max(axis=(0, 2))[:, None]).prod(axis=2)  # a scale cancels, and might overflow
+    ground = _COMMON_GROUND * overlap * (area + its_area) / (1 + overlap)
+    its_floor, its_height = right.bottom, right.size[:, 2]
+    common = ground * np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
+    union = (roof - floor) * area + its_height * its_area - common
+    likely: Floats = expit((common / union - ON_OBJECT) / _BLUR)
     return likely
-
-
-def bottom(boxes: Boxes3D) -> Floats:
-    """Height (N,) m of the undersides."""
-    height: Floats = boxes.center[:, 2] - boxes.size[:, 2] / 2
-    return height

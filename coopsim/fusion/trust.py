@@ -9,16 +9,22 @@ import numpy as np
 from scipy.special import expit
 
 from coopsim.checks import require_between, require_probability
-from coopsim.fusion.compromise import ON_OBJECT, bottom, compromise
+from coopsim.fusion.compromise import compromise
+from coopsim.fusion.registration import matched, register
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev, iou_3d
+from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.tracker import sane
 from coopsim.types import Detections, Ints, Mask
 
 _CLEARLY = 4
 """Power of the score in the weights of what an agent sees clearly: one box at 0.8 counts for 16 at 0.4."""
+
+
+_AS_LIKELY_AS_NOT, _STEEPNESS = 0.255, 6.4
+"""Of how the 3D IoU with a right box tells whether the object is overlapped enough too. In the training recordings of
+V2V4Real boxes between two agents' were on their object in 31 % of cases where it was 0.2 to 0.25, in 64 % in the next
+0.05, then in 85, 92 and 96 %: log odds linear in its logarithm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +72,23 @@ def pair_features(
     return np.stack([own_score, other_score, own_away_m, other_away_m, gap_m, gap_m * own_away_m], axis=1)
 
 
-def away_from_middle(detections: Detections) -> Floats:
-    """Distance (N,) m over ground from the middle of what an agent sees clearly."""
+def clear_middle(detections: Detections) -> Floats:
+    """The middle (2,) m over ground of what an agent sees clearly; the origin if it sees nothing."""
     if not len(detections):
-        return np.zeros(0)
-    places = detections.boxes.center[:, :2]
+        return np.zeros(2)
     score = np.maximum(detections.score, 1e-6)
     weight = (score / score.max()) ** _CLEARLY
-    distance: Floats = np.linalg.norm(places - weight @ places / weight.sum(), axis=1)
+    middle: Floats = weight @ detections.boxes.center[:, :2] / weight.sum()
+    return middle
+
+
+def away_from_middle(detections: Detections) -> Floats:
+    """Distance (N,) m over ground from the middle of what an agent sees clearly."""
+    return _away(detections.boxes, clear_middle(detections))
+
+
+def _away(boxes: Boxes3D, middle: Floats) -> Floats:
+    distance: Floats = np.linalg.norm(boxes.center[:, :2] - middle, axis=1)
     return distance
 
 
@@ -83,7 +98,8 @@ class Believed:
 
     Attributes:
         found: the boxes, each with the best score of all agents that see it.
-        chance: (K,) that it is on the object if one of the agents is right about it; 1 if only one sees it.
+        chance: (K,) that it is on the object if one of the agents is right about it; 1 if only one sees it and nothing
+            tells of another place.
         nearest_m: (K,) m over ground from the middle of what the nearest agent that sees it sees clearly.
         score: (K,) of the likeliest agent.
         away_m: (K,) m over ground from the middle of what that agent sees clearly.
@@ -111,54 +127,100 @@ class Believed:
         return Believed(Detections.concatenate([self.found, other.found]), *joined)
 
 
-def trust_likelier(groups: Sequence[Detections], gate: float, doubt: Doubt, least_chance: float = 1.0) -> Believed:
-    """One box per object: the mean of the agents' boxes, weighted by how likely each is the right one.
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """What two agents say of the same objects.
 
-    Each group is matched to what the groups before left (Hungarian on the BEV GIoU, per class), and what is new is
-    added. A fused box has the heading, covariance and embedding of the likelier one, the best score of all, and a
-    floor and a roof between which it most likely overlaps the object (`compromise`). Where that box does not
-    overlap one of the two enough to be right if that is, the one given up may be kept as a box of its own, last of all.
+    Attributes:
+        mine: (K,) rows of the own boxes that the other sees too.
+        theirs: (K,) the other's rows.
+        new: (L,) the other's rows of what only it sees.
+        expected: (L,) where those would lie, by registration, had the receiver's own sensor seen them; (0,) where
+            nothing is common, and nothing to register by.
+    """
+
+    mine: Ints
+    theirs: Ints
+    new: Ints
+    expected: Believed
+
+
+def compare(own: Believed, other: Believed, gate: float) -> Compared:
+    """Match what two agents see under their registration, in which a common error of a pose or a clock has no part."""
+    found = register(own.found, other.found)
+    placed = found.place(other.found.boxes)
+    mine, theirs = matched(own.found, other.found, placed, gate)
+    new = np.setdiff1d(np.arange(len(other.found)), theirs)
+    rows = new if found.common else new[:0]
+    boxes = placed[rows]
+    # Nobody saw them there: no score, and only the distance from what the receiver sees is its own.
+    away_m = _away(boxes, clear_middle(own.found))
+    expected = replace(
+        other[rows], found=replace(other.found[rows], boxes=boxes), away_m=away_m, score=np.zeros(len(rows))
+    )
+    return Compared(mine, theirs, new, expected)
+
+
+def trust_likelier(
+    groups: Sequence[Detections], gate: float, doubt: Doubt, hearsay: Doubt | None = None, least_chance: float = 1.0
+) -> Believed:
+    """One box per object: between the agents' boxes, where it is most likely right.
+
+    Each group is matched to what the groups before left (Hungarian on the BEV GIoU, per class, after registration), and
+    what is new is added. A fused box has the heading, covariance and embedding of the likelier one, the best score of
+    all, and lies where it most likely overlaps the object (`compromise`). Where it may miss the object although one of
+    the two is right, that one may be kept as a box of its own, last of all, with what chance is left to it.
+
+    What the receiver does not see itself is treated alike: it may lie where the other agent says, or where registration
+    says that the receiver would see it.
 
     Args:
         groups: one per agent, in one frame, the receiver's own first. Boxes that are not finite or have no size are
             left out.
         gate: smallest BEV GIoU of boxes on one object, in [-1, 1].
         doubt: what makes a box doubtful.
-        least_chance: from which probability on, in [0, 1], a box that was given up is kept; 1: none is.
+        hearsay: what makes doubtful what only another agent sees; None: it is believed.
+        least_chance: how likely a box that was given up must be right where the fused one is not, in [0, 1], to be
+            kept; 1: none is.
     """
     require_between(-1, 1, gate=gate)
     require_probability(least_chance=least_chance)
     fused, given_up = Believed.of_one(Detections.empty()), Believed.of_one(Detections.empty())
     for group in (Believed.of_one(sane(each)) for each in groups):
-        affinity = giou_bev(fused.found.boxes.array, group.found.boxes.array)
-        affinity[fused.found.label[:, None] != group.found.label] = -np.inf
-        mine, theirs = hungarian(affinity, gate)
-        agreed, other = _fuse(fused[mine], group[theirs], doubt)
-        given_up = given_up.join(other[other.chance >= least_chance])
-        new = np.setdiff1d(np.arange(len(group.found)), theirs)
-        alone = np.setdiff1d(np.arange(len(fused.found)), mine)
-        order = np.argsort(np.concatenate([mine, alone]), kind="stable")
-        fused = agreed.join(fused[alone])[order].join(group[new])
+        seen = compare(fused, group, gate)
+        agreed, spare = _fuse(fused[seen.mine], group[seen.theirs], doubt)
+        new = group[seen.new]
+        if hearsay is not None and len(seen.expected.found):
+            new, other_spare = _fuse(seen.expected, new, hearsay)
+            spare = spare.join(other_spare)
+        given_up = given_up.join(spare[spare.chance >= least_chance])
+        alone = np.setdiff1d(np.arange(len(fused.found)), seen.mine)
+        order = np.argsort(np.concatenate([seen.mine, alone]), kind="stable")
+        fused = agreed.join(fused[alone])[order].join(new)
     return fused.join(given_up)
 
 
 def _fuse(own: Believed, other: Believed, doubt: Doubt) -> tuple[Believed, Believed]:
-    """Fused boxes of N pairs, and those of the pairs' boxes that they do not overlap enough."""
-    gap_m = bottom(other.found.boxes) - bottom(own.found.boxes)
+    """Fused boxes of N pairs; and the pairs' own boxes, and their other ones, as far as the fused miss the object."""
+    gap_m = other.found.boxes.bottom - own.found.boxes.bottom
     share = doubt.of_own(pair_features(own.score, other.score, own.away_m, other.away_m, gap_m))
-    extent, reaches = compromise(own.found.boxes, other.found.boxes, share)
+    boxes, reaches = compromise(own.found.boxes, other.found.boxes, share)
     best, nearest_m = np.maximum(own.found.score, other.found.score), np.minimum(own.nearest_m, other.nearest_m)
     right = np.stack([(1 - share) * own.chance, share * other.chance])
+    overlaps = np.stack([np.diag(iou_3d(boxes.array, each.found.boxes.array)) for each in (own, other)])
     pairs = own.join(other)  # all own ones, then all others
-    pairs = replace(
+    spare = replace(
         pairs,
         found=replace(pairs.found, score=np.tile(best, 2)),
-        chance=right.ravel(),
+        chance=(right * (1 - _suffices(overlaps))).ravel(),
         nearest_m=np.tile(nearest_m, 2),
     )
-    likelier = pairs[np.arange(len(share)) + len(share) * (share > 0.5)]
-    boxes = likelier.found.boxes.array.copy()
-    boxes[:, :6] = extent
-    reached = np.concatenate([np.diag(iou_3d(boxes, each.found.boxes.array)) for each in (own, other)]) >= ON_OBJECT
-    found = replace(likelier.found, boxes=Boxes3D.from_array(boxes))
-    return replace(likelier, found=found, chance=(right * reaches).sum(axis=0)), pairs[~reached]
+    likelier = spare[np.arange(len(share)) + len(share) * (share > 0.5)]
+    return replace(likelier, found=replace(likelier.found, boxes=boxes), chance=(right * reaches).sum(axis=0)), spare
+
+
+def _suffices(overlap: Floats) -> Floats:
+    """How likely a box that overlaps a right one so much, 3D IoU (...), overlaps the object enough as well."""
+    risen = overlap**_STEEPNESS
+    likely: Floats = risen / (risen + _AS_LIKELY_AS_NOT**_STEEPNESS)
+    return likely

@@ -58,6 +58,12 @@ class Boxes3D:
         return rows
 
     @property
+    def bottom(self) -> Floats:
+        """(N,) m, height of the undersides."""
+        height: Floats = self.center[:, 2] - self.size[:, 2] / 2
+        return height
+
+    @property
     def corners(self) -> Floats:
         """(N, 8, 3) m: bottom face counter-clockwise from front-left, then the top face alike."""
         signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2

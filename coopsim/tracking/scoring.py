@@ -80,24 +80,29 @@ class ShrunkMean:
 
 @dataclass(frozen=True, slots=True)
 class Likelihood(ShrunkMean):
-    """How likely a track is on an object: log odds linear in its shrunk mean score and in the score of this frame.
+    """How likely a track is on an object: log odds linear in its shrunk mean score, in this frame's score, and so on.
 
     Attributes:
         bias: log odds with everything else 0.
         mean: per unit of the shrunk mean score.
         latest: per unit of the score of this frame's detection; without one, that is 0.
+        hits: per unit of the logarithm of the number of its detections.
+        missed: without a detection in this frame.
     """
 
     bias: float = 0.0
     mean: float = 1.0
     latest: float = 0.0
+    hits: float = 0.0
+    missed: float = 0.0
 
     def reported(self, tracks: Tracked) -> Floats:
-        weights = np.array([self.mean, self.latest])
+        weights = np.array([self.mean, self.latest, self.hits, self.missed])
         probability: Floats = expit(self.bias + self.features(tracks) @ weights)
         return probability
 
     @staticmethod
     def features(tracks: Tracked) -> Floats:
-        """What the weights after the bias are for, (N, 2)."""
-        return np.stack([tracks.score, np.where(tracks.misses > 0, 0.0, tracks.latest)], axis=1)
+        """What the weights after the bias are for, (N, 4)."""
+        missed = tracks.misses > 0
+        return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), np.log(tracks.hits), missed], axis=1)
