@@ -38,8 +38,8 @@ HEARSAY = Doubt(
     gap=1.3243,
     gap_away=-0.0087,
 )
-CALIBRATION = Calibration(bias=-4.6612, score=10.3594, away=-0.042, volume=0.6845)
-LIKELIHOOD = Likelihood(bias=-3.5027, mean=3.3914, latest=3.6814, hits=0.1728, missed=-0.1626)
+CALIBRATION = Calibration(bias=-4.6222, score=10.3869, away=-0.0415, volume=0.6612)
+LIKELIHOOD = Likelihood(bias=-3.5309, mean=3.4375, latest=3.6928, hits=0.176, missed=-0.1611)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))

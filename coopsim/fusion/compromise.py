@@ -20,8 +20,8 @@ _SHARES = np.linspace(0.0, 1.0, 9)
 _FLOOR, _ROOF = (_SHARES[each][:, None] for each in np.triu_indices(len(_SHARES)))
 """How far up from the lower of two boxes to the higher one a floor and a roof may be, the roof at least as far."""
 
-_TIE = 1e-3
-"""What a floor or a roof all the way off the mean costs in probability: decides between heights that are as likely."""
+_CLOSER = 0.02
+"""What an expected overlap of 1 is worth in probability: decides between boxes that are as likely right."""
 
 
 def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Boxes3D, Floats]:
@@ -61,29 +61,26 @@ def _of_heights(boxes: Floats, own: Boxes3D, other: Boxes3D, share: Floats) -> t
     floors = np.stack([own.bottom, other.bottom])
     roofs, chances = floors + np.stack([own.size[:, 2], other.size[:, 2]]), np.stack([1 - share, share])
     order = np.argsort(floors, axis=0, kind="stable")
-    (low_m, high_m), (low_roof_m, high_roof_m), (_, of_higher) = (
-        np.take_along_axis(each, order, axis=0) for each in (floors, roofs, chances)
-    )
+    (low_m, high_m), (low_roof_m, high_roof_m) = (np.take_along_axis(each, order, axis=0) for each in (floors, roofs))
     floor = low_m + _FLOOR * (high_m - low_m)
     roof = low_roof_m + _ROOF * (high_roof_m - low_roof_m)
-    reaches = np.stack([_reaches(boxes, floor, roof, each) for each in (own, other)])
-    right = (chances[:, None] * reaches).sum(axis=0)
-    # Of equals the one nearest to the mean.
-    value = right - _TIE * ((_FLOOR - of_higher) ** 2 + (_ROOF - of_higher) ** 2)
+    overlaps = np.stack([_overlaps(boxes, floor, roof, each) for each in (own, other)])
+    reaches: Floats = expit((overlaps - ON_OBJECT) / _BLUR)
+    value = (chances[:, None] * (reaches + _CLOSER * overlaps)).sum(axis=0)
     best = value.argmax(axis=0), np.arange(len(share))
     chosen = boxes.copy()
     chosen[:, 2], chosen[:, 5] = (floor + roof)[best] / 2, (roof - floor)[best]
     return value[best], chosen, reaches[:, *best]
 
 
-def _reaches(boxes: Floats, floor: Floats, roof: Floats, right: Boxes3D) -> Floats:
-    """How likely `boxes` (N, 7) between floors and roofs (C, N) m overlap an object enough that `right` has found."""
-    overlap = np.nan_to_num(np.diag(iou_bev(boxes, right.array)))
+def _overlaps(boxes: Floats, floor: Floats, roof: Floats, right: Boxes3D) -> Floats:
+    """3D IoU (C, N) of `boxes` (N, 7) between floors and roofs (C, N) m with an object that `right` has found."""
+    from_above = np.nan_to_num(np.diag(iou_bev(boxes, right.array)))
     sides = np.stack([boxes[:, 3:5], right.size[:, :2]])
     area, its_area = (sides / sides.max(axis=(0, 2))[:, None]).prod(axis=2)  # a scale cancels, and might overflow
-    ground = _COMMON_GROUND * overlap * (area + its_area) / (1 + overlap)
+    ground = _COMMON_GROUND * from_above * (area + its_area) / (1 + from_above)
     its_floor, its_height = right.bottom, right.size[:, 2]
     common = ground * np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
     union = (roof - floor) * area + its_height * its_area - common
-    likely: Floats = expit((common / union - ON_OBJECT) / _BLUR)
-    return likely
+    overlap: Floats = common / union
+    return overlap

@@ -35,10 +35,13 @@ def test_the_likelier_box_with_the_best_score() -> None:
     assert fused(found((0, 0.9)), found((0.4, 0.5))) == [(pytest.approx(0), 0.9)]
 
 
-def test_between_equals_lies_the_mean() -> None:
-    assert fused(found((0, 0.5)), found((0.4, 0.5)), doubt=UNDECIDED) == [(pytest.approx(0.2), 0.5)]
-    # Of three the first two are the first one's rival together.
-    assert fused(*(found((x, 0.5)) for x in (0, 0.4, 0.6)), doubt=UNDECIDED) == [(pytest.approx(0.4), 0.5)]
+def test_between_equals_one_box_that_overlaps_all_of_them() -> None:
+    for places in ((0, 0.4), (0, 0.4, 0.6)):
+        ((x, score),) = fused(*(found((each, 0.5)) for each in places), doubt=UNDECIDED)
+        assert min(places) - 1e-9 <= x <= max(places) + 1e-9 and score == 0.5
+    # Too far apart for either of the two to be within reach of the other: in the middle there is one that is.
+    ((x, _),) = fused(found((0, 0.5)), found((3.2, 0.5)), doubt=UNDECIDED)
+    assert x == pytest.approx(1.6)
 
 
 @pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.2, -1.2])
