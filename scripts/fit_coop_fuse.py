@@ -23,6 +23,7 @@ from scipy.special import expit
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse
 from coopsim.data.recording import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
+from coopsim.fusion.compromise import ON_OBJECT
 from coopsim.fusion.trust import Believed, Doubt, compare, pair_features, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
@@ -35,9 +36,6 @@ from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.scoring import Likelihood
 from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
-
-ON_OBJECT = 0.25
-"""3D IoU from which on a box is right, as the benchmark has it."""
 
 NS_PER_FRAME = 100_000_000
 RIDGE = 1e-3

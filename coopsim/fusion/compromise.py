@@ -41,8 +41,15 @@ def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Boxes3D, Fl
     Returns:
         The boxes, and (2, N) how likely each overlaps the object enough if the own box, and if the other one, is right.
     """
+    floors = np.stack([own.bottom, other.bottom])
+    order = np.argsort(floors, axis=0, kind="stable")
+    lows, highs = (
+        np.take_along_axis(each, order, axis=0)
+        for each in (floors, floors + np.stack([own.size[:, 2], other.size[:, 2]]))
+    )
+    heights = lows[0] + _FLOOR * (lows[1] - lows[0]), highs[0] + _ROOF * (highs[1] - highs[0])
     ways = np.stack([share, np.zeros_like(share), np.ones_like(share), np.full_like(share, 0.5)])
-    tried = [_of_heights(_between(own, other, share, way), own, other, share) for way in ways]
+    tried = [_of_heights(_between(own, other, share, way), *heights, own, other, share) for way in ways]
     best = np.argmax([value for value, _, _ in tried], axis=0), np.arange(len(share))
     boxes = np.stack([boxes for _, boxes, _ in tried])[best]
     reaches = np.stack([reaches.T for _, _, reaches in tried])[best]
@@ -56,14 +63,11 @@ def _between(own: Boxes3D, other: Boxes3D, share: Floats, way: Floats) -> Floats
     return between
 
 
-def _of_heights(boxes: Floats, own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Floats, Floats, Floats]:
-    """Of boxes (N, 7) over ground: how likely the best heights are right (N,), boxes with them, and (2, N) reaches."""
-    floors = np.stack([own.bottom, other.bottom])
-    roofs, chances = floors + np.stack([own.size[:, 2], other.size[:, 2]]), np.stack([1 - share, share])
-    order = np.argsort(floors, axis=0, kind="stable")
-    (low_m, high_m), (low_roof_m, high_roof_m) = (np.take_along_axis(each, order, axis=0) for each in (floors, roofs))
-    floor = low_m + _FLOOR * (high_m - low_m)
-    roof = low_roof_m + _ROOF * (high_roof_m - low_roof_m)
+def _of_heights(
+    boxes: Floats, floor: Floats, roof: Floats, own: Boxes3D, other: Boxes3D, share: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Of boxes (N, 7) over ground and floors and roofs (C, N): the best's value (N,), boxes so, and (2, N) reaches."""
+    chances = np.stack([1 - share, share])
     overlaps = np.stack([_overlaps(boxes, floor, roof, each) for each in (own, other)])
     reaches: Floats = expit((overlaps - ON_OBJECT) / _BLUR)
     value = (chances[:, None] * (reaches + _CLOSER * overlaps)).sum(axis=0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from coopsim.fusion.common_objects import turned
+from coopsim.fusion.matching import match_boxes
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.tracking.assignment import hungarian
-from coopsim.types import Detections, Ints, Mask
+from coopsim.types import Detections, Mask
 
 _ROUNDS, _GATE = 2, -0.2
 """Boxes are matched anew under what the round before found; how small the BEV GIoU of a pair may be."""
@@ -56,10 +56,8 @@ class Registration:
     def place(self, boxes: Boxes3D) -> Boxes3D:
         """Where the boxes lie on the own ones."""
         off = boxes.center[:, :2] - self.middle
-        cos, sin = np.cos(self.shift[2]), np.sin(self.shift[2])
-        turned = np.stack([cos * off[:, 0] - sin * off[:, 1], sin * off[:, 0] + cos * off[:, 1]], axis=1)
         height = boxes.center[:, 2] + self.rise[0] + off @ self.rise[1:]
-        center = np.column_stack([self.middle + self.shift[:2] + turned, height])
+        center = np.column_stack([self.middle + self.shift[:2] + turned(off, self.shift[2]), height])
         return Boxes3D(center, boxes.size, wrap_angle(boxes.yaw + self.shift[2]))
 
 
@@ -71,7 +69,7 @@ def register(own: Detections, other: Detections) -> Registration:
     """
     found = Registration(_middle(other.boxes))
     for _ in range(_ROUNDS):
-        mine, theirs = matched(own, other, found.place(other.boxes), _GATE)
+        mine, theirs = match_boxes(own.boxes, own.label, found.place(other.boxes), other.label, _GATE)
         within = _near(own.boxes[mine]) & _near(other.boxes[theirs])
         mine, theirs = mine[within], theirs[within]
         if not len(mine):
@@ -84,20 +82,6 @@ def register(own: Detections, other: Detections) -> Registration:
             found.middle, _shift(off, apart[:, :2], weight), _rise(off, apart[:, 2], weight), len(mine)
         )
     return found
-
-
-def matched(own: Detections, other: Detections, placed: Boxes3D, gate: float) -> tuple[Ints, Ints]:
-    """Rows (K,) and (K,) of boxes of one class on one object, the other's `placed` somewhere else.
-
-    Args:
-        own: one agent's boxes.
-        other: another's.
-        placed: where the other's are for this.
-        gate: smallest BEV GIoU.
-    """
-    affinity = giou_bev(own.boxes.array, placed.array)
-    affinity[own.label[:, None] != other.label] = -np.inf
-    return hungarian(affinity, gate)
 
 
 def _middle(boxes: Boxes3D) -> Floats:

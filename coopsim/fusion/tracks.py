@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.fusion.covariance_intersection import covariance_intersection
+from coopsim.fusion.matching import match_boxes
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import wrap_angle
-from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.estimates import TrackEstimates
 from coopsim.types import Ints, Tracks
 
@@ -27,9 +26,8 @@ def fuse_tracks(held: TrackEstimates, heard: TrackEstimates, gate: float) -> tup
     Returns:
         The fused tracks, (N + new,), and in which of their rows each heard track is, (M,).
     """
-    affinity = giou_bev(held.tracks.boxes.array, heard.tracks.boxes.array)
-    affinity[held.tracks.label[:, None] != heard.tracks.label] = -np.inf
-    mine, theirs = hungarian(affinity, gate)
+    own, other = held.tracks, heard.tracks
+    mine, theirs = match_boxes(own.boxes, own.label, other.boxes, other.label, gate)
     new = np.setdiff1d(np.arange(len(heard)), theirs)
     where = np.empty(len(heard), dtype=np.int64)
     where[theirs], where[new] = mine, len(held) + np.arange(len(new))

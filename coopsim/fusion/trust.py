@@ -10,7 +10,8 @@ from scipy.special import expit
 
 from coopsim.checks import require_between, require_probability
 from coopsim.fusion.compromise import compromise
-from coopsim.fusion.registration import matched, register
+from coopsim.fusion.matching import match_boxes
+from coopsim.fusion.registration import register
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -149,7 +150,7 @@ def compare(own: Believed, other: Believed, gate: float) -> Compared:
     """Match what two agents see under their registration, in which a common error of a pose or a clock has no part."""
     found = register(own.found, other.found)
     placed = found.place(other.found.boxes)
-    mine, theirs = matched(own.found, other.found, placed, gate)
+    mine, theirs = match_boxes(own.found.boxes, own.found.label, placed, other.found.label, gate)
     new = np.setdiff1d(np.arange(len(other.found)), theirs)
     rows = new if found.common else new[:0]
     boxes = placed[rows]
