@@ -32,7 +32,6 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
 from coopsim.rng import stream
-from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.scoring import Likelihood
 from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
@@ -158,7 +157,8 @@ def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: 
             groups = [found[frame] for found in recording.detections.values()]
             believed = trust_likelier(groups, MERGE_GATE, doubt, hearsay, LEAST_CHANCE)
             features.append(Calibration.features(believed))
-            right.append(_on_object(believed.found.boxes.array, recording.truth[frame].boxes.array))
+            likelier = believed.chance * np.maximum(believed.found.score, 1e-3)
+            right.append(_on_object(believed.found.boxes.array, likelier, recording.truth[frame].boxes.array))
             chance.append(believed.chance)
     return np.concatenate(features), np.concatenate(right), np.concatenate(chance)
 
@@ -173,14 +173,21 @@ def _reports(recordings: Sequence[Recording], frames: int, policy: CoopFuse) -> 
             tracker.step(policy.fuse(groups)[0], frame * NS_PER_FRAME)
             tracked = tracker.state.tracked
             features.append(Likelihood.features(tracked))
-            right.append(_on_object(tracked.boxes, recording.truth[frame].boxes.array))
+            right.append(_on_object(tracked.boxes, tracked.score, recording.truth[frame].boxes.array))
     return np.concatenate(features), np.concatenate(right)
 
 
-def _on_object(boxes: Floats, truth: Floats) -> Mask:
-    """Which boxes (N, 7) are on an object, at most one on each."""
-    on_object = np.zeros(len(boxes), dtype=bool)
-    on_object[hungarian(iou_3d(boxes, truth), ON_OBJECT)[0]] = True
+def _on_object(boxes: Floats, likelier: Floats, truth: Floats) -> Mask:
+    """Which boxes (N, 7) are on an object that no likelier box is on already; `likelier` is (N,), the larger the more.
+
+    One that shares its object with a likelier box is a false alarm even if it overlaps the object better.
+    """
+    on_object, overlaps = np.zeros(len(boxes), dtype=bool), iou_3d(boxes, truth)
+    for row in np.argsort(-likelier, kind="stable") if len(truth) else ():
+        best = overlaps[row].argmax()
+        on_object[row] = overlaps[row, best] >= ON_OBJECT
+        if on_object[row]:
+            overlaps[:, best] = 0.0
     return on_object
 
 
