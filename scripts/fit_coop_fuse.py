@@ -79,7 +79,8 @@ def main() -> None:
 def fit(recordings: Sequence[Recording], frames: int) -> Weights:
     """Learn from labelled recordings."""
     doubt, hearsay = (Doubt(*_logistic(*each)) for each in _pairs(recordings, frames))
-    calibration = Calibration(*_logistic(*_fused(recordings, frames, doubt, hearsay)))
+    features, right, chance = _fused(recordings, frames, doubt, hearsay)
+    calibration = Calibration(*_logistic(features, right, np.log(np.maximum(chance, 1e-6))))
     policy = CoopFuse(doubt=doubt, hearsay=hearsay, calibration=calibration)
     learned = _logistic(*_reports(recordings, frames, policy))
     likelihood = replace(LIKELIHOOD, **dict(zip(_TRACK_WEIGHTS, learned, strict=True)))
@@ -196,25 +197,29 @@ def _right(boxes: Boxes3D, truth: Floats) -> Mask:
     return right
 
 
-def _logistic(features: Floats, right: Mask, chance: Floats | float = 1.0) -> list[float]:
-    """Weights of a logistic regression, bias first, of what is right with `chance` times the odds' probability.
+def _logistic(features: Floats, right: Mask, log_factor: Floats | None = None) -> list[float]:
+    """Weights of a logistic regression, bias first: of what is right with the odds' probability.
 
-    A slight ridge on standardised features keeps them finite.
+    With the logarithm of a factor, (N,), what is right has that probability times a power of the factor, and the power
+    is the last of the weights. A slight ridge on standardised features keeps the weights finite.
     """
     middle, spread = features.mean(axis=0), features.std(axis=0) + 1e-9
     columns = np.column_stack([np.ones(len(features)), (features - middle) / spread])
+    factor = np.zeros(len(features)) if log_factor is None else log_factor
 
     def loss(weights: Floats) -> tuple[float, Floats]:
-        odds = expit(columns @ weights)
-        likely = np.clip(chance * odds, 1e-9, 1 - 1e-9)
-        slope = np.where(right, -1.0, likely / (1 - likely)) * (1 - odds)
-        ridge = np.append(0.0, RIDGE * weights[1:])
+        odds, power = expit(columns @ weights[:-1]), weights[-1]
+        likely = np.clip(np.exp(power * factor) * odds, 1e-9, 1 - 1e-9)
+        slope = np.where(right, -1.0, likely / (1 - likely))
+        ridge = np.append(0.0, RIDGE * weights[1:-1])
         missed = -np.log(np.where(right, likely, 1 - likely)).mean()
-        return float(missed + ridge @ weights / 2), columns.T @ slope / len(right) + ridge
+        steepest = columns.T @ (slope * (1 - odds)) / len(right) + ridge
+        return float(missed + ridge @ weights[:-1] / 2), np.append(steepest, (slope * factor).mean())
 
-    fitted = minimize(loss, np.zeros(columns.shape[1]), jac=True).x
-    weights = fitted[1:] / spread
-    return [round(float(weight), 4) for weight in (fitted[0] - weights @ middle, *weights)]
+    *fitted, power = minimize(loss, np.append(np.zeros(columns.shape[1]), 1.0), jac=True).x
+    weights = np.array(fitted[1:]) / spread
+    found = [fitted[0] - weights @ middle, *weights] + ([] if log_factor is None else [power])
+    return [round(float(weight), 4) for weight in found]
 
 
 if __name__ == "__main__":

@@ -18,24 +18,26 @@ class Calibration:
     A score says how much some points look like an object, not whether the box around them overlaps it. Of two boxes
     with the same score the one far from what is seen clearly is the likelier to miss, most of all in height, and the
     larger one is the likelier to overlap: the same error is less of it. The log odds are linear in these. Where agents
-    differ, one of them at most is right, so what comes out is multiplied by `Believed.chance`.
+    differ, one of them at most is right, so what comes out is multiplied by a power of `Believed.chance`.
 
     Attributes:
         bias: log odds with everything else 0.
         score: per unit of score.
         away: per metre from the middle of what the nearest agent that sees it sees clearly.
         volume: per unit of the logarithm of its volume in m^3.
+        chance: power of the chance; below 1 where small chances come true more often than they say.
     """
 
     bias: float
     score: float
     away: float
     volume: float
+    chance: float = 1.0
 
     def of(self, believed: Believed) -> Floats:
         """Probability (N,) of being on an object."""
         weights = np.array([self.score, self.away, self.volume])
-        probability: Floats = believed.chance * expit(self.bias + self.features(believed) @ weights)
+        probability: Floats = believed.chance**self.chance * expit(self.bias + self.features(believed) @ weights)
         return probability
 
     @staticmethod

@@ -13,7 +13,7 @@ from coopsim.fusion.trust import Believed
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
 
-CALIBRATION = Calibration(bias=-4.0, score=9.0, away=-0.04, volume=0.8)
+CALIBRATION = Calibration(bias=-4.0, score=9.0, away=-0.04, volume=0.8, chance=0.7)
 
 
 def box(score: float, size: tuple[float, float, float] = (4.5, 1.9, 1.6)) -> Detections:
@@ -33,7 +33,7 @@ def test_every_weight_is_of_its_own_feature() -> None:
     log_odds = -4 + 9 * 0.5 - 0.04 * 20 + 0.8 * np.log(4 * 2 * 1.5)
     assert probability(box(0.5, (4, 2, 1.5)), 20) == pytest.approx(1 / (1 + np.exp(-log_odds)))
     # Of boxes that exclude each other one at most is right, however clear both are.
-    assert probability(box(0.5, (4, 2, 1.5)), 20, 0.3) == pytest.approx(0.3 / (1 + np.exp(-log_odds)))
+    assert probability(box(0.5, (4, 2, 1.5)), 20, 0.3) == pytest.approx(0.3**0.7 / (1 + np.exp(-log_odds)))
 
 
 @given(score=st.floats(0, 0.9), away_m=st.floats(0, 100), more=st.floats(0.05, 0.1))
