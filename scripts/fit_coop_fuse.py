@@ -133,7 +133,8 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
             for other in (Believed.of_one(sane(each[frame])) for each in others):
                 seen = compare(own, other, MERGE_GATE)
                 seen_by_both.append(_one_right(own[seen.mine], other[seen.theirs], truth))
-                seen_by_other.append(_one_right(seen.expected, other[seen.new[: len(seen.expected.found)]], truth))
+                if seen.expected is not None:
+                    seen_by_other.append(_one_right(seen.expected, other[seen.new], truth))
     both, only_other = (
         (np.concatenate([features for features, _ in each]), np.concatenate([right for _, right in each]))
         for each in (seen_by_both, seen_by_other)

@@ -32,7 +32,7 @@ class Calibration:
     score: float
     away: float
     volume: float
-    chance: float = 1.0
+    chance: float
 
     def of(self, believed: Believed) -> Floats:
         """Probability (N,) of being on an object."""

@@ -136,14 +136,14 @@ class Compared:
         mine: (K,) rows of the own boxes that the other sees too.
         theirs: (K,) the other's rows.
         new: (L,) the other's rows of what only it sees.
-        expected: (L,) where those would lie, by registration, had the receiver's own sensor seen them; (0,) where
+        expected: (L,) where those would lie, by registration, had the receiver's own sensor seen them; None where
             nothing is common, and nothing to register by.
     """
 
     mine: Ints
     theirs: Ints
     new: Ints
-    expected: Believed
+    expected: Believed | None
 
 
 def compare(own: Believed, other: Believed, gate: float) -> Compared:
@@ -152,13 +152,12 @@ def compare(own: Believed, other: Believed, gate: float) -> Compared:
     placed = found.place(other.found.boxes)
     mine, theirs = match_boxes(own.found.boxes, own.found.label, placed, other.found.label, gate)
     new = np.setdiff1d(np.arange(len(other.found)), theirs)
-    rows = new if found.common else new[:0]
-    boxes = placed[rows]
+    if not found.common:
+        return Compared(mine, theirs, new, None)
+    boxes, alone = placed[new], other[new]
     # Nobody saw them there: no score, and only the distance from what the receiver sees is its own.
     away_m = _away(boxes, clear_middle(own.found))
-    expected = replace(
-        other[rows], found=replace(other.found[rows], boxes=boxes), away_m=away_m, score=np.zeros(len(rows))
-    )
+    expected = replace(alone, found=replace(alone.found, boxes=boxes), away_m=away_m, score=np.zeros(len(new)))
     return Compared(mine, theirs, new, expected)
 
 
@@ -191,7 +190,7 @@ def trust_likelier(
         seen = compare(fused, group, gate)
         agreed, spare = _fuse(fused[seen.mine], group[seen.theirs], doubt)
         new = group[seen.new]
-        if hearsay is not None and len(seen.expected.found):
+        if hearsay is not None and seen.expected is not None:
             new, other_spare = _fuse(seen.expected, new, hearsay)
             spare = spare.join(other_spare)
         given_up = given_up.join(spare[spare.chance >= least_chance])
