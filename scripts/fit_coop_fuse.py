@@ -8,6 +8,10 @@ coop_fuse is tested on. The first frames of each recording are used, so that no 
 and what they give on the same frames and on each third of the recordings with weights from the other two: on all
 recordings together, and on average over draws of six, because six are what coop_fuse is tested on. How many levels of
 recall are reached jumps from one to the next, and with them all averages; the draws smooth that.
+
+The thirds are blocks, because recordings that follow each other are alike: weights that know their roads look good if
+every third is held out. Boosted trees over what is around a track seemed to bring 0.5 AMOTA so, and cost 0.3 on
+the recordings that coop_fuse is tested on.
 """
 
 from __future__ import annotations
@@ -68,10 +72,9 @@ def main() -> None:
     print(weights.doubt, weights.hearsay, weights.calibration, weights.likelihood, sep="\n")
     report("the same recordings", figures([log_of(each, weights, args.frames) for each in recordings]))
     held_out = []
-    for fold in range(FOLDS):
-        others = [each for k, each in enumerate(recordings) if k % FOLDS != fold]
-        learned = fit(others, args.frames)
-        held_out += [log_of(each, learned, args.frames) for each in recordings[fold::FOLDS]]
+    for block in np.array_split(np.arange(len(recordings)), FOLDS):
+        learned = fit([each for k, each in enumerate(recordings) if k not in block], args.frames)
+        held_out += [log_of(recordings[k], learned, args.frames) for k in block]
     report("recordings held out", figures(held_out))
     report(f"{DRAWN} of them, mean of {DRAWS} draws", figures_of_draws(held_out))
 
