@@ -67,13 +67,11 @@ def _as_likely(tracks: Tracked, found: Detections, /) -> Floats:
 class _LikelyEnough:
     """Reported while likely on an object; dropped by age."""
 
-    likelihood: Likelihood
     least: float
     age: int
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        likely: Mask = self.likelihood.reported(tracks) >= self.least
-        return likely
+        return tracks.confidence >= self.least
 
     def alive(self, tracks: Tracked) -> Mask:
         return tracks.misses < self.age
@@ -122,7 +120,7 @@ class CoopFuse(TrackingPolicy):
         require_count(1, age=age)
         self._merge_gate, self._least_chance, self._doubt, self._hearsay = merge_gate, least_chance, doubt, hearsay
         self._calibration, self._likelihood = calibration, likelihood
-        self._gate, self._lifecycle = gate, _LikelyEnough(likelihood, least, age)
+        self._gate, self._lifecycle = gate, _LikelyEnough(least, age)
         super().__init__(late, align)
 
     def make_tracker(self) -> Tracker:

@@ -26,7 +26,7 @@ class Scoring(Protocol):
     def miss(self, before: Floats, age: Ints) -> Floats:
         """Of tracks without a detection in this frame, (K,)."""
 
-    def reported(self, tracks: Tracked) -> Floats:
+    def confidence(self, tracks: Tracked) -> Floats:
         """What reports say, (N,)."""
 
 
@@ -42,7 +42,7 @@ class Latest:
     def miss(self, before: Floats, age: Ints) -> Floats:
         return before
 
-    def reported(self, tracks: Tracked) -> Floats:
+    def confidence(self, tracks: Tracked) -> Floats:
         return tracks.score
 
 
@@ -74,7 +74,7 @@ class ShrunkMean:
         kept: Floats = before * (self.weight + age) / (self.weight + age + 1)
         return kept
 
-    def reported(self, tracks: Tracked) -> Floats:
+    def confidence(self, tracks: Tracked) -> Floats:
         return tracks.score
 
 
@@ -96,7 +96,7 @@ class Likelihood(ShrunkMean):
     hits: float = 0.0
     missed: float = 0.0
 
-    def reported(self, tracks: Tracked) -> Floats:
+    def confidence(self, tracks: Tracked) -> Floats:
         weights = np.array([self.mean, self.latest, self.hits, self.missed])
         probability: Floats = expit(self.bias + self.features(tracks) @ weights)
         return probability

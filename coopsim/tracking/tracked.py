@@ -25,6 +25,7 @@ class Tracked:
         label: (N,) int, an `ObjectClass`.
         score: (N,) as the tracker's scoring keeps it.
         latest: (N,) score of the last detection.
+        confidence: (N,) what reports said of it last; the first score before any did.
         hits: (N,) frames with a detection so far.
         misses: (N,) frames since the last detection; 0 if detected in this one.
         age: (N,) frames since birth; 0 in the frame of birth.
@@ -38,6 +39,7 @@ class Tracked:
     label: Ints
     score: Floats
     latest: Floats
+    confidence: Floats
     hits: Ints
     misses: Ints
     age: Ints

@@ -144,6 +144,7 @@ class Tracker:
         lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
         tracked = replace(tracked, score=lost)
         tracked = tracked[self._lifecycle.alive(tracked)]
+        tracked = replace(tracked, confidence=self._scoring.confidence(tracked))
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
 
@@ -182,7 +183,7 @@ class Tracker:
         boxes = Boxes3D.from_array(shown.boxes)
         # A filter may shrink a box through zero; a report of it would be refused.
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
-        return Tracks(shown.id, boxes, shown.velocity, self._scoring.reported(shown), shown.label)
+        return Tracks(shown.id, boxes, shown.velocity, shown.confidence, shown.label)
 
     def _updated(self, tracked: Tracked, rows: Ints, found: Detections) -> Tracked:
         if not len(rows):
@@ -213,7 +214,8 @@ class Tracker:
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
-        return Tracked(beliefs, boxes, velocity, ids, found.label, score, found.score, ones, none, none, looks)
+        scores = (score, found.score, score)
+        return Tracked(beliefs, boxes, velocity, ids, found.label, *scores, ones, none, none, looks)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)

@@ -46,6 +46,7 @@ def tracks(
         numbers(label),
         np.array(np.broadcast_to(score, count), dtype=float),
         np.array(np.broadcast_to(score, count), dtype=float),
+        np.array(np.broadcast_to(score, count), dtype=float),
         numbers(hits),
         numbers(misses),
         numbers(5),

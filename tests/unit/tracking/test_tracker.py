@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
 from coopsim.tracking.ab3dmot import ab3dmot
 from coopsim.tracking.affinity import center_distance, giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from
 from coopsim.tracking.lifecycle import ByScore, HitsAndAge
 from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.scoring import Likelihood, ShrunkMean
+from coopsim.tracking.scoring import Latest, Likelihood, ShrunkMean
+from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker, Turn
 from coopsim.types import Detections, Tracks
 
@@ -55,6 +58,23 @@ def test_ids_are_kept_and_never_used_twice() -> None:
 def test_the_score_is_that_of_the_last_detection() -> None:
     reports = run([cars((0, 0), score=0.3), cars((0, 0), score=0.9), cars()])
     assert [tracks.score.tolist() for tracks in reports] == [[0.3], [0.9], [0.9]]
+
+
+def test_confidence_is_asked_once_a_frame_and_of_all_tracks_whether_they_are_reported_or_not() -> None:
+    class OfAll(Latest):
+        asked: ClassVar[list[int]] = []
+
+        def confidence(self, tracks: Tracked) -> Floats:
+            self.asked.append(len(tracks))
+            share: Floats = tracks.score / tracks.score.sum()
+            return share
+
+    tracker = Tracker(ConstantVelocity(), Cascade([Stage(giou_3d, hungarian, -0.2)]), ByScore(0.5), scoring=OfAll())
+    both = Detections.concatenate([cars((0, 0), score=0.6), cars((30, 0), score=0.2)])
+    reports = [tracker.step(both, k * FRAME_NS) for k in range(3)]
+    assert OfAll.asked == [2, 2, 2]
+    assert [tracks.score.tolist() for tracks in reports] == [pytest.approx([0.75])] * 3
+    assert tracker.state.tracked.confidence.tolist() == pytest.approx([0.75, 0.25])
 
 
 def test_time_between_frames_may_be_anything() -> None:
