@@ -42,7 +42,7 @@ HEARSAY = Doubt(
     gap_away=-0.0087,
 )
 CALIBRATION = Calibration(bias=-4.8248, score=10.4472, away=-0.0418, volume=0.7233, chance=0.7138)
-LIKELIHOOD = Likelihood(bias=-4.0194, mean=3.7127, latest=4.1265, hits=0.2275, missed=-0.3695)
+LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192, missed=-0.3319)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))
@@ -106,7 +106,7 @@ class CoopFuse(TrackingPolicy):
         merge_gate: float = MERGE_GATE,
         least_chance: float = LEAST_CHANCE,
         gate: float = -0.2,
-        least: float = 0.04,
+        least: float = 0.035,
         age: int = 3,
         late: str = "replay",
         align: bool = False,

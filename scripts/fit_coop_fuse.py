@@ -44,7 +44,7 @@ NS_PER_FRAME = 100_000_000
 RIDGE = 1e-3
 FOLDS = 3
 DRAWS, DRAWN = 60, 6
-_TRACK_WEIGHTS = ("bias", "mean", "latest", "hits", "missed")
+_TRACK_WEIGHTS = ("bias", "mean", "latest", "young", "missed")
 
 
 @dataclass(frozen=True)

@@ -86,18 +86,18 @@ class Likelihood(ShrunkMean):
         bias: log odds with everything else 0.
         mean: per unit of the shrunk mean score.
         latest: per unit of the score of this frame's detection; without one, that is 0.
-        hits: per unit of the logarithm of the number of its detections.
+        young: per unit of one over the number of its detections: the first few tell more than all later ones.
         missed: without a detection in this frame.
     """
 
     bias: float = 0.0
     mean: float = 1.0
     latest: float = 0.0
-    hits: float = 0.0
+    young: float = 0.0
     missed: float = 0.0
 
     def confidence(self, tracks: Tracked) -> Floats:
-        weights = np.array([self.mean, self.latest, self.hits, self.missed])
+        weights = np.array([self.mean, self.latest, self.young, self.missed])
         probability: Floats = expit(self.bias + self.features(tracks) @ weights)
         return probability
 
@@ -105,4 +105,4 @@ class Likelihood(ShrunkMean):
     def features(tracks: Tracked) -> Floats:
         """What the weights after the bias are for, (N, 4)."""
         missed = tracks.misses > 0
-        return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), np.log(tracks.hits), missed], axis=1)
+        return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), 1 / tracks.hits, missed], axis=1)

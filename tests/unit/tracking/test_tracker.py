@@ -188,9 +188,9 @@ def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
 
 
 def test_a_track_is_as_likely_as_its_life_says() -> None:
-    def odds(*scores: float, hits: float = 0.0, missed: float = 0.0) -> float:
+    def odds(*scores: float, young: float = 0.0, missed: float = 0.0) -> float:
         stages = Cascade([Stage(giou_3d, hungarian, -0.2)])
-        scoring = Likelihood(bias=-2, mean=4, latest=1, hits=hits, missed=missed)
+        scoring = Likelihood(bias=-2, mean=4, latest=1, young=young, missed=missed)
         tracker = Tracker(ConstantVelocity(), stages, HitsAndAge(1, 9, coast=9), scoring=scoring)
         for k, score in enumerate(scores):
             tracks = tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k * FRAME_NS)
@@ -200,5 +200,5 @@ def test_a_track_is_as_likely_as_its_life_says() -> None:
     assert odds(0.6, 0.9) == pytest.approx(-2 + 4 * (2 + 1.5) / 12 + 0.9)
     assert odds(0.6, 0.9, 0.0) == pytest.approx(-2 + 4 * (2 + 1.5) / 13)
     assert odds(0.6, 0.9, 0.0, 0.9) > odds(0.6, 0.9, 0.0)
-    assert odds(0.6, 0.9, hits=0.5, missed=-3) == pytest.approx(odds(0.6, 0.9) + 0.5 * np.log(2))
-    assert odds(0.6, 0.9, 0.0, hits=0.5, missed=-3) == pytest.approx(odds(0.6, 0.9, 0.0) + 0.5 * np.log(2) - 3)
+    assert odds(0.6, 0.9, young=-0.5, missed=-3) == pytest.approx(odds(0.6, 0.9) - 0.5 / 2)
+    assert odds(0.6, 0.9, 0.0, young=-0.5, missed=-3) == pytest.approx(odds(0.6, 0.9, 0.0) - 0.5 / 2 - 3)
