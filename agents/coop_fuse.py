@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from coopsim.geometry.se3 import Floats
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.assignment import hungarian
 from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.lifecycle import ByScore
 from coopsim.tracking.motion import ConstantVelocity
 from coopsim.tracking.scoring import Likelihood
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import Detections, Mask
+from coopsim.types import Detections
 
 MERGE_GATE, LEAST_CHANCE = 0.14, 0.02
 DOUBT = Doubt(
@@ -61,20 +62,6 @@ def _as_likely(tracks: Tracked, found: Detections, /) -> Floats:
     """
     affinity: Floats = giou_3d(tracks, found) - _LIKENESS * np.abs(tracks.latest[:, None] - found.score)
     return affinity
-
-
-@dataclass(frozen=True, slots=True)
-class _LikelyEnough:
-    """Reported while likely on an object; dropped by age."""
-
-    least: float
-    age: int
-
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
-        return tracks.confidence >= self.least
-
-    def alive(self, tracks: Tracked) -> Mask:
-        return tracks.misses < self.age
 
 
 @POLICIES.register("coop_fuse")
@@ -120,7 +107,7 @@ class CoopFuse(TrackingPolicy):
         require_count(1, age=age)
         self._merge_gate, self._least_chance, self._doubt, self._hearsay = merge_gate, least_chance, doubt, hearsay
         self._calibration, self._likelihood = calibration, likelihood
-        self._gate, self._lifecycle = gate, _LikelyEnough(least, age)
+        self._gate, self._lifecycle = gate, ByScore(least, age=age, coast=age)
         super().__init__(late, align)
 
     def make_tracker(self) -> Tracker:

@@ -36,6 +36,7 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
 from coopsim.rng import stream
+from coopsim.tracking.assignment import greedy
 from coopsim.tracking.scoring import Likelihood
 from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
@@ -187,12 +188,12 @@ def _on_object(boxes: Floats, likelier: Floats, truth: Floats) -> Mask:
 
     One that shares its object with a likelier box is a false alarm even if it overlaps the object better.
     """
-    on_object, overlaps = np.zeros(len(boxes), dtype=bool), iou_3d(boxes, truth)
-    for row in np.argsort(-likelier, kind="stable") if len(truth) else ():
-        best = overlaps[row].argmax()
-        on_object[row] = overlaps[row, best] >= ON_OBJECT
-        if on_object[row]:
-            overlaps[:, best] = 0.0
+    order = np.argsort(-likelier, kind="stable")
+    overlaps = iou_3d(boxes[order], truth)
+    in_turn = overlaps - np.arange(len(order))[:, None]  # any pair of a box goes before all pairs of less likely ones
+    rows, _ = greedy(np.where(overlaps >= ON_OBJECT, in_turn, -np.inf), -np.inf)
+    on_object = np.zeros(len(boxes), dtype=bool)
+    on_object[order[rows]] = True
     return on_object
 
 

@@ -52,10 +52,10 @@ class HitsAndAge:
 
 @dataclass(frozen=True, slots=True)
 class ByScore:
-    """Reported from a score, dropped below one, or after `age` frames without a detection.
+    """Reported from a confidence, dropped below a score, or after `age` frames without a detection.
 
     Attributes:
-        report: smallest score of a reported track.
+        report: smallest confidence of a reported track: what is said of it, its score unless the scoring knows better.
         drop: a track with a smaller score is dropped.
         age: frames without a detection until a track is dropped.
         coast: frames without a detection for which a track is still reported.
@@ -73,7 +73,7 @@ class ByScore:
             raise InvalidValueError(f"report and drop must be numbers, got {self.report!r} and {self.drop!r}")
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        return (tracks.score >= self.report) & (tracks.misses <= self.coast)
+        return (tracks.confidence >= self.report) & (tracks.misses <= self.coast)
 
     def alive(self, tracks: Tracked) -> Mask:
         return (tracks.misses < self.age) & (tracks.score >= self.drop)

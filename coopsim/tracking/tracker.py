@@ -214,8 +214,7 @@ class Tracker:
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
-        scores = (score, found.score, score)
-        return Tracked(beliefs, boxes, velocity, ids, found.label, *scores, ones, none, none, looks)
+        return Tracked(beliefs, boxes, velocity, ids, found.label, score, found.score, score, ones, none, none, looks)
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)

@@ -37,6 +37,7 @@ def tracks(
     def numbers(value: int | list[int]) -> np.ndarray:
         return np.array(np.broadcast_to(value, count), dtype=np.int64)
 
+    scores = np.array(np.broadcast_to(score, count), dtype=float)
     velocity = np.column_stack([np.broadcast_to(speed_m_s, count), np.zeros(count)]).astype(float)
     return Tracked(
         beliefs,
@@ -44,9 +45,9 @@ def tracks(
         velocity,
         1 + np.arange(count),
         numbers(label),
-        np.array(np.broadcast_to(score, count), dtype=float),
-        np.array(np.broadcast_to(score, count), dtype=float),
-        np.array(np.broadcast_to(score, count), dtype=float),
+        scores,
+        scores,
+        scores,
         numbers(hits),
         numbers(misses),
         numbers(5),

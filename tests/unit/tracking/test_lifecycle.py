@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from some_tracks import tracks
 
@@ -21,6 +24,13 @@ def test_score_reports_and_drops() -> None:
     known = tracks(0, 1, 2, 3, score=[0.6, 0.4, 0.05, 0.6], misses=[1, 0, 0, 2])
     assert rule.reported(known, frame=1).tolist() == [True, False, False, False]
     assert rule.alive(known).tolist() == [True, True, False, True]
+
+
+def test_by_score_reports_by_what_would_be_said_and_drops_by_the_score() -> None:
+    known = replace(tracks(0, 10, score=[0.9, 0.3]), confidence=np.array([0.3, 0.9]))
+    rule = ByScore(report=0.5, drop=0.5)
+    assert rule.reported(known, frame=1).tolist() == [False, True]
+    assert rule.alive(known).tolist() == [True, False]
 
 
 def test_fast_objects_are_kept_longer() -> None:
