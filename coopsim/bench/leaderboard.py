@@ -11,10 +11,10 @@ from tabulate import tabulate
 
 from coopsim.bench.csv_rows import to_csv_text
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
+from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings, listening_env
 from coopsim.bench.svg import line_look, to_svg
 from coopsim.bench.table import COLUMNS, format_value, score_row
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.files import make_folder, write_whole
 from coopsim.metrics.ab3dmot import RECALL_POINTS
 from coopsim.metrics.score import Score
@@ -30,18 +30,36 @@ _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ign
 
 def evaluate_each(
     path: str | Path, detections: Sequence[str], policies: Sequence[str], **options: Any
-) -> Iterator[tuple[str, RecordingsEvaluation]]:
-    """Run policies over a recording set, one for each step of the iterator, which gives its name and how it did.
+) -> Iterator[tuple[str, RecordingsEvaluation | Exception]]:
+    """Run policies over a recording set, one for each step of the iterator: its name, and how it did or what it raised.
+
+    Policies and their environments are made once before that, so that a slip in the last costs no run of the first.
 
     Args:
         path: the set's folder.
         detections: names under `detections/`; each is one agent.
-        policies: as `PolicySpec` reads them; all are made now, so that a slip in the last costs no run of the first.
+        policies: as `PolicySpec` reads them.
         **options: of the replay environment, the same for all.
+
+    Raises:
+        CoopsimError: a name is unknown or a value not accepted, before any run; or, from the iterator, a file is
+            broken, which none of the policies can help.
     """
+    replayed = {"path": path, "detections": detections, **options}
     for name in policies:
-        PolicySpec.parse(name).make()
-    return ((name, evaluate_recordings(name, path, detections, **options)) for name in policies)
+        listening_env("replay", PolicySpec.parse(name).make(), replayed).close()
+    return ((name, _evaluation_or_error(name, path, detections, options)) for name in policies)
+
+
+def _evaluation_or_error(
+    name: str, path: str | Path, detections: Sequence[str], options: Mapping[str, Any]
+) -> RecordingsEvaluation | Exception:
+    try:
+        return evaluate_recordings(name, path, detections, **options)
+    except RecordingError:
+        raise
+    except Exception as error:  # a user's policy may raise anything, and the others must not suffer
+        return error
 
 
 def rows_of(results: Results) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from coopsim.cli.arguments import (
     policy,
     seeds,
 )
-from coopsim.cli.status import FAILED_CELLS, INTERRUPTED
+from coopsim.cli.status import FAILED, INTERRUPTED
 from coopsim.errors import CoopsimError
 
 if TYPE_CHECKING:
@@ -145,4 +145,4 @@ def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace
     failed = sum(result.failed for result in results)
     if failed:
         print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
-    return FAILED_CELLS if failed else 0
+    return FAILED if failed else 0

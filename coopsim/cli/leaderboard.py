@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import coopsim
 from coopsim.cli.arguments import add_recordings, policies
-from coopsim.cli.status import INTERRUPTED
+from coopsim.cli.status import FAILED, INTERRUPTED
 
 if TYPE_CHECKING:
     from coopsim.bench.leaderboard import Results
@@ -39,17 +40,27 @@ def run(options: argparse.Namespace) -> int:
         options.path, options.detections, ranked, latency_s=options.latency_ms / 1000, match_iou=options.match_iou
     )
     results: dict[str, RecordingsEvaluation] = {}
+    failed = 0
     interrupted = False
     with tqdm(each, total=len(ranked), unit="policy", disable=None, desc="leaderboard") as bar:
         try:
-            results.update(bar)  # pair by pair: what is finished stays
+            for name, result in bar:
+                if isinstance(result, Exception):
+                    failed += 1
+                    told = "".join(traceback.format_exception(result))  # no report will show where it was
+                    bar.write(f"coopsim: failed: {name}\n{told}", file=sys.stderr, end="")
+                else:
+                    results[name] = result
         except KeyboardInterrupt:
             interrupted = True
-    if results:  # an interrupt before the first is finished leaves older files as they are
+    if results:  # older files stay as they are while nothing is finished
         _report(results, options)
+    if failed:
+        print(f"coopsim: {failed} of {len(ranked)} policies failed and are not ranked", file=sys.stderr)
     if interrupted:
         print(f"coopsim: interrupted; {len(results)} of {len(ranked)} policies were ranked", file=sys.stderr)
-    return INTERRUPTED if interrupted else 0
+        return INTERRUPTED
+    return FAILED if failed else 0
 
 
 def _report(results: Results, options: argparse.Namespace) -> None:

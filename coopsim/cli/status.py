@@ -1,7 +1,7 @@
 """What commands return to the shell."""
 
-FAILED_CELLS = 1
-"""A benchmark came to its end, and some of its cells failed."""
+FAILED = 1
+"""It came to its end, and some of what it ran failed: cells of a benchmark, policies of a leaderboard."""
 
 USER_ERROR = 2
 """The user can mend it; argparse has it for unknown options, too."""

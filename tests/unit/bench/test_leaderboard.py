@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,41 @@ import pytest
 from coopsim.bench.leaderboard import evaluate_each, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
 from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
 from coopsim.cli import main
-from coopsim.cli.status import INTERRUPTED
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.cli.status import FAILED, INTERRUPTED, USER_ERROR
+from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 
 POLICIES = ("no_fusion", "late_fusion")
 
+MINE = """
+import coopsim
+
+class Fails(coopsim.Policy):
+    uplink = "none"
+    def track(self, agent, observation):
+        raise KeyError("my own slip")
+
+class Looks(Fails):
+    cameras = "front"
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> str:
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    return f"{path}:"
+
+
+def _finished(path: Path, detections: Sequence[str], policies: Sequence[str]) -> dict[str, RecordingsEvaluation]:
+    results = {}
+    for name, result in evaluate_each(path, detections, policies):
+        assert isinstance(result, RecordingsEvaluation), result
+        results[name] = result
+    return results
+
 
 def test_every_policy_stands_in_every_table(recordings: Path) -> None:
-    results = dict(evaluate_each(recordings, ("ego", "1"), POLICIES))
+    results = _finished(recordings, ("ego", "1"), POLICIES)
     assert tuple(results) == POLICIES
     markdown = to_markdown(results, "a set")
     assert markdown.index("False positives counted") < markdown.index("False positives ignored")
@@ -36,7 +64,7 @@ def test_every_policy_stands_in_every_table(recordings: Path) -> None:
 
 
 def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> None:
-    score = dict(evaluate_each(recordings, ("ego",), ("no_fusion",)))["no_fusion"].count
+    score = _finished(recordings, ("ego",), ("no_fusion",))["no_fusion"].count
     recall, mota = mota_over_recall(score)
     (agent,) = score.agents.values()
     assert agent.sweep is not None
@@ -47,6 +75,37 @@ def test_the_curve_is_that_of_the_levels_that_were_reached(recordings: Path) -> 
 def test_a_typo_in_the_last_policy_costs_no_run(recordings: Path) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'late_fusion'"):
         evaluate_each(recordings, ("ego",), ("no_fusion", "late_fusoin"))  # and no step of it
+
+
+def test_a_policy_that_cannot_be_fed_costs_no_run(recordings: Path, mine: str) -> None:
+    with pytest.raises(PolicyMismatchError, match="needs cameras 'front', and 'replay' has none"):
+        evaluate_each(recordings, ("ego",), ("no_fusion", f"{mine}Looks"))  # and no step of it
+
+
+def test_a_policy_that_raises_costs_the_others_nothing(
+    recordings: Path, tmp_path: Path, mine: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    command = ["leaderboard", str(recordings), "--detections", "ego", "--out", str(out), "--policies"]
+    assert main([*command, f"no_fusion,{mine}Fails,late_fusion"]) == FAILED
+    shown = capsys.readouterr()
+    assert f"coopsim: failed: {mine}Fails\nTraceback" in shown.err and "KeyError: 'my own slip'" in shown.err
+    assert "1 of 3 policies failed and are not ranked" in shown.err
+    written = {path.suffix: path.read_text() for path in out.iterdir()}
+    assert set(written) == {".md", ".csv", ".svg"}
+    assert all(name in text and "Fails" not in text for text in written.values() for name in POLICIES)
+    assert main([*command, f"{mine}Fails"]) == FAILED
+    assert {path.suffix: path.read_text() for path in out.iterdir()} == written
+
+
+def test_a_broken_file_is_no_fault_of_a_policy(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recordings / "detections" / "ego" / "0001.txt").write_text("0,2,nonsense\n")
+    command = ["leaderboard", str(recordings), "--detections", "ego", "--policies", "no_fusion"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == USER_ERROR
+    error = capsys.readouterr().err
+    assert "ego/0001.txt" in error and "Traceback" not in error and "failed" not in error
 
 
 def test_nothing_to_rank(tmp_path: Path) -> None:
