@@ -68,12 +68,15 @@ def register(own: Detections, other: Detections) -> Registration:
     priors, each reweighted by how well pairs agree (Cauchy's weights). A turn is taken as small.
     """
     found = Registration(_middle(other.boxes))
+    fitted: list[tuple[int, int]] = []
     for _ in range(_ROUNDS):
         mine, theirs = match_boxes(own.boxes, own.label, found.place(other.boxes), other.label, _GATE)
         within = _near(own.boxes[mine]) & _near(other.boxes[theirs])
         mine, theirs = mine[within], theirs[within]
-        if not len(mine):
+        pairs = list(zip(mine.tolist(), theirs.tolist(), strict=True))
+        if not pairs or pairs == fitted:  # the same pairs give the same again
             return found
+        fitted = pairs
         weight = np.clip(np.minimum(own.score[mine], other.score[theirs]), 1e-3, 1.0)
         off = other.boxes.center[theirs, :2] - found.middle
         apart = own.boxes.center[mine] - other.boxes.center[theirs]
