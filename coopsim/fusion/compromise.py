@@ -47,44 +47,36 @@ def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Boxes3D, Fl
         np.take_along_axis(each, order, axis=0)
         for each in (floors, floors + np.stack([own.size[:, 2], other.size[:, 2]]))
     )
-    heights = lows[0] + _FLOOR * (lows[1] - lows[0]), highs[0] + _ROOF * (highs[1] - highs[0])
+    floor, roof = lows[0] + _FLOOR * (lows[1] - lows[0]), highs[0] + _ROOF * (highs[1] - highs[0])
+    boxes = _between(own, other, share)
+    overlaps = np.stack([_overlaps(boxes, floor, roof, each) for each in (own, other)])
+    reaches: Floats = expit((overlaps - ON_OBJECT) / _BLUR)
+    chances = np.stack([1 - share, share])[:, None, None]
+    value = (chances * (reaches + _CLOSER * overlaps)).sum(axis=0)
+    way, height = np.unravel_index(np.concatenate(value).argmax(axis=0), value.shape[:2])
+    pair = np.arange(len(share))
+    chosen = boxes[way, pair]
+    chosen[:, 2], chosen[:, 5] = (floor + roof)[height, pair] / 2, (roof - floor)[height, pair]
+    return Boxes3D.from_array(chosen), reaches[:, way, height, pair]
+
+
+def _between(own: Boxes3D, other: Boxes3D, share: Floats) -> Floats:
+    """The mean boxes over ground, the own ones, the other ones and those half-way, (4, N, 7), headed as the likelier."""
     ways = np.stack([share, np.zeros_like(share), np.ones_like(share), np.full_like(share, 0.5)])
-    tried = [_of_heights(_between(own, other, share, way), *heights, own, other, share) for way in ways]
-    best = np.argmax([value for value, _, _ in tried], axis=0), np.arange(len(share))
-    boxes = np.stack([boxes for _, boxes, _ in tried])[best]
-    reaches = np.stack([reaches.T for _, _, reaches in tried])[best]
-    return Boxes3D.from_array(boxes), reaches.T
-
-
-def _between(own: Boxes3D, other: Boxes3D, share: Floats, way: Floats) -> Floats:
-    """Boxes (N, 7) `way` (N,) from the own ones to the other ones, with the heading of the likelier."""
-    between = own.array + way[:, None] * (other.array - own.array)
-    between[:, 6] = np.where(share > 0.5, other.yaw, own.yaw)
+    between = own.array + ways[..., None] * (other.array - own.array)
+    between[..., 6] = np.where(share > 0.5, other.yaw, own.yaw)
     return between
 
 
-def _of_heights(
-    boxes: Floats, floor: Floats, roof: Floats, own: Boxes3D, other: Boxes3D, share: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Of boxes (N, 7) over ground and floors and roofs (C, N): the best's value (N,), boxes so, and (2, N) reaches."""
-    chances = np.stack([1 - share, share])
-    overlaps = np.stack([_overlaps(boxes, floor, roof, each) for each in (own, other)])
-    reaches: Floats = expit((overlaps - ON_OBJECT) / _BLUR)
-    value = (chances[:, None] * (reaches + _CLOSER * overlaps)).sum(axis=0)
-    best = value.argmax(axis=0), np.arange(len(share))
-    chosen = boxes.copy()
-    chosen[:, 2], chosen[:, 5] = (floor + roof)[best] / 2, (roof - floor)[best]
-    return value[best], chosen, reaches[:, *best]
-
-
 def _overlaps(boxes: Floats, floor: Floats, roof: Floats, right: Boxes3D) -> Floats:
-    """3D IoU (C, N) of `boxes` (N, 7) between floors and roofs (C, N) m with an object that `right` has found."""
-    from_above = np.nan_to_num(np.diag(iou_bev(boxes, right.array)))
-    sides = np.stack([boxes[:, 3:5], right.size[:, :2]])
-    area, its_area = (sides / sides.max(axis=(0, 2))[:, None]).prod(axis=2)  # a scale cancels, and might overflow
+    """3D IoU (W, C, N) of `boxes` (W, N, 7) between floors and roofs (C, N) m with objects that `right` has found."""
+    from_above = np.nan_to_num([np.diag(iou_bev(each, right.array)) for each in boxes])
+    sides = np.stack(np.broadcast_arrays(boxes[..., 3:5], right.size[:, :2]))
+    area, its_area = (sides / sides.max(axis=(0, 3))[..., None]).prod(axis=3)  # a scale cancels, and might overflow
     ground = _COMMON_GROUND * from_above * (area + its_area) / (1 + from_above)
     its_floor, its_height = right.bottom, right.size[:, 2]
-    common = ground * np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
-    union = (roof - floor) * area + its_height * its_area - common
+    high = np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
+    common = ground[:, None] * high
+    union = (roof - floor) * area[:, None] + (its_height * its_area)[:, None] - common
     overlap: Floats = common / union
     return overlap
