@@ -61,7 +61,7 @@ def compromise(own: Boxes3D, other: Boxes3D, share: Floats) -> tuple[Boxes3D, Fl
 
 
 def _between(own: Boxes3D, other: Boxes3D, share: Floats) -> Floats:
-    """The mean boxes over ground, the own ones, the other ones and those half-way, (4, N, 7), headed as the likelier."""
+    """Mean boxes over ground, own ones, other ones and those half-way, (4, N, 7), with the heading of the likelier."""
     ways = np.stack([share, np.zeros_like(share), np.ones_like(share), np.full_like(share, 0.5)])
     between = own.array + ways[..., None] * (other.array - own.array)
     between[..., 6] = np.where(share > 0.5, other.yaw, own.yaw)

@@ -209,12 +209,14 @@ def test_sweeps_at_one_time_do_not_mix() -> None:
 def test_helpers_rest_when_there_is_nothing_to_do() -> None:
     grid, scene = RayGrid(UNEVEN, COLUMNS), parked(5)
     grid.cast(scene, pose(), threads=3)
-    taken_s = []
-    for _ in range(5):  # a helper may have to load its kernel first
+
+    def taken_s() -> float:
         began_s = time.process_time()
         time.sleep(0.2)
-        taken_s.append(time.process_time() - began_s)
-    assert min(taken_s) < 0.05  # two that never rested would take up to 0.4
+        return time.process_time() - began_s
+
+    # A helper may have to load its kernel first: seconds on a busy machine.
+    assert any(taken_s() < 0.05 for _ in range(100))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
