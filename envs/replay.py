@@ -1,7 +1,8 @@
 """The replay source: real recorded detections through the same interface as the simulation.
 
 Recordings have no poses, so the recording's own frame (the ego car's, at each moment) is the world frame, the
-base frame and the odometry frame of every agent at once.
+base frame and the odometry frame of every agent at once. Which way the car looks in it is the files' matter: along x by
+KITTI's axes, along -y in V2V4Real's files, which name theirs the same but drive along x.
 """
 
 from __future__ import annotations
