@@ -75,8 +75,8 @@ def _overlaps(boxes: Floats, floor: Floats, roof: Floats, right: Boxes3D) -> Flo
     area, its_area = (sides / sides.max(axis=(0, 3))[..., None]).prod(axis=3)  # a scale cancels, and might overflow
     ground = _COMMON_GROUND * from_above * (area + its_area) / (1 + from_above)
     its_floor, its_height = right.bottom, right.size[:, 2]
-    high = np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
-    common = ground[:, None] * high
+    shared = np.maximum(np.minimum(roof, its_floor + its_height) - np.maximum(floor, its_floor), 0.0)
+    common = ground[:, None] * shared
     union = (roof - floor) * area[:, None] + (its_height * its_area)[:, None] - common
     overlap: Floats = common / union
     return overlap

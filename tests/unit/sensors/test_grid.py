@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -20,6 +21,7 @@ from coopsim.sensors.geometry import Triangles, is_closed
 from coopsim.sensors.grid import GridHits, RayGrid
 from coopsim.sensors.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
+from coopsim.threads import work_together
 from coopsim.world.models import make_models
 
 COLUMNS = 200
@@ -209,14 +211,16 @@ def test_sweeps_at_one_time_do_not_mix() -> None:
 def test_helpers_rest_when_there_is_nothing_to_do() -> None:
     grid, scene = RayGrid(UNEVEN, COLUMNS), parked(5)
     grid.cast(scene, pose(), threads=3)
-
-    def taken_s() -> float:
+    came: set[int] = set()
+    last_s = time.monotonic() + 60
+    while len(came) < 2 and time.monotonic() < last_s:  # they may have to load their kernel first, and come after that
+        work_together(lambda *_: time.sleep(0.01), lambda *_: came.add(threading.get_ident()), threads=3)
+    taken_s = []
+    for _ in range(5):
         began_s = time.process_time()
         time.sleep(0.2)
-        return time.process_time() - began_s
-
-    # A helper may have to load its kernel first: seconds on a busy machine.
-    assert any(taken_s() < 0.05 for _ in range(100))
+        taken_s.append(time.process_time() - began_s)
+    assert min(taken_s) < 0.05  # two that never rested would take up to 0.4
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
