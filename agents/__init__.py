@@ -1,7 +1,7 @@
 """Cooperative-perception policies, one short file per documented method. Importing registers them."""
 
 from coopsim.agents import (
-    ab3dmot,
+    ab3dmot_policy,
     coop_fuse,
     dino_codt,
     graph_lap,
@@ -12,11 +12,11 @@ from coopsim.agents import (
     vic_fscm,
     yoloo,
 )
-from coopsim.agents.base import Policy
+from coopsim.agents.policy import Policy
 
 __all__ = [
     "Policy",
-    "ab3dmot",
+    "ab3dmot_policy",
     "coop_fuse",
     "dino_codt",
     "graph_lap",

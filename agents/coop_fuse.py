@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.agents.tracking import TrackingPolicy
+from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_between, require_count, require_probability
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.trust import Doubt, trust_likelier
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.affinity import giou_3d
-from coopsim.tracking.assignment import hungarian
+from coopsim.support.checks import require_between, require_count, require_probability
+from coopsim.tracking.affinity.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import ByScore
-from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.scoring import Likelihood
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.track_scoring import Likelihood
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_instance, require_threshold
-from coopsim.taxonomy import Superclass
-from coopsim.tracking.affinity import iou_3d
-from coopsim.tracking.appearance import Appearance
-from coopsim.tracking.assignment import Assigner, greedy, hungarian
+from coopsim.geometry.assignment import Assigner, greedy, hungarian
+from coopsim.support.checks import require_instance, require_threshold
+from coopsim.tracking.affinity.affinity import iou_3d
+from coopsim.tracking.affinity.appearance import Appearance
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge
-from coopsim.tracking.motion import ConstantVelocity, Motion
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
+from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
 from coopsim.tracking.tracker import Tracker
-from coopsim.tracking.turning import ConstantTurnRateAcceleration
+from coopsim.types.taxonomy import Superclass
 
 NIMBLE = Superclass.PEDESTRIAN.classes
 """Classes that turn as they like: people, on foot or on two wheels."""

@@ -11,16 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.agents.ab3dmot import AB3DMOTBased
+from coopsim.agents.ab3dmot_policy import AB3DMOTBased
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_count, require_flag, require_threshold
+from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.ab3dmot import ab3dmot
-from coopsim.tracking.affinity import giou_3d
-from coopsim.tracking.assignment import hungarian
+from coopsim.support.checks import require_count, require_flag, require_threshold
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.affinity.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody
-from coopsim.tracking.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
 from coopsim.tracking.tracker import Tracker, Turn, sane
 from coopsim.types import Detections, Ints
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coopsim.agents.tracking import TrackingPolicy
+from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_threshold
-from coopsim.fusion.late import merge_duplicates, pool
-from coopsim.tracking.ab3dmot import ab3dmot
+from coopsim.fusion.pooling import merge_duplicates, pool
+from coopsim.support.checks import require_threshold
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coopsim.agents.ab3dmot import AB3DMOT
+from coopsim.agents.ab3dmot_policy import AB3DMOT
 from coopsim.catalog import POLICIES
 
 

@@ -5,7 +5,7 @@ The baseline of DMSTrack (Chiu et al., ICRA 2024) and of Graph Lap-CoMOT (Damana
 
 from __future__ import annotations
 
-from coopsim.agents.ab3dmot import AB3DMOTBased
+from coopsim.agents.ab3dmot_policy import AB3DMOTBased
 from coopsim.catalog import POLICIES
 
 

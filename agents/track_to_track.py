@@ -10,17 +10,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from coopsim.agents.base import Policy
-from coopsim.agents.tracking import over_origin, within_reach
+from coopsim.agents.policy import Policy
+from coopsim.agents.tracking_policy import over_origin, within_reach
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_between, require_choice, require_flag, require_number
-from coopsim.comms.message import decode_tracks
+from coopsim.comms.envelope import decode_tracks
 from coopsim.fusion.alignment import Heard, PoseAlignment
-from coopsim.fusion.tracks import fuse_tracks
+from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.se3 import SE3
-from coopsim.tracking.estimates import TrackEstimates
-from coopsim.tracking.late import OWN
-from coopsim.tracking.motion import ConstantVelocity
+from coopsim.support.checks import require_between, require_choice, require_flag, require_number
+from coopsim.tracking.delayed import OWN
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
 from coopsim.tracking.tracker import FARTHEST_M, reportable

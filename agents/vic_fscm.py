@@ -10,12 +10,12 @@ from itertools import product
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.checks import require_count, require_finite_number, require_probability
-from coopsim.tracking.affinity import xiou
-from coopsim.tracking.assignment import hungarian
+from coopsim.geometry.assignment import hungarian
+from coopsim.support.checks import require_count, require_finite_number, require_probability
+from coopsim.tracking.affinity.affinity import xiou
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
 from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
 
 

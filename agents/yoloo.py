@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.tracking.affinity import fgam
-from coopsim.tracking.assignment import greedy
+from coopsim.geometry.assignment import greedy
+from coopsim.tracking.affinity.affinity import fgam
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
 
 

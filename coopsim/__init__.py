@@ -21,32 +21,32 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from coopsim.agents.base import Policy as Policy
+    from coopsim.agents.policy import Policy as Policy
     from coopsim.bench.benchmark import benchmark as benchmark
-    from coopsim.bench.runner import Evaluation as Evaluation
-    from coopsim.bench.runner import evaluate as evaluate
-    from coopsim.bench.runner import evaluate_recordings as evaluate_recordings
+    from coopsim.bench.evaluate import Evaluation as Evaluation
+    from coopsim.bench.evaluate import evaluate as evaluate
+    from coopsim.bench.evaluate import evaluate_recordings as evaluate_recordings
     from coopsim.catalog import ENVIRONMENTS as ENVIRONMENTS
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
-    from coopsim.envs.recording import record as record
+    from coopsim.envs.record_episode import record as record
     from coopsim.errors import CoopsimError as CoopsimError
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Policy": "coopsim.agents.base",
+    "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",
-    "Evaluation": "coopsim.bench.runner",
-    "evaluate": "coopsim.bench.runner",
-    "evaluate_recordings": "coopsim.bench.runner",
+    "Evaluation": "coopsim.bench.evaluate",
+    "evaluate": "coopsim.bench.evaluate",
+    "evaluate_recordings": "coopsim.bench.evaluate",
     "ENVIRONMENTS": "coopsim.catalog",
     "POLICIES": "coopsim.catalog",
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
-    "record": "coopsim.envs.recording",
+    "record": "coopsim.envs.record_episode",
 }
 
 __all__ = ["__version__", *_HOMES]

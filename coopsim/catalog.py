@@ -10,12 +10,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from coopsim.checks import require_choice
 from coopsim.errors import InvalidValueError
-from coopsim.registry import Registry
+from coopsim.support.checks import require_choice
+from coopsim.support.registry import Registry
 
 if TYPE_CHECKING:
-    from coopsim.agents.base import Policy
+    from coopsim.agents.policy import Policy
     from coopsim.envs.parallel import CooperativeEnv
 
 NAMESPACE = "coopsim"

@@ -10,8 +10,6 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
-from coopsim.checks import require_frame_time
-from coopsim.data.episode import Episode
 from coopsim.envs.options import (
     CommonOptions,
     SimulationOptions,
@@ -24,10 +22,11 @@ from coopsim.envs.replay import Replay
 from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
-from coopsim.envs.spaces import IDLE
 from coopsim.errors import CoopsimError, InvalidValueError
-from coopsim.world.drivers import MANEUVERS
+from coopsim.support.checks import require_frame_time
+from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.world.population import Population, beside
+from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import NUMBERS, SCENARIOS, Place, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]

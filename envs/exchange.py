@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from coopsim.comms.budget import WithinBudget
-from coopsim.comms.channel import Channel
-from coopsim.comms.selection import SELECTIONS
-from coopsim.comms.sight import Surroundings
-from coopsim.comms.uplink import Uplink, uplink_maker
+from coopsim.comms.channel.channel import Channel
+from coopsim.comms.radio.obstruction import Surroundings
+from coopsim.comms.uplinks.budget import WithinBudget
+from coopsim.comms.uplinks.selection import SELECTIONS
+from coopsim.comms.uplinks.uplink import Uplink, uplink_maker
+from coopsim.envs.frames import Frame
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.source import Frame
 from coopsim.geometry.se3 import Floats
-from coopsim.rng import stream
+from coopsim.support.rng import stream
 from coopsim.types import Message, Observation
 
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from coopsim.checks import require_choice, require_count, require_number
+from coopsim.config.mappings import make
 from coopsim.errors import InvalidValueError
-from coopsim.mappings import make
-from coopsim.sensors.lidar import MOST_COLUMNS, LidarConfig
+from coopsim.sensors.lidar.lidar import MOST_COLUMNS, LidarConfig
+from coopsim.sensors.lidar.pattern_files import SUFFIXES
+from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.limits import FARTHEST_M
-from coopsim.sensors.pattern_files import SUFFIXES
-from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.support.checks import require_choice, require_count, require_number
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
@@ -27,7 +27,7 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
     """The LiDARs of each agent, by name; none for None.
 
     Args:
-        lidar: a beam table, by name (see `coopsim.sensors.patterns`), path or as an object; a `LidarConfig`, or a
+        lidar: a beam table, by name (see `coopsim.sensors.lidar.patterns`), path or as an object; a `LidarConfig`, or a
             mapping of its fields; or several of these by name (which is none of these fields): `{"roof": "OS1-128",
             "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
         columns: firings per turn, of beam tables.

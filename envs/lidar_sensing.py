@@ -9,17 +9,17 @@ from functools import partial
 
 import numpy as np
 
-from coopsim.detection.simulated import count_returns
+from coopsim.detection.simulated.simulated import count_returns
 from coopsim.geometry.se3 import SE3
-from coopsim.rng import stream
-from coopsim.sensors.air import Weather
-from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.lidar import Lidar, LidarConfig
-from coopsim.sensors.patterns import BeamPattern
+from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.patterns import BeamPattern
+from coopsim.sensors.lidar.shutter import between
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.shutter import between
-from coopsim.sensors.sight import LineOfSight
-from coopsim.threads import run_all
+from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.weather import Weather
+from coopsim.support.rng import stream
+from coopsim.support.threads import run_all
 from coopsim.types import Ints, Sweep
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 
@@ -104,7 +104,7 @@ class CastSweeps(LidarSensing):
 
 
 class ExpectReturns(LidarSensing):
-    """The returns that LiDARs would have, by lines of sight (see `coopsim.sensors.sight`).
+    """The returns that LiDARs would have, by lines of sight (see `coopsim.sensors.lidar.expected_returns`).
 
     Args:
         config: the LiDAR that every agent would carry.

@@ -8,7 +8,27 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from coopsim.checks import (
+from coopsim.comms.channel.channel_config import ChannelConfig
+from coopsim.comms.channel.channel_files import channel_config
+from coopsim.comms.channel.latency import MOST_S, GaussianLatency
+from coopsim.comms.channel.loss import BernoulliLoss
+from coopsim.comms.uplinks.selection import SELECTIONS
+from coopsim.config.mappings import make
+from coopsim.detection.presets import make_detector
+from coopsim.detection.simulated.simulated import Detector
+from coopsim.envs.lidar_options import LidarOption, lidar_configs
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.localization.localization_files import localization_config
+from coopsim.localization.localizer import LocalizationConfig
+from coopsim.localization.pose_noise import PoseNoise
+from coopsim.sensors.camera.camera import as_daylight
+from coopsim.sensors.camera.daylight import Daylight, Illumination
+from coopsim.sensors.camera.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
+from coopsim.sensors.camera.renderers.renderers import RENDERERS
+from coopsim.sensors.camera.rigs import RigOption, check_rig
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.weather import Weather
+from coopsim.support.checks import (
     require_between,
     require_choice,
     require_count,
@@ -20,28 +40,8 @@ from coopsim.checks import (
     require_probability,
     require_threshold,
 )
-from coopsim.comms.config import ChannelConfig
-from coopsim.comms.config_files import channel_config
-from coopsim.comms.latency import MOST_S, GaussianLatency
-from coopsim.comms.loss import BernoulliLoss
-from coopsim.comms.selection import SELECTIONS
-from coopsim.detection.presets import make_detector
-from coopsim.detection.simulated import Detector
-from coopsim.envs.lidar_options import LidarOption, lidar_configs
-from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.files import require_writable
-from coopsim.localization import LocalizationConfig
-from coopsim.localization_files import localization_config
-from coopsim.mappings import make
-from coopsim.pose_noise import PoseNoise
-from coopsim.rng import require_seed
-from coopsim.sensors.air import Weather
-from coopsim.sensors.camera import as_daylight
-from coopsim.sensors.daylight import Daylight, Illumination
-from coopsim.sensors.lidar import LidarConfig
-from coopsim.sensors.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
-from coopsim.sensors.renderers import RENDERERS
-from coopsim.sensors.rigs import RigOption, check_rig
+from coopsim.support.files import require_writable
+from coopsim.support.rng import require_seed
 
 _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
 _LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
@@ -63,7 +63,7 @@ class CommonOptions:
             a YAML file with that.
         budget_bytes: largest size of a message of detections, envelope included; None: no limit.
         selection: which objects are sent first where not all fit: "need", "score" or "random", see
-            `coopsim.comms.selection`.
+            `coopsim.comms.uplinks.selection`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
@@ -122,7 +122,7 @@ class SimulationOptions:
         dt_s: time between two frames, in [1e-06, 3600].
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for a detector that is told how many returns it would have (see
-            `coopsim.sensors.sight`).
+            `coopsim.sensors.lidar.expected_returns`).
         drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], next to their own pitch.
         lidar_columns: firings per turn; not beside a `LidarConfig`, which says so itself.
         lidar_range_m: farthest return; the nearest is at 1 m. Not beside a `LidarConfig`, either.

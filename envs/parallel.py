@@ -21,22 +21,22 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopsim.checks import require_choice, require_instance
-from coopsim.comms.channel import ChannelCounts
+from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplink
+from coopsim.envs.frames import AgentFrame, Frame, FrameSource, actor_rows, world_points
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
-from coopsim.envs.source import AgentFrame, Frame, FrameSource, actor_rows, world_points
-from coopsim.envs.spaces import action_space, observation_space, pack_image, pack_observation, unpack_action
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
-from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import Score, summarize
-from coopsim.rng import require_seed
-from coopsim.sensors.picture import TRUTH_MODES
-from coopsim.sensors.pixel_visibility import PixelVisibility
-from coopsim.sensors.visibility import Visibility
+from coopsim.metrics.track_log import TrackLog
+from coopsim.sensors.camera.picture import TRUTH_MODES
+from coopsim.sensors.visibility.lidar_visibility import Visibility
+from coopsim.sensors.visibility.pixel_visibility import PixelVisibility
+from coopsim.support.checks import require_choice, require_instance
+from coopsim.support.rng import require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
+from coopsim.wire.packing import action_space, observation_space, pack_image, pack_observation, unpack_action
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]

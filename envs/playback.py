@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from coopsim.checks import require_count
-from coopsim.data.episode import Episode
 from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.world.recorded import recorded_scenario
+from coopsim.support.checks import require_count
+from coopsim.world.recording.episode_file import Episode
+from coopsim.world.recording.recorded_world import recorded_scenario
 from coopsim.world.scenario import Place
 
 

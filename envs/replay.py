@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.checks import require_choice
-from coopsim.data.recording import Recording, RecordingSet
-from coopsim.envs.source import AgentFrame, Frame, FrameSource
+from coopsim.data.recording_set import Recording, RecordingSet
+from coopsim.envs.frames import AgentFrame, Frame, FrameSource
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.metrics.log import GroundTruth
-from coopsim.types import AgentSpec, Detections, Observation, Odometry, PoseEstimate, seconds_to_ns
+from coopsim.support.checks import require_choice
+from coopsim.types import AgentSpec, Detections, GroundTruth, Observation, Odometry, PoseEstimate, seconds_to_ns
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 _NOWHERE = np.zeros(4)

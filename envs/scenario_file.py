@@ -3,7 +3,7 @@
 | key | value |
 |---|---|
 | `scenario` | name of a registered scenario |
-| `place` | a place of one's own instead, see `coopsim.world.own.place` |
+| `place` | a place of one's own instead, see `coopsim.world.custom.place` |
 | `density` | a factor on the numbers of vehicles and people |
 | `seed` | of the episodes, unless whoever begins one gives another |
 | `population` | fields of `coopsim.world.population.Population` |
@@ -24,13 +24,13 @@ from typing import Any
 
 from yaml import MappingNode
 
+from coopsim.config.keyed_yaml import KeyedYaml, Known, read_keyed_yaml
+from coopsim.config.mappings import with_paths_from
 from coopsim.envs.lidar_options import LIDAR_FIELDS
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
-from coopsim.keyed_yaml import KeyedYaml, Known, read_keyed_yaml
-from coopsim.mappings import with_paths_from
-from coopsim.sensors.air import Weather
-from coopsim.world.own.place import read_place
+from coopsim.sensors.weather import Weather
+from coopsim.world.custom.place import read_place
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Place
 

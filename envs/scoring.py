@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coopsim.envs.source import AgentFrame
+from coopsim.envs.frames import AgentFrame
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats

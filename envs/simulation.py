@@ -8,25 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.checks import require_choice
-from coopsim.data.episode import Episode
-from coopsim.detection.simulated import SimulatedDetector
+from coopsim.detection.simulated.simulated import SimulatedDetector
+from coopsim.envs.frames import AgentFrame, Frame, FrameSource
 from coopsim.envs.lidar_sensing import CastSweeps, ExpectReturns, LidarSensing, Sensed
 from coopsim.envs.options import SimulationOptions
-from coopsim.envs.source import AgentFrame, Frame, FrameSource
-from coopsim.localization import Localizer
-from coopsim.metrics.log import GroundTruth
-from coopsim.rng import stream
-from coopsim.sensors.camera import CameraRig
-from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.lidar import Lidar, LidarConfig
+from coopsim.localization.localizer import Localizer
+from coopsim.sensors.camera.camera import CameraRig
+from coopsim.sensors.camera.rigs import agent_rigs
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.mounting import require_above_ground, require_free_mount
-from coopsim.sensors.pixel_visibility import PixelVisibility, measure_pixels
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.rigs import agent_rigs
-from coopsim.sensors.visibility import Visibility, VisibilityProbe
-from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, seconds_to_ns
-from coopsim.world.recorded import PlayedWorld, RecordedWorld
+from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.visibility.lidar_visibility import Visibility, VisibilityProbe
+from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
+from coopsim.support.checks import require_choice
+from coopsim.support.rng import stream
+from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Sweep, seconds_to_ns
+from coopsim.world.recording.episode_file import Episode
+from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model
 from coopsim.world.source import WorldSource

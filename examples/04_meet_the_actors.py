@@ -5,8 +5,8 @@ import sys
 import numpy as np
 
 from coopsim.viz.portrait import contact_sheet, portrait
-from coopsim.world.appearance import draw_colors
 from coopsim.world.models import make_models
+from coopsim.world.models.paint import draw_colors
 
 models = make_models()
 label = np.array([model.label for model in models])

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 import coopsim
-from coopsim.sensors.air import Weather
-from coopsim.sensors.camera import Camera
-from coopsim.sensors.intrinsics import Intrinsics
-from coopsim.sensors.picture import MODES, NO_CLASS
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.picture import MODES, NO_CLASS
+from coopsim.sensors.weather import Weather
 from coopsim.types import CameraImage
 from coopsim.viz.palette import BACKGROUND, track_color
 from coopsim.viz.portrait import contact_sheet

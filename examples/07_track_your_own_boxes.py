@@ -2,17 +2,16 @@
 
 import numpy as np
 
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.score import summarize
-from coopsim.tracking.affinity import giou_3d
-from coopsim.tracking.assignment import hungarian
+from coopsim.tracking.affinity.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.motion import ConstantVelocity
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import Detections
+from coopsim.types import Detections, GroundTruth
 
 FRAME_NS = 100_000_000
 

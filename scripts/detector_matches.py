@@ -14,16 +14,16 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import coopsim
-from coopsim.data.recording import RecordingSet
+from coopsim.data.recording_set import RecordingSet
 from coopsim.detection.presets import make_detector
-from coopsim.detection.simulated import Detector, count_returns
-from coopsim.envs.spaces import pack_tracks
+from coopsim.detection.simulated.simulated import Detector, count_returns
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.sensors.lidar import LidarConfig
-from coopsim.sensors.sight import LineOfSight
-from coopsim.tracking.assignment import hungarian
+from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.types import Detections, Ints, Mask, Sweep, Tracks
+from coopsim.wire.packing import pack_tracks
 from coopsim.world.snapshot import Actors
 
 AGENTS = ("ego", "1")

@@ -16,9 +16,9 @@ import numpy as np
 import yaml
 
 from coopsim.envs.scenario_file import load_scenario_file
-from coopsim.world.engine.fleet import PARKED
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Scenario, make_scenario
+from coopsim.world.traffic.engine.fleet import PARKED
 from coopsim.world.world import World
 
 COUNTS = [field.name for field in fields(Population)]

@@ -25,19 +25,19 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse
-from coopsim.data.recording import Recording, RecordingSet
+from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.compromise import ON_OBJECT
 from coopsim.fusion.trust import Believed, Doubt, compare, pair_features, trust_likelier
+from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
-from coopsim.rng import stream
-from coopsim.tracking.assignment import greedy
-from coopsim.tracking.scoring import Likelihood
+from coopsim.metrics.track_log import TrackLog
+from coopsim.support.rng import stream
+from coopsim.tracking.track_scoring import Likelihood
 from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
 

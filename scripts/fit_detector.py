@@ -19,13 +19,13 @@ from scipy.optimize import brentq, least_squares
 from scipy.special import logit, ndtr, ndtri, roots_hermitenorm
 from scipy.stats import rankdata
 
-from coopsim.detection.clutter import ClutterConfig
-from coopsim.detection.correlated import ERRORS, CorrelatedDetectorConfig
-from coopsim.detection.curves import Curve, Found, Scored, Spread
-from coopsim.detection.persistence import Persistence
 from coopsim.detection.presets import FITTED, to_yaml
+from coopsim.detection.simulated.clutter import ClutterConfig
+from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetectorConfig
+from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.persistence import Persistence
 from coopsim.geometry.se3 import Floats
-from coopsim.rng import stream
+from coopsim.support.rng import stream
 from coopsim.types import Ints, Mask
 
 PRESET = FITTED / "pointpillars_v2v4real.yaml"

@@ -24,8 +24,8 @@ from scipy.special import ndtr
 from scipy.stats import ks_2samp
 from tabulate import tabulate
 
-from coopsim.detection.correlated import ERRORS
 from coopsim.detection.presets import preset
+from coopsim.detection.simulated.correlated import ERRORS
 from coopsim.geometry.se3 import Floats
 
 PRESET = "pointpillars_v2v4real"

@@ -25,10 +25,10 @@ from tabulate import tabulate
 from tqdm import tqdm
 
 import coopsim
-from coopsim.bench.runner import run_episode
+from coopsim.bench.evaluate import run_episode
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.score import summarize
-from coopsim.rng import stream
+from coopsim.support.rng import stream
 
 SCENARIOS = ("highway", "crossing", "urban_grid")
 DETECTORS = ("simulated", "pointpillars_v2v4real")

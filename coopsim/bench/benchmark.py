@@ -9,19 +9,19 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from coopsim.bench.cell import Cell, CellResult
-from coopsim.bench.conditions import environment_options, scenario_options
-from coopsim.bench.grid import Grid
-from coopsim.bench.job import Job, Outcome
-from coopsim.bench.local import run_locally
-from coopsim.bench.on_ray import run_on_ray
+from coopsim.bench.engine.job import Job, Outcome
+from coopsim.bench.engine.local import run_locally
+from coopsim.bench.engine.on_ray import run_on_ray
+from coopsim.bench.engine.schedule import Schedule
+from coopsim.bench.evaluate import listening_env
+from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.conditions import environment_options, scenario_options
+from coopsim.bench.grid.grid import Grid
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.runner import listening_env
-from coopsim.bench.schedule import Schedule
-from coopsim.bench.store import Store
+from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, newest
-from coopsim.checks import require_choice, require_count
 from coopsim.errors import InvalidValueError, StoreError
+from coopsim.support.checks import require_choice, require_count
 
 ENGINES = ("local", "ray")
 

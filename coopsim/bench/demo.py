@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
-from coopsim.bench.bev_data import thinned
-from coopsim.bench.demo_report import ReportRun, ReportScene, write_report
+from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.runner import Evaluation, evaluate, listening_env
-from coopsim.bench.table import evaluation_row
+from coopsim.bench.report.bev_data import thinned
+from coopsim.bench.report.demo_report import ReportRun, ReportScene, write_report
+from coopsim.bench.report.table import evaluation_row
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 from coopsim.viz.bev import BevFrame

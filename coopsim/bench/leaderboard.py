@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.bench.csv_rows import to_csv_text
+from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings, listening_env
-from coopsim.bench.svg import line_look, to_svg
-from coopsim.bench.table import COLUMNS, format_value, score_row
+from coopsim.bench.report.csv_rows import to_csv_text
+from coopsim.bench.report.svg import line_look, to_svg
+from coopsim.bench.report.table import COLUMNS, format_value, score_row
 from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.files import make_folder, write_whole
-from coopsim.metrics.ab3dmot import RECALL_POINTS
+from coopsim.metrics.recall_averages import RECALL_POINTS
 from coopsim.metrics.score import Score
+from coopsim.support.files import make_folder, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,7 +28,7 @@ from coopsim.catalog import POLICIES, instantiate
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
-    from coopsim.agents.base import Policy
+    from coopsim.agents.policy import Policy
 
 _SHAPE = re.compile(r"(?P<target>[^()\s][^()]*?)\s*(?:\((?P<parameters>.*)\))?", re.DOTALL)
 

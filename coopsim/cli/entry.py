@@ -9,19 +9,27 @@ import warnings
 from collections.abc import Sequence
 
 import coopsim
-from coopsim.cli import bench, compare, demo, leaderboard, listing, record, replay
+from coopsim.cli import (
+    bench_command,
+    compare_command,
+    demo_command,
+    leaderboard_command,
+    list_command,
+    record_command,
+    replay_command,
+)
 from coopsim.cli.arguments import Parser
 from coopsim.cli.status import INTERRUPTED, USER_ERROR
 from coopsim.errors import CoopsimError
 
 _COMMANDS = {
-    "demo": demo,
-    "bench": bench,
-    "compare": compare,
-    "record": record,
-    "replay": replay,
-    "leaderboard": leaderboard,
-    "list": listing,
+    "demo": demo_command,
+    "bench": bench_command,
+    "compare": compare_command,
+    "record": record_command,
+    "replay": replay_command,
+    "leaderboard": leaderboard_command,
+    "list": list_command,
 }
 """Modules that have a line of `HELP`, `add_arguments` and `run`."""
 

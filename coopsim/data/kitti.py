@@ -14,8 +14,8 @@ import numpy as np
 from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.taxonomy import ObjectClass
 from coopsim.types import Ints, Mask
+from coopsim.types.taxonomy import ObjectClass
 
 DETECTION_FIELDS = 15
 """frame, type, x1, y1, x2, y2, score, h, w, l, x, y, z, rot_y, alpha; commas between them."""

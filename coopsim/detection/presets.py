@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from coopsim.detection.clutter import ClutterConfig
-from coopsim.detection.correlated import CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.curves import Curve, Found, Scored, Spread
-from coopsim.detection.persistence import Persistence
-from coopsim.detection.simulated import Detector, SimulatedDetector
+from coopsim.config.mappings import make, read_mapping, require_mapping
+from coopsim.detection.simulated.clutter import ClutterConfig
+from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
+from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.persistence import Persistence
+from coopsim.detection.simulated.simulated import Detector, SimulatedDetector
 from coopsim.errors import UnknownNameError
-from coopsim.mappings import make, read_mapping, require_mapping
-from coopsim.registry import Registry
+from coopsim.support.registry import Registry
 
 FITTED = Path(__file__).parent / "fitted"
 """Where the fitted detectors' numbers are."""

@@ -16,7 +16,7 @@ from coopsim.fusion.common_objects import ANYTHING, CommonObjects, Seen, common_
 from coopsim.fusion.pose_error import OwnPose, PoseErrorFilter
 from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.tracking.odometry import OdometryFrame
+from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, PoseEstimate
 
 _KNOWN_NS = 60 * NS_PER_S

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.arrays import frozen
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.assignment import hungarian
+from coopsim.support.arrays import frozen
 from coopsim.types import Ints, Mask
 
 ANYTHING = -1

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.arrays import frozen, require_finite
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import frozen, require_finite
 
 PULL = 1e-3
 """Weight of (w - 1/2)^2 beside log det P. It costs at most PULL / 4 = 0.025 % of the determinant, and makes a tie the

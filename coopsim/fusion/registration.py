@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from coopsim.fusion.box_matching import match_boxes
 from coopsim.fusion.common_objects import turned
-from coopsim.fusion.matching import match_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import Detections, Mask

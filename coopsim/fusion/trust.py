@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from coopsim.checks import require_between, require_probability
+from coopsim.fusion.box_matching import match_boxes
 from coopsim.fusion.compromise import compromise
-from coopsim.fusion.matching import match_boxes
 from coopsim.fusion.registration import register
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_between, require_probability
 from coopsim.tracking.tracker import sane
 from coopsim.types import Detections, Ints, Mask
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopsim.arrays import frozen, require_finite
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.support.arrays import frozen, require_finite
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from coopsim.arrays import frozen
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import frozen
 
 _MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most eight
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopsim.arrays import frozen
+from coopsim.support.arrays import frozen
 
 Floats = NDArray[np.float64]
 

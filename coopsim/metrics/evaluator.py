@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.arrays import look_up
-from coopsim.metrics.log import GroundTruth, TrackLog
+from coopsim.metrics.candidate_pairs import Pairs, find_pairs
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
-from coopsim.metrics.pairs import Pairs, find_pairs
-from coopsim.taxonomy import SUPERCLASS_NUMBERS
-from coopsim.types import Ints, Tracks
+from coopsim.metrics.track_log import TrackLog
+from coopsim.support.arrays import look_up
+from coopsim.types import GroundTruth, Ints, Tracks
+from coopsim.types.taxonomy import SUPERCLASS_NUMBERS
 
 _SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
 

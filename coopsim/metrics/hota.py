@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.couples import Couples
+from coopsim.metrics.cooccurrence import Couples
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, match_frame
 
 ALPHAS = np.arange(1, 20) / 20

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coopsim.metrics.couples import Couples
+from coopsim.metrics.cooccurrence import Couples
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.types import Ints
 

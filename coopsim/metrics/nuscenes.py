@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.candidate_pairs import NEAR_M
 from coopsim.metrics.clear import Clear, count_clear
 from coopsim.metrics.matching import NumberedSequence, match_sequence
-from coopsim.metrics.pairs import NEAR_M
 
 RECALLS = np.linspace(0.1, 1.0, 40).round(12)  # rounded as in the development kit
 

@@ -9,13 +9,13 @@ from typing import Any, Literal
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.checks import require_choice
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.metrics.ab3dmot import RecallSweep, sweep_recall
-from coopsim.metrics.log import FlatLog, TrackLog
+from coopsim.metrics.recall_averages import RecallSweep, sweep_recall
+from coopsim.metrics.recall_by_visibility import GroupRecall, pooled, recall_by_visibility
+from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
-from coopsim.metrics.visibility import GroupRecall, pooled, recall_by_visibility
-from coopsim.taxonomy import CLASS_NAMES, Superclass
+from coopsim.support.checks import require_choice
+from coopsim.types.taxonomy import CLASS_NAMES, Superclass
 
 FalsePositives = Literal["count", "ignore"]
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coopsim.metrics.ab3dmot import RecallSweep
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
+from coopsim.metrics.candidate_pairs import NEAR_M
 from coopsim.metrics.clear import Clear
 from coopsim.metrics.hota import count_hota
 from coopsim.metrics.identity import count_identity
-from coopsim.metrics.log import FlatLog
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.metrics.nuscenes import sweep_near
-from coopsim.metrics.pairs import NEAR_M
+from coopsim.metrics.recall_averages import RecallSweep
+from coopsim.metrics.track_log import FlatLog
 
 NEAR = f"@{NEAR_M:g}m"
 """Ends the names of metrics that match by distance on the ground, and not by 3D IoU."""

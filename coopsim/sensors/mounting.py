@@ -6,10 +6,10 @@ import numpy as np
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.geometry import STATIC_ID, Triangles
-from coopsim.sensors.grid import RayGrid
-from coopsim.sensors.lidar import LidarConfig
-from coopsim.sensors.patterns import BeamPattern
+from coopsim.sensors.lidar.cast.ray_grid import RayGrid
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.lidar.patterns import BeamPattern
+from coopsim.sensors.scene import STATIC_ID, Triangles
 from coopsim.world.snapshot import Model
 
 _ALL_AROUND = RayGrid(BeamPattern("all around", np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0])), 16)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.geometry import Triangles
+from coopsim.sensors.scene import Triangles
 from coopsim.types import Ints
 
 
@@ -30,7 +30,8 @@ class RayHits:
 class RayScene:
     """A frame's triangles, ready for rays; shared by all sensors.
 
-    What rays need beyond the triangles is made when first asked for: the grid's sweeps (`coopsim.sensors.grid`) do
+    What rays need beyond the triangles is made when first asked for: the grid's sweeps
+    (`coopsim.sensors.lidar.cast.ray_grid`) do
     without.
 
     Args:

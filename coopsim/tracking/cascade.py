@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity
-from coopsim.tracking.assignment import Assigner, Pairs
+from coopsim.geometry.assignment import Assigner, Pairs
+from coopsim.support.checks import require_finite_number
+from coopsim.tracking.affinity.affinity import Affinity
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Mask
 

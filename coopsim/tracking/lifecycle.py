@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from coopsim.checks import require_count, require_non_negative
 from coopsim.errors import InvalidValueError
+from coopsim.support.checks import require_count, require_non_negative
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Mask
 

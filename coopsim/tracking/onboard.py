@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from coopsim.tracking.ab3dmot import ab3dmot
-from coopsim.tracking.estimates import TrackEstimates
-from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.odometry import OdometryFrame
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.motion.track_estimates import TrackEstimates
+from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.tracking.tracker import reportable
 from coopsim.types import Observation
 

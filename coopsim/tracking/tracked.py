@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.motion import Beliefs
-from coopsim.tracking.reid import EmbeddingMemory
+from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.motion.constant_velocity import Beliefs
 from coopsim.types import Ints
 
 

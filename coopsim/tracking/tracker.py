@@ -10,15 +10,15 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.taxonomy import CLASS_NAMES
-from coopsim.tracking.appearance import Appearance
+from coopsim.tracking.affinity.appearance import Appearance
+from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.cascade import Cascade, Chooser, everyone
 from coopsim.tracking.lifecycle import Lifecycle
-from coopsim.tracking.motion import Beliefs, Motion
-from coopsim.tracking.reid import EmbeddingMemory
-from coopsim.tracking.scoring import Latest, Scoring
+from coopsim.tracking.motion.constant_velocity import Beliefs, Motion
+from coopsim.tracking.track_scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import NS_PER_S, Detections, Ints, Tracks
+from coopsim.types.taxonomy import CLASS_NAMES
 
 
 @dataclass(frozen=True, slots=True)

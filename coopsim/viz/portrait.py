@@ -10,12 +10,12 @@ from PIL import Image, ImageDraw
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera import Camera
-from coopsim.sensors.daylight import DAYLIGHTS, Illumination
-from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.intrinsics import Intrinsics
-from coopsim.sensors.picture import FramePainter
-from coopsim.sensors.renderers import RaycastRenderer
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.picture import FramePainter
+from coopsim.sensors.camera.renderers.renderers import RaycastRenderer
+from coopsim.sensors.scene import SceneGeometry
 from coopsim.world.snapshot import Actors, Model, StaticPart
 
 _FOV_RAD = np.radians(24.0)

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from coopsim.checks import require_count, require_probability
 from coopsim.errors import CrowdedWarning, InvalidValueError
-from coopsim.taxonomy import ObjectClass
+from coopsim.support.checks import require_count, require_probability
+from coopsim.types.taxonomy import ObjectClass
 
 _IN_PLACE_OF = {"connected_cars": "penetration", "truck_share": "trucks"}
 """Numbers that do not count where the other one is given."""

@@ -7,17 +7,17 @@ from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from typing import Any
 
-from coopsim.checks import require_non_negative
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.registry import Registry
-from coopsim.world.crossing import make_crossing, make_t_junction
-from coopsim.world.grid import make_urban_grid
-from coopsim.world.highway import make_highway, make_platoon
-from coopsim.world.layout import Layout
-from coopsim.world.merge import make_merge
+from coopsim.support.checks import require_non_negative
+from coopsim.support.registry import Registry
+from coopsim.world.places.crossing import make_crossing, make_t_junction
+from coopsim.world.places.highway import make_highway, make_platoon
+from coopsim.world.places.layout import Layout
+from coopsim.world.places.merge import make_merge
+from coopsim.world.places.parking_street import make_occluded_crossing, make_parking_street
+from coopsim.world.places.roundabout import make_roundabout
+from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
-from coopsim.world.roundabout import make_roundabout
-from coopsim.world.street import make_occluded_crossing, make_parking_street
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.arrays import frozen, require_finite
-from coopsim.checks import require_positive
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.taxonomy import CLASS_NAMES
+from coopsim.support.arrays import frozen, require_finite
+from coopsim.support.checks import require_positive
 from coopsim.types import Ints
+from coopsim.types.taxonomy import CLASS_NAMES
 
 BOX_TOLERANCE_M = 1e-3
 """How far a model may be from filling its box."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.rng import chances
-from coopsim.taxonomy import ObjectClass
+from coopsim.support.rng import chances
 from coopsim.types import Ints
-from coopsim.world.appearance import Colors, draw_colors
+from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
+from coopsim.world.models.paint import Colors, draw_colors
+from coopsim.world.people.people import MANNERS, NO_BODIES, People
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
-from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import MANNERS, NO_BODIES, People
+from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1
 """Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
@@ -34,7 +34,7 @@ class World:
         scenario: place and population.
         seed: decides everything that happens.
         policy_control: connected cars do as `step` tells them, instead of driving by themselves.
-        traffic: what steps the vehicles, one of `coopsim.world.traffic.ENGINES`.
+        traffic: what steps the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
     """
 
     def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False, traffic: str = "arrays") -> None:
@@ -67,7 +67,7 @@ class World:
 
         Args:
             dt_s: time step.
-            maneuvers: numbers into `coopsim.world.drivers.MANEUVERS` by agent's name, under policy control.
+            maneuvers: numbers into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
         """
         told = (maneuvers or {}) if self._policy_control else {}
         numbered = {int(name.removeprefix("cav_")): told[name] for name in told}

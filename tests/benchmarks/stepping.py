@@ -17,10 +17,10 @@ import coopsim
 from coopsim.envs import CooperativeEnv
 from coopsim.envs.options import CommonOptions, SimulationOptions
 from coopsim.envs.simulation import Simulation
-from coopsim.envs.spaces import pack_tracks
-from coopsim.sensors.lidar import LidarConfig
-from coopsim.sensors.patterns import BeamPattern
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.types import Tracks
+from coopsim.wire.packing import pack_tracks
 from coopsim.world.population import Population
 from coopsim.world.scenario import Scenario
 

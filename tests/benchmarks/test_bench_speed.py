@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from coopsim.bench.benchmark import Engine, benchmark
-from coopsim.bench.grid_file import find_grid
+from coopsim.bench.grid.grid_file import find_grid
 
 
 def seconds(folder: Path, engine: Engine) -> float:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from coopsim.errors import MissingDependencyError
-from coopsim.sensors.air import Weather
-from coopsim.sensors.camera import CameraRig
-from coopsim.sensors.daylight import DAYLIGHTS, Illumination
-from coopsim.sensors.distortion import NO_DISTORTION
-from coopsim.sensors.geometry import SceneGeometry
-from coopsim.sensors.intrinsics import Intrinsics
-from coopsim.sensors.rigs import agent_rigs
+from coopsim.sensors.camera.camera import CameraRig
+from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
+from coopsim.sensors.camera.distortion import NO_DISTORTION
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.rigs import agent_rigs
+from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.weather import Weather
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from coopsim.comms.bandwidth import Bandwidth
-from coopsim.comms.channel import Channel, ChannelConfig
-from coopsim.comms.latency import GammaLatency
-from coopsim.comms.loss import GilbertElliottLoss
-from coopsim.comms.radio import Radio
+from coopsim.comms.channel.bandwidth import Bandwidth
+from coopsim.comms.channel.channel import Channel, ChannelConfig
+from coopsim.comms.channel.latency import GammaLatency
+from coopsim.comms.channel.loss import GilbertElliottLoss
+from coopsim.comms.radio.radio_config import Radio
 from coopsim.types import Message, PoseEstimate
 
 FULL = ChannelConfig(

@@ -14,12 +14,13 @@ from codec_samples import some_detections, some_perception, some_queries, some_t
 
 import coopsim
 from coopsim.comms.codecs.codec import Codec, decoder
-from coopsim.comms.codecs.features import FeatureMap, FeaturesCodec
-from coopsim.comms.codecs.points import PointCloud, PointsCodec
-from coopsim.comms.codecs.queries import QueriesCodec
-from coopsim.comms.codecs.sparse_features import SparseFeaturesCodec
-from coopsim.comms.codecs.voxels import VoxelsCodec
-from coopsim.sensors.lidar import LidarConfig
+from coopsim.comms.codecs.feature_codec import FeaturesCodec
+from coopsim.comms.codecs.point_codec import PointsCodec
+from coopsim.comms.codecs.query_codec import QueriesCodec
+from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
+from coopsim.comms.codecs.voxel_codec import VoxelsCodec
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.types import FeatureMap, PointCloud
 
 ROUNDS = 15
 

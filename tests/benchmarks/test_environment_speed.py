@@ -23,13 +23,13 @@ MOST_MB = 1500
 
 PARTS = {
     "traffic": "world/world.py:step",
-    "triangles and ray scene": "sensors/geometry.py:triangles sensors/raycast.py:__init__",
-    "LiDAR sweeps": "sensors/lidar.py:sense",
-    "detection": "detection/simulated.py:detect",
-    "localization": "localization.py:localize",
-    "channel and codec": "comms/channel.py:send comms/channel.py:deliver",
-    "packing observations": "envs/spaces.py:pack_observation",
-    "policy": "agents/base.py:act",
+    "triangles and ray scene": "sensors/scene.py:triangles sensors/raycast.py:__init__",
+    "LiDAR sweeps": "sensors/lidar/lidar.py:sense",
+    "detection": "detection/simulated/simulated.py:detect",
+    "localization": "localization/localizer.py:localize",
+    "channel and codec": "comms/channel/channel.py:send comms/channel/channel.py:deliver",
+    "packing observations": "wire/packing.py:pack_observation",
+    "policy": "agents/policy.py:act",
     "scoring": "envs/scoring.py:update",
 }
 

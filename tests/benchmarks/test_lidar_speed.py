@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from numba import njit
 
-from coopsim.atomics import Counters, add, wait_for
 from coopsim.geometry.se3 import SE3
-from coopsim.rng import stream
-from coopsim.sensors.air import Weather
-from coopsim.sensors.geometry import SceneGeometry, Triangles
-from coopsim.sensors.grid import RayGrid
-from coopsim.sensors.lidar import Lidar, LidarConfig
-from coopsim.sensors.patterns import PATTERNS, BeamPattern
+from coopsim.sensors.lidar.cast.atomics import Counters, add, wait_for
+from coopsim.sensors.lidar.cast.ray_grid import RayGrid
+from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.sight import LineOfSight
-from coopsim.threads import run_all
+from coopsim.sensors.scene import SceneGeometry, Triangles
+from coopsim.sensors.weather import Weather
+from coopsim.support.rng import stream
+from coopsim.support.threads import run_all
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 

@@ -6,9 +6,9 @@ Run by `make bench`. Nothing here fails by its figures; they are printed, and st
 import numpy as np
 import pytest
 
-from coopsim.comms.air import Air
-from coopsim.comms.radio import Radio
-from coopsim.comms.sight import Surroundings
+from coopsim.comms.radio.air import Air
+from coopsim.comms.radio.obstruction import Surroundings
+from coopsim.comms.radio.radio_config import Radio
 from coopsim.geometry.boxes import Boxes3D
 
 DISTANCES_M = (50, 100, 150, 200, 300, 400, 600, 800, 1000)

@@ -10,8 +10,8 @@ import numpy as np
 from stepping import Stepper
 
 import coopsim
-from coopsim.data.episode import Episode
-from coopsim.world.recorded import PlayedWorld, recorded_scenario
+from coopsim.world.recording.episode_file import Episode
+from coopsim.world.recording.recorded_world import PlayedWorld, recorded_scenario
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 

@@ -19,16 +19,16 @@ from shapely import box as shapely_box
 from shapely.affinity import rotate
 
 import coopsim
-from coopsim.data.recording import Recording, RecordingSet
+from coopsim.data.recording_set import Recording, RecordingSet
+from coopsim.geometry.assignment import greedy, hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_3d, giou_bev, iou_3d, iou_3d_and_bev, iou_bev
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import TrackLog
 from coopsim.metrics.score import summarize
-from coopsim.tracking.ab3dmot import ab3dmot
-from coopsim.tracking.assignment import greedy, hungarian
-from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.overlap import mahalanobis
+from coopsim.metrics.track_log import TrackLog
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.affinity.overlap import mahalanobis
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import Detections, Tracks
 
 FRAME_NS = 100_000_000

@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.taxonomy import ObjectClass
-from coopsim.world.highway import make_highway
-from coopsim.world.layout import Layout, Slot
+from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
+from coopsim.world.people.people import People
+from coopsim.world.places.highway import make_highway
+from coopsim.world.places.layout import Layout, Slot
 from coopsim.world.population import Population
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic import Traffic
-from coopsim.world.vulnerable import People
+from coopsim.world.traffic.traffic import Traffic
 
 SPACING_M = 24.0
 

@@ -12,7 +12,7 @@ import pettingzoo
 import pytest
 
 import coopsim
-from coopsim.detection.simulated import SimulatedDetector, SimulatedDetectorConfig
+from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.envs import MotaReward, Reward
 from coopsim.errors import (
     CoopsimError,

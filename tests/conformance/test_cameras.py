@@ -12,9 +12,9 @@ from test_environments import Make, assert_same, play
 import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.air import Weather
-from coopsim.sensors.camera import Camera, CameraRig
-from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.camera.camera import Camera, CameraRig
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.weather import Weather
 from coopsim.types import Observation, Tracks
 
 TINY = Camera("front", Intrinsics.from_fov(32, 18))

@@ -12,8 +12,8 @@ import pytest
 
 import coopsim
 from coopsim.cli.entry import make_parser
-from coopsim.comms.config_files import channel_config
-from coopsim.localization_files import localization_config
+from coopsim.comms.channel.channel_files import channel_config
+from coopsim.localization.localization_files import localization_config
 
 ROOT = Path(__file__).parents[2]
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}

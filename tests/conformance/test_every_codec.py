@@ -20,9 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.codecs.codec import CODECS, decoder
-from coopsim.comms.codecs.features import FeatureMap, FeaturesCodec
-from coopsim.comms.codecs.sparse_features import SparseFeaturesCodec
+from coopsim.comms.codecs.feature_codec import FeaturesCodec
+from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
 from coopsim.errors import CodecError
+from coopsim.types import FeatureMap
 
 EVERY = pytest.mark.parametrize("name", CODECS.names())
 

@@ -11,9 +11,9 @@ import pytest
 
 import coopsim
 from coopsim.comms.codecs.codec import codecs_of
-from coopsim.comms.uplink import UPLINKS, ShareDetections
+from coopsim.comms.uplinks.uplink import UPLINKS, ShareDetections
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.late import LATE
+from coopsim.tracking.delayed import LATE
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 FRAME_NS = 100_000_000

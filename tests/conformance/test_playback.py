@@ -12,8 +12,8 @@ from conftest import SIMULATED, SMALL
 from test_environments import assert_same, play
 
 import coopsim
-from coopsim.data.episode import Episode
 from coopsim.errors import InvalidValueError, RecordingError, UnknownNameError
+from coopsim.world.recording.episode_file import Episode
 
 Make = Callable[..., Any]
 

@@ -8,9 +8,9 @@ import pytest
 
 import coopsim
 from coopsim.cli import main
-from coopsim.data.episode import Episode
 from coopsim.envs.scenario_file import SHIPPED
 from coopsim.errors import InvalidValueError, ScenarioFileError
+from coopsim.world.recording.episode_file import Episode
 
 
 def write(folder: Path, text: str) -> Path:

@@ -10,8 +10,8 @@ import pytest
 from conftest import SIMULATED
 from test_environments import play
 
-from coopsim.sensors.camera import Camera
-from coopsim.sensors.intrinsics import Intrinsics
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.intrinsics import Intrinsics
 
 Make = Callable[..., Any]
 

@@ -15,9 +15,8 @@ from trackeval.metrics import CLEAR, HOTA, Identity
 import coopsim
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.score import Score, summarize
-from coopsim.types import Tracks
+from coopsim.types import GroundTruth, Tracks
 
 TOLERANCE = 1e-6
 SEEDS = range(12)

@@ -19,10 +19,10 @@ from interruptible import interruptible
 
 import coopsim
 from coopsim.bench.benchmark import Engine, Progress, benchmark
-from coopsim.bench.grid import Grid
-from coopsim.bench.job import Job, Outcome, run_job
+from coopsim.bench.engine.job import Job, Outcome, run_job
+from coopsim.bench.grid.grid import Grid
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.store import Store
+from coopsim.bench.store.store import Store
 from coopsim.cli import INTERRUPTED, main
 from coopsim.errors import MissingDependencyError, StoreError
 
@@ -236,7 +236,7 @@ def test_a_cell_whose_process_was_killed_is_done_once_more(trouble: Path, tmp_pa
 
 def test_workers_find_what_lies_where_an_interpreter_was_started(trouble: Path, tmp_path: Path) -> None:
     program = (
-        "import coopsim; from coopsim.bench.grid import Grid; "
+        "import coopsim; from coopsim.bench.grid.grid import Grid; "
         f"(result,) = coopsim.benchmark(Grid(('trouble:Quiet',), frames=2, options={FAST}), 'out'); "
         "assert not result.failed, result.traceback"
     )

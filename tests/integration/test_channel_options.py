@@ -10,18 +10,18 @@ import pytest
 import yaml
 
 import coopsim
-from coopsim.comms.bandwidth import Bandwidth
-from coopsim.comms.channel import ChannelConfig, ChannelCounts
-from coopsim.comms.clock import AgentClock
-from coopsim.comms.config_files import channel_config
-from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatency
-from coopsim.comms.link_config import LinkConfig
-from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
-from coopsim.comms.radio import Radio
+from coopsim.comms.channel.bandwidth import Bandwidth
+from coopsim.comms.channel.channel import ChannelConfig, ChannelCounts
+from coopsim.comms.channel.channel_files import channel_config
+from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.latency import EmpiricalLatency, GammaLatency, GaussianLatency
+from coopsim.comms.channel.link_config import LinkConfig
+from coopsim.comms.channel.loss import BernoulliLoss, GilbertElliottLoss
+from coopsim.comms.radio.radio_config import Radio
 from coopsim.envs import exchange
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
-from coopsim.localization_files import localization_config
+from coopsim.localization.localization_files import localization_config
 from coopsim.metrics.score import Score
 from coopsim.types import Message
 

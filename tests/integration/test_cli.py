@@ -20,7 +20,7 @@ import pytest
 from interruptible import interruptible
 
 from coopsim.cli import INTERRUPTED, main
-from coopsim.data.episode import Episode
+from coopsim.world.recording.episode_file import Episode
 
 MINE = """
 import numpy as np

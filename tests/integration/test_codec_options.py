@@ -12,8 +12,8 @@ from conftest import SMALL
 
 import coopsim
 from coopsim.comms.codecs.codec import codecs_of
-from coopsim.comms.uplink import UPLINKS
-from coopsim.detection.simulated import SimulatedDetector
+from coopsim.comms.uplinks.uplink import UPLINKS
+from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.envs import exchange
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types import Detections, Message, Observation

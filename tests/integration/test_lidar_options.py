@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.detection.simulated import Detector, SimulatedDetector
+from coopsim.detection.simulated.simulated import Detector, SimulatedDetector
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.sensors.air import Weather
-from coopsim.sensors.lidar import LidarConfig
-from coopsim.sensors.patterns import PATTERNS
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.lidar.patterns import PATTERNS
+from coopsim.sensors.weather import Weather
 from coopsim.types import Detections
 
 Make = Callable[..., Any]

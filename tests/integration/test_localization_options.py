@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.comms.channel import ChannelConfig
-from coopsim.comms.clock import AgentClock
-from coopsim.envs.spaces import unpack_observation
+from coopsim.comms.channel.channel import ChannelConfig
+from coopsim.comms.channel.clock import AgentClock
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
-from coopsim.localization import LocalizationConfig
-from coopsim.localization_files import localization_config
-from coopsim.pose_noise import PoseNoise
+from coopsim.localization.localization_files import localization_config
+from coopsim.localization.localizer import LocalizationConfig
+from coopsim.localization.pose_noise import PoseNoise
+from coopsim.wire.packing import unpack_observation
 
 Make = Callable[..., Any]
 

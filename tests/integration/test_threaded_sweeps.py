@@ -10,8 +10,8 @@ import pytest
 
 import coopsim
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.air import Weather
-from coopsim.sensors.lidar import LidarConfig
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.weather import Weather
 
 TWO = {
     "roof": LidarConfig("VLP-16", columns=256, threads=2),

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.comms.bandwidth import Bandwidth
-from coopsim.comms.channel import Channel, ChannelConfig
-from coopsim.comms.clock import AgentClock
-from coopsim.comms.latency import EmpiricalLatency, GammaLatency, GaussianLatency, LogNormalLatency
-from coopsim.comms.link_config import LinkConfig
-from coopsim.comms.loss import BernoulliLoss, GilbertElliottLoss
-from coopsim.comms.radio import Radio
+from coopsim.comms.channel.bandwidth import Bandwidth
+from coopsim.comms.channel.channel import Channel, ChannelConfig
+from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.latency import EmpiricalLatency, GammaLatency, GaussianLatency, LogNormalLatency
+from coopsim.comms.channel.link_config import LinkConfig
+from coopsim.comms.channel.loss import BernoulliLoss, GilbertElliottLoss
+from coopsim.comms.radio.radio_config import Radio
 from coopsim.types import Message, PoseEstimate
 
 AGENTS = ("a", "b", "c")

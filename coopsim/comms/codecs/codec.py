@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import CodecError
-from coopsim.registry import Registry
+from coopsim.support.registry import Registry
 
 _COUNT = struct.Struct("<H")
 MOST_ROWS = 0xFFFF

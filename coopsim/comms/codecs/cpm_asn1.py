@@ -12,8 +12,8 @@ import numpy as np
 from coopsim.errors import CodecError, MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.taxonomy import ObjectClass
 from coopsim.types import Detections
+from coopsim.types.taxonomy import ObjectClass
 
 DEGREE_M = 111_319.49
 """A degree on the equator, in either direction: pi / 180 of WGS 84's larger radius."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coopsim.taxonomy import ObjectClass
+from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.parts import (
     ACCENT,
     GLASS,

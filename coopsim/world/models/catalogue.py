@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 from coopsim.errors import DuplicateNameError, InvalidValueError
-from coopsim.registry import Registry
+from coopsim.support.registry import Registry
 from coopsim.world.models.cars import make_cars, make_vans
 from coopsim.world.models.heavy import make_buses, make_trucks
-from coopsim.world.models.people import make_adults, make_children
+from coopsim.world.models.pedestrians import make_adults, make_children
 from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
 from coopsim.world.snapshot import Model
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.geometry.se3 import Floats
-from coopsim.taxonomy import ObjectClass
 from coopsim.types import Ints
+from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.snapshot import Model
 
 RGB = tuple[int, int, int]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.taxonomy import ObjectClass
+from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.figure import JEANS, LEATHER, Look, dressed, seated
 from coopsim.world.models.parts import (
     GLASS,

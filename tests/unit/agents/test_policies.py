@@ -10,12 +10,12 @@ import pytest
 from conftest import SMALL
 
 import coopsim
-from coopsim.agents.tracking import over_origin
-from coopsim.comms.uplink import UPLINKS
-from coopsim.detection.simulated import SimulatedDetector
-from coopsim.envs.spaces import observation_space, pack_observation, pack_tracks, unpack_action, unpack_observation
+from coopsim.agents.tracking_policy import over_origin
+from coopsim.comms.uplinks.uplink import UPLINKS
+from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
+from coopsim.wire.packing import observation_space, pack_observation, pack_tracks, unpack_action, unpack_observation
 
 CAR = [4.5, 1.9, 1.6]
 LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).uplink != "none"]

@@ -11,7 +11,7 @@ import pytest
 
 import coopsim
 from coopsim.agents.track_to_track import TrackToTrack
-from coopsim.comms.uplink import ShareTracks
+from coopsim.comms.uplinks.uplink import ShareTracks
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 

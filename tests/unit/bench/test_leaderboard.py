@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings
 from coopsim.bench.leaderboard import evaluate_each, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
-from coopsim.bench.runner import RecordingsEvaluation, evaluate_recordings
 from coopsim.cli import main
 from coopsim.cli.status import FAILED, INTERRUPTED, USER_ERROR
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import coopsim
-from coopsim.data import kitti, recording
+from coopsim.data import kitti, recording_set
 from coopsim.errors import InvalidValueError, RecordingError, UnknownNameError
 
 
@@ -25,8 +25,8 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
         return count
 
-    monkeypatch.setattr(recording, "read_labels", counting(kitti.read_labels))
-    monkeypatch.setattr(recording, "read_detections", counting(kitti.read_detections))
+    monkeypatch.setattr(recording_set, "read_labels", counting(kitti.read_labels))
+    monkeypatch.setattr(recording_set, "read_detections", counting(kitti.read_detections))
     return counted
 
 
@@ -96,9 +96,9 @@ def test_an_evaluation_reads_detections_once(recordings: Path, reads: Counter[st
 
 def test_an_evaluation_lists_the_set_once(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     listed: list[object] = []
-    make = recording.RecordingSet.__init__
+    make = recording_set.RecordingSet.__init__
     monkeypatch.setattr(
-        recording.RecordingSet, "__init__", lambda self, path: (listed.append(path), make(self, path))[1]
+        recording_set.RecordingSet, "__init__", lambda self, path: (listed.append(path), make(self, path))[1]
     )
     assert coopsim.evaluate_recordings("no_fusion", recordings, "ego").frames == 10
     assert listed == [recordings]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coopsim.detection.clutter import Clutter, ClutterConfig
-from coopsim.detection.correlated import ERRORS, CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.curves import Curve, Found, Scored, Spread
-from coopsim.detection.persistence import Persistence
 from coopsim.detection.presets import preset
+from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
+from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetector, CorrelatedDetectorConfig
+from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.persistence import Persistence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.detection.persistence import LastingNormals, Persistence
+from coopsim.detection.simulated.persistence import LastingNormals, Persistence
 from coopsim.errors import InvalidValueError
 
 KIND = Persistence(constant=0.3, lasting=0.5, lasting_s=0.5)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.detection.correlated import CorrelatedDetector
 from coopsim.detection.presets import DETECTORS, make_detector, preset, read_config, to_yaml
-from coopsim.detection.simulated import SimulatedDetector
-from coopsim.envs.spaces import pack_tracks
+from coopsim.detection.simulated.correlated import CorrelatedDetector
+from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
 from coopsim.types import Tracks
+from coopsim.wire.packing import pack_tracks
 
 NAME = "pointpillars_v2v4real"
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, count_returns
+from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig, count_returns
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Sweep

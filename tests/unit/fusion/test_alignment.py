@@ -11,7 +11,7 @@ from coopsim.fusion.alignment import Heard, PoseAlignment
 from coopsim.fusion.pose_error import Moments
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.tracking.odometry import OdometryFrame
+from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
 
 FRAME_NS = 100_000_000

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.covariance_intersection import PULL, covariance_intersection, intersection_weight
-from coopsim.tracking import kalman
+from coopsim.tracking.motion import kalman
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 SEEDS = st.integers(0, 2**32 - 1)

@@ -9,9 +9,8 @@ from test_clear import tracks, truth
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d, iou_bev
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.score import summarize
-from coopsim.types import Tracks
+from coopsim.types import GroundTruth, Tracks
 
 OVERLAPS = {"3D": iou_3d, "BEV": iou_bev}
 

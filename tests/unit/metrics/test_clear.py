@@ -12,10 +12,9 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.matching import cheapest_assignment
 from coopsim.metrics.score import Score, summarize
-from coopsim.types import Tracks
+from coopsim.types import GroundTruth, Tracks
 
 Frame = tuple[dict[int, float], dict[int, float]]
 """Where objects are along x, by id; where tracks are, by id."""

@@ -10,9 +10,8 @@ import pytest
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.score import summarize
-from coopsim.types import Tracks
+from coopsim.types import GroundTruth, Tracks
 
 ROWS = np.array([[0.0, 0, 0.8, 4, 2, 1.5, 0], [20, 0, 0.8, 4, 2, 1.5, 0]])
 

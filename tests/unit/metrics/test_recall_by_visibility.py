@@ -7,13 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from coopsim.bench.table import format_visibility
+from coopsim.bench.report.table import format_visibility
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import GroundTruth
+from coopsim.metrics.recall_by_visibility import GroupRecall
 from coopsim.metrics.score import Score, summarize
-from coopsim.metrics.visibility import GroupRecall
-from coopsim.types import Ints, Tracks
+from coopsim.types import GroundTruth, Ints, Tracks
 
 
 def boxes(x_m: list[float]) -> Boxes3D:

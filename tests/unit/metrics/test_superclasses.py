@@ -7,10 +7,9 @@ import pytest
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.log import GroundTruth
 from coopsim.metrics.score import Score, summarize
-from coopsim.taxonomy import ObjectClass
-from coopsim.types import Tracks
+from coopsim.types import GroundTruth, Tracks
+from coopsim.types.taxonomy import ObjectClass
 
 CAR, VAN, TRUCK, PEDESTRIAN, CHILD = (ObjectClass[name] for name in ("CAR", "VAN", "TRUCK", "PEDESTRIAN", "CHILD"))
 

@@ -7,7 +7,7 @@ import pytest
 from some_tracks import FRAME_NS, cars
 
 from coopsim.errors import InvalidValueError
-from coopsim.tracking.ab3dmot import ab3dmot
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.by_class import TrackersByClass
 
 

@@ -7,8 +7,8 @@ import pytest
 from some_tracks import cars, tracks
 
 from coopsim.errors import InvalidValueError
-from coopsim.tracking.affinity import center_distance, giou_3d, iou_3d
-from coopsim.tracking.assignment import greedy, hungarian
+from coopsim.geometry.assignment import greedy, hungarian
+from coopsim.tracking.affinity.affinity import center_distance, giou_3d, iou_3d
 from coopsim.tracking.cascade import Cascade, Stage, of_class, score_below, score_from
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.ab3dmot import ab3dmot
-from coopsim.tracking.affinity import center_distance, giou_3d
-from coopsim.tracking.assignment import hungarian
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.affinity.affinity import center_distance, giou_3d
 from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from
 from coopsim.tracking.lifecycle import ByScore, HitsAndAge
-from coopsim.tracking.motion import ConstantVelocity
-from coopsim.tracking.scoring import Latest, Likelihood, ShrunkMean
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.track_scoring import Latest, Likelihood, ShrunkMean
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker, Turn
 from coopsim.types import Detections, Tracks

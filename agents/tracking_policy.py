@@ -1,0 +1,109 @@
+"""The shape that tracking-by-detection policies share: collect detections, track them, report."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coopsim.agents.policy import Policy
+from coopsim.comms.envelope import decode_detections
+from coopsim.fusion.alignment import Heard, PoseAlignment
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
+from coopsim.support.checks import require_flag
+from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.delayed import LATE, OWN, LateMeasurements, Measurement
+from coopsim.tracking.odometry_frame import OdometryFrame
+from coopsim.tracking.tracker import FARTHEST_M, Tracker, reportable
+from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+
+
+@dataclass
+class _AgentState:
+    tracks: LateMeasurements
+    is_object: bool
+    alignment: PoseAlignment | None
+    frame: OdometryFrame = field(default_factory=OdometryFrame)
+
+
+class TrackingPolicy(Policy):
+    """Tracks the agent's own detections and, if the policy listens (`uplink`), those of all others.
+
+    Tracks are kept in the odometry frame, in which still things stand still and whose drift is slow, so that
+    noise of the global pose reaches a track only through what other agents said. A box is moved there by the
+    *estimated* poses of its sender, at capture, and of the receiver, now.
+
+    Args:
+        late: what to do with messages that come late: "as_current", "predict" or "replay" (see
+            `coopsim.tracking.delayed`).
+        align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
+    """
+
+    def __init__(self, late: str = "as_current", align: bool = False) -> None:
+        require_flag(align=align)
+        self._late, self._align = LATE.get(late), align
+        self._states: dict[str, _AgentState] = {}
+        self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
+
+    @abstractmethod
+    def make_tracker(self) -> Tracker | TrackersByClass:
+        """A new tracker, for one agent and one episode."""
+
+    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        """What is made of one moment's detections, a group per agent: groups that are tracked in turn. First is the
+        receiver's, or in a recording that of the agent whose frame it is, because it came through no estimated pose.
+        By default each agent's own group updates the tracks.
+        """
+        return groups
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        first = OWN if spec.frame_owner in (None, spec.name) else spec.frame_owner
+        late = self._late(self.make_tracker, self.fuse, first)
+        alignment = PoseAlignment.of(self.specs, spec.name) if self._align else None
+        self._states[spec.name] = _AgentState(late, spec.is_object, alignment)
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        state = self._states[agent]
+        state.frame.move(observation)
+        odom_SE3_base = state.frame.odom_SE3_base
+        own = reportable(observation.detections).transform(odom_SE3_base)
+        read = [] if self.uplink == "none" else self.read(agent, within_reach(observation), decode_detections)
+        heard = [Heard(message, reportable(found)) for message, found in read]
+        poses = _poses(heard, own, observation, state)
+        measured = [Measurement(OWN, observation.time_ns, own)]
+        measured += [_received(each, pose, state) for each, pose in zip(heard, poses, strict=True)]
+        return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
+
+
+def _poses(heard: Sequence[Heard], own: Detections, observation: Observation, state: _AgentState) -> list[SE3]:
+    """Where each message's sender was in the odometry frame, at capture."""
+    if state.alignment is not None:
+        return state.alignment.place(observation, state.frame, own, heard)
+    return [state.frame.odom_SE3_sender(each.message, observation) for each in heard]
+
+
+def _received(heard: Heard, odom_SE3_sender: SE3, state: _AgentState) -> Measurement:
+    """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
+    message, found = heard.message, heard.found.transform(odom_SE3_sender)
+    if state.is_object:
+        then = state.frame.pose_at(message.captured_ns)
+        found = found[~over_origin(found.boxes.transform(then.inverse()))]
+    return Measurement(message.sender, message.captured_ns, found)
+
+
+def within_reach(observation: Observation) -> list[Message]:
+    """The messages whose senders say that they are within `FARTHEST_M` of the receiver."""
+    here = observation.pose.xyz_yaw[:3]
+    return [each for each in observation.inbox if np.abs(each.pose.xyz_yaw[:3] - here).max() <= FARTHEST_M]
+
+
+def over_origin(boxes: Boxes3D) -> Mask:
+    """Which boxes (N,) cover the origin on the ground."""
+    cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
+    x, y = boxes.center[:, 0], boxes.center[:, 1]
+    ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)
+    over: Mask = (ahead <= boxes.size[:, 0] / 2) & (aside <= boxes.size[:, 1] / 2)
+    return over

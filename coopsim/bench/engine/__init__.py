@@ -1,0 +1,1 @@
+"""A benchmark's engine: cells as jobs, by processes or Ray."""

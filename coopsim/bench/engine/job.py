@@ -1,0 +1,150 @@
+"""One cell as work that any process can do, and what comes of it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import re
+import socket
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import coopsim
+from coopsim.bench.evaluate import OnFrame, evaluate
+from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
+
+_POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+ONE_THREAD: Mapping[str, str] = dict.fromkeys(_POOLS, "1")
+"""The environment of a process that does jobs: there are as many as cores, and each uses one."""
+
+_ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """A cell, and all that is needed to run it; plain data.
+
+    Attributes:
+        cell: which one.
+        options: of its environment, beside the condition.
+        policy: the cell's.
+        decided_by: its `fingerprint`.
+    """
+
+    cell: Cell
+    options: Mapping[str, Any]
+    policy: PolicySpec
+    decided_by: str
+
+    @classmethod
+    def of(cls, cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> Job:
+        """The job for a cell."""
+        return cls(cell, options, policy, fingerprint(cell, options, policy))
+
+    @property
+    def key(self) -> str:
+        """The job's name in a store."""
+        return key_of(self.decided_by)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What came of a job.
+
+    Attributes:
+        job: which one.
+        result: the same in every run.
+        circumstances: what differs between runs: seconds, where, with which versions, and how a process died.
+    """
+
+    job: Job
+    result: CellResult
+    circumstances: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """Wall time; 0 for a job whose worker died."""
+        return float(self.circumstances.get("seconds", 0.0))
+
+    @property
+    def reason(self) -> str | None:
+        """Why it failed, in one line, and how its process died if it did; None if it did not fail."""
+        how = self.circumstances.get("died")
+        return self.result.reason if how is None else f"{self.result.reason}: {how}"
+
+
+def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
+    """Run a cell; whatever it raises is its result. `on_frame` is called after every step, to watch."""
+    _warm_up(job)
+    started = time.perf_counter()
+    try:
+        result = _evaluate(job, on_frame)
+    except Exception as error:  # a user's policy may raise anything, and the other cells must not suffer
+        result = CellResult(job.cell, traceback=_told(error))
+    seconds = time.perf_counter() - started
+    return Outcome(job, result, {"seconds": seconds, **_circumstances()})
+
+
+def died(job: Job, how: str) -> Outcome:
+    """The outcome of a job whose process is gone; each engine learns another how, so that is no part of the result."""
+    return Outcome(job, CellResult(job.cell, traceback="the process that ran this cell died\n"), {"died": how})
+
+
+def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
+    cell = job.cell
+    options = environment_options(cell, job.options)
+    evaluation = evaluate(job.policy.make(), cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
+    score = evaluation.score
+    return CellResult(
+        cell,
+        values=_numbers(score.values),
+        agents={name: _numbers(agent.values) for name, agent in score.agents.items()},
+        rewards=np.asarray(evaluation.rewards, np.float64),
+        messages=asdict(evaluation.messages),
+    )
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items()}
+
+
+def _told(error: Exception) -> str:
+    """The traceback without what differs between runs: who called us, and where objects lie in memory."""
+    return _ADDRESS.sub("0x...", "".join(traceback.format_exception(error)))
+
+
+_warm = False
+
+
+def _warm_up(job: Job) -> None:
+    """Have what is compiled ready before a clock runs: once in a process, by three frames of its first job."""
+    global _warm
+    if _warm:
+        return
+    _warm = True
+    with contextlib.suppress(Exception):  # the cell itself will tell
+        _evaluate(replace(job, cell=replace(job.cell, frames=3)))
+
+
+@cache
+def _circumstances() -> dict[str, Any]:
+    return {
+        "versions": {
+            "coopsim": coopsim.__version__,
+            "python": platform.python_version(),
+            **package_versions(),
+        },
+        "platform": platform.platform(),
+        "worker": f"{socket.gethostname()}:{os.getpid()}",
+    }

@@ -1,0 +1,83 @@
+"""Jobs by Ray, on this machine or a cluster."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Generator, Iterator
+from itertools import islice
+from typing import Any
+
+from coopsim.bench.engine.job import ONE_THREAD, Job, Outcome, died, run_job
+from coopsim.errors import InvalidValueError, MissingDependencyError
+
+_ONE_THREAD = {"env_vars": dict(ONE_THREAD)}
+
+
+def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) -> Generator[Outcome]:
+    """Outcomes, in the order in which they come; closing the iterator cancels what is left.
+
+    A Ray that the caller has started is used, and left running. coopsim, and the packages and scenario files that jobs
+    name, have to be on every machine of a cluster; a policy's file is sent along.
+
+    Args:
+        jobs: taken a few at a time, as cores become free.
+        workers: jobs at once on this machine; None, or on a cluster: one for each core.
+        address: of a cluster, as `ray.init` takes it; None: `RAY_ADDRESS`, or else this machine alone.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        InvalidValueError: there is no cluster of that address.
+    """
+    ray = _import_ray()
+    ours = not ray.is_initialized()
+    if ours:
+        _start(ray, workers, address)
+    try:
+        # Ray starts processes before there are tasks; with an environment of the task's own they would be for nothing.
+        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": _ONE_THREAD}))(run_job)
+        # Twice as many as run: the next one is there when a core becomes free, and the order can still be changed.
+        at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        running = {do.remote(job): job for job in islice(jobs, at_once)}
+        try:
+            while running:
+                (done,), _ = ray.wait(list(running), num_returns=1)
+                yield _outcome(ray, done, running.pop(done))
+                running.update((do.remote(job), job) for job in islice(jobs, 1))
+        finally:
+            for unfinished in running:
+                ray.cancel(unfinished, force=True)
+    finally:
+        if ours:
+            ray.shutdown()
+
+
+def _import_ray() -> Any:
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise MissingDependencyError("the engine ray needs the package ray: pip install 'coopsim[ray]'") from error
+
+
+def _start(ray: Any, workers: int | None, address: str | None) -> None:
+    address = address or os.environ.get("RAY_ADDRESS") or "local"
+    # Outcomes are small; Ray's own share of the memory would be a third of the machine's.
+    here = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
+    try:
+        ray.init(
+            address=address,
+            runtime_env=_ONE_THREAD,
+            log_to_driver=False,
+            logging_level="ERROR",
+            **(here if address == "local" else {}),
+        )
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise InvalidValueError(f"address must be that of a Ray cluster, got {address!r}: {error}") from error
+
+
+def _outcome(ray: Any, reference: Any, job: Job) -> Outcome:
+    try:
+        outcome: Outcome = ray.get(reference)
+    except ray.exceptions.RayError as error:  # after Ray's own retries
+        return died(job, f"{type(error).__name__}")
+    return outcome

@@ -1,0 +1,58 @@
+"""Which job is next: the longest first, so that no worker has a long one left when the others are done."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
+
+from coopsim.bench.engine.job import Job, Outcome
+
+_Kind = tuple[str, str]
+"""Policy and scenario, which decide how long a cell of the same number of frames takes."""
+
+
+class Schedule(Iterator[Job]):
+    """Hands out jobs, and learns from outcomes how long those take that are left."""
+
+    def __init__(self, jobs: Iterable[Job]) -> None:
+        self._left: defaultdict[_Kind, deque[Job]] = defaultdict(deque)
+        for job in jobs:
+            self._left[_kind(job)].append(job)
+        self._seconds: defaultdict[_Kind, list[float]] = defaultdict(list)
+        self._running: defaultdict[_Kind, int] = defaultdict(int)
+
+    def __next__(self) -> Job:
+        """A job of a kind that nobody has begun, else one of the kind that takes longest."""
+        waiting = [kind for kind, jobs in self._left.items() if jobs]
+        if not waiting:
+            raise StopIteration
+        kind = max(waiting, key=lambda each: self._expected_s(each, unknown_s=0.0 if self._running[each] else math.inf))
+        self._running[kind] += 1
+        return self._left[kind].popleft()
+
+    def learn(self, outcome: Outcome) -> None:
+        """Note how long a job took."""
+        kind = _kind(outcome.job)
+        self._running[kind] -= 1
+        self._seconds[kind].append(outcome.seconds)
+
+    def left_s(self) -> float | None:
+        """Seconds of work that is left, for one worker; None before anything is known."""
+        known = [second for seconds in self._seconds.values() for second in seconds]
+        if not known:
+            return None
+        mean_s = sum(known) / len(known)
+        # Of what is running, half is done.
+        return sum(
+            (len(self._left[kind]) + self._running[kind] / 2) * self._expected_s(kind, unknown_s=mean_s)
+            for kind in list(self._left)
+        )
+
+    def _expected_s(self, kind: _Kind, *, unknown_s: float) -> float:
+        seconds = self._seconds[kind]
+        return sum(seconds) / len(seconds) if seconds else unknown_s
+
+
+def _kind(job: Job) -> _Kind:
+    return job.cell.policy, job.cell.condition.scenario

@@ -1,0 +1,217 @@
+"""Runs a policy, start to end, and scores it: in simulation, or on recordings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import parallel_env, usual_seed
+from coopsim.comms.channel.channel import ChannelCounts
+from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.score import Score, summarize
+from coopsim.metrics.track_log import TrackLog
+from coopsim.types import NS_PER_S, GroundTruth, Tracks
+
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
+    from coopsim.envs.parallel import CooperativeEnv
+
+OnFrame = Callable[["CooperativeEnv"], None]
+"""Called after every step, to watch; it must not step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """How one policy did in one episode.
+
+    Attributes:
+        score: each agent's and their mean.
+        rewards: (F,) mean over agents, per frame.
+        frames: number of frames.
+        seconds: wall time of environment and policy together, without making them.
+        messages: what became of them, each counted for every other agent; and how many the policy could not read.
+        links: what became of them by link: sender and receiver.
+    """
+
+    score: Score
+    rewards: Floats
+    frames: int
+    seconds: float
+    messages: ChannelCounts
+    links: Mapping[tuple[str, str], ChannelCounts] = field(default_factory=dict)
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time."""
+        return self.frames / self.seconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingsEvaluation:
+    """How one policy did on a set of recordings, all of them pooled.
+
+    Attributes:
+        count: the score with false positives counted.
+        ignore: the score with false positives ignored, to stand beside tables that do so.
+        frames: number of frames, over all sequences.
+        seconds: wall time of tracking and scoring, without reading files.
+    """
+
+    count: Score
+    ignore: Score
+    frames: int
+    seconds: float
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time."""
+        return self.frames / self.seconds
+
+
+def evaluate(
+    policy: Policy | str,
+    environment: str = "crossing",
+    *,
+    seed: int | None = None,
+    on_frame: OnFrame | None = None,
+    **options: Any,
+) -> Evaluation:
+    """Run a policy through one episode of an environment that broadcasts what the policy needs.
+
+    Cameras are drawn only for a policy that says it needs them (`Policy.cameras`), or where `cameras` asks for others.
+
+    Args:
+        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
+        environment: name of the environment.
+        seed: decides everything in the episode; None: 0, or what the scenario file says.
+        on_frame: called after every step.
+        **options: of the environment, but not `uplink`: the policy says which.
+
+    Raises:
+        CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
+    """
+    policy = _instance(policy)
+    env = listening_env(environment, policy, options)
+    try:
+        seed = usual_seed(environment) if seed is None else seed
+        rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
+        rejected = getattr(policy, "rejected", {})  # who brings an `act` of its own need not count
+        messages = replace(env.channel_counts, rejected=sum(rejected.values()))
+        return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts)
+    finally:
+        env.close()
+
+
+def evaluate_recordings(
+    policy: Policy | str,
+    path: str | Path,
+    detections: Sequence[str],
+    *,
+    seed: int = 0,
+    on_frame: OnFrame | None = None,
+    **options: Any,
+) -> RecordingsEvaluation:
+    """Run a policy over every sequence of a recording set and pool the scores.
+
+    Args:
+        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
+        path: the set's folder.
+        detections: a name under `detections/`, or several; each is one agent.
+        seed: decides what the channel loses and delays.
+        on_frame: called after every step.
+        **options: of the replay environment, but not `uplink`: the policy says which.
+
+    Raises:
+        CoopsimError: a name is unknown, a value not accepted, or a file broken; the message says which.
+    """
+    policy = _instance(policy)
+    env = listening_env("replay", policy, options | {"path": path, "detections": detections})
+    logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
+    sent_bytes = dict.fromkeys(logs, 0.0)
+    dt_s = next(iter(env.agent_specs.values())).dt_s
+    seconds, simulated_s, frames = 0.0, 0.0, 0
+    try:
+        for sequence in env.sequences:
+            rewards, spent = run_episode(env, policy, seed=seed, on_frame=on_frame, sequence=sequence)
+            on_air_s = env.time_ns / NS_PER_S + dt_s
+            seconds, simulated_s, frames = seconds + spent, simulated_s + on_air_s, frames + len(rewards)
+            for agent, log in env.logs.items():
+                logs[agent].append(log)
+                sent_bytes[agent] += env.bytes_per_s(agent) * on_air_s
+    finally:
+        env.close()
+    started = time.perf_counter()
+    extra = {agent: {"bytes_per_s": sent_bytes[agent] / simulated_s} for agent in logs}
+    count = Score.mean({agent: summarize(logs[agent], extra=extra[agent]) for agent in logs})
+    ignore = count.ignoring_false_positives()
+    return RecordingsEvaluation(count, ignore, frames, seconds + time.perf_counter() - started)
+
+
+def run_episode(
+    env: CooperativeEnv,
+    policy: Policy,
+    *,
+    seed: int,
+    on_frame: OnFrame | None = None,
+    **reset_options: Any,
+) -> tuple[Floats, float]:
+    """Step until the episode ends; the mean reward per frame (F,), and seconds of wall time."""
+    _warm_up()
+    rewards: list[float] = []
+    observations, _ = env.reset(seed=seed, options=reset_options)
+    policy.reset(env.agent_specs, seed=seed)
+    seconds = 0.0
+    while env.agents:
+        started = time.perf_counter()
+        observations, reward, *_ = env.step(policy.act(observations))
+        seconds += time.perf_counter() - started
+        rewards.append(float(np.mean(list(reward.values()))))
+        if on_frame is not None:
+            on_frame(env)
+    return np.array(rewards), seconds
+
+
+def _warm_up() -> None:
+    """Have the compiled parts ready, which takes seconds once on a machine, before a clock runs."""
+    box, zero = Boxes3D.from_array([[0.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]]), np.zeros(1, dtype=np.int64)
+    evaluator = Evaluator()
+    evaluator.update(GroundTruth(zero, box, zero), Tracks(zero, box, np.zeros((1, 2)), np.ones(1), zero))
+    summarize([evaluator.log])
+
+
+def _instance(policy: Policy | str) -> Policy:
+    if isinstance(policy, str):
+        return PolicySpec.parse(policy).make()
+    if isinstance(policy, type):
+        raise InvalidValueError(f"policy must be an object, got the class {policy.__name__}: write {policy.__name__}()")
+    if not hasattr(policy, "act"):
+        raise InvalidValueError(f"policy must be a coopsim.Policy or the name of one, got {policy!r}")
+    return policy
+
+
+def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
+    """The environment whose agents broadcast what the policy needs, and have the cameras that it needs."""
+    if "uplink" in options:
+        raise InvalidValueError(
+            f"uplink is not an option here: {type(policy).__name__} decides it, and says {policy.uplink!r}"
+        )
+    needed = {"cameras": policy.cameras} if policy.cameras else {}
+    if policy.uplink == "none":  # a codec is of what the other policies beside this one say
+        options = {name: value for name, value in options.items() if name != "codec"}
+    try:
+        return parallel_env(environment, **{"uplink": policy.uplink, **needed, **options})
+    except UnknownNameError as error:
+        if needed and error.name == "cameras" and "cameras" not in options:
+            raise PolicyMismatchError(
+                f"{type(policy).__name__} needs cameras {policy.cameras!r}, and {environment!r} has none"
+            ) from error
+        raise

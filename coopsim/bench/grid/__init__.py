@@ -1,0 +1,1 @@
+"""A benchmark's grid: policies, conditions, seeds."""

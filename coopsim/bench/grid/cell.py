@@ -1,0 +1,92 @@
+"""What a benchmark runs and what comes of it, as plain data: one cell is one policy in one condition with one seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_count, require_non_negative, require_number, require_probability
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Condition:
+    """What is done to the agents; every policy in it meets the same traffic, noise and losses.
+
+    Attributes:
+        scenario: name of an environment, or path of a scenario file.
+        latency_s: delay of every message.
+        loss: probability that a message is lost on a link.
+        position_noise_m: standard deviation of x and of y of the estimated pose.
+        heading_noise_deg: standard deviation of its heading.
+        bandwidth_bit_s: of the medium that all agents share; infinite: sending takes no time.
+    """
+
+    scenario: str = "crossing"
+    latency_s: float = 0.0
+    loss: float = 0.0
+    position_noise_m: float = 0.0
+    heading_noise_deg: float = 0.0
+    bandwidth_bit_s: float = math.inf
+
+    def __post_init__(self) -> None:
+        require_non_negative(
+            latency_s=self.latency_s, position_noise_m=self.position_noise_m, heading_noise_deg=self.heading_noise_deg
+        )
+        require_probability(loss=self.loss)
+        require_number("> 0 (inf: no limit)", lambda rate: rate > 0, bandwidth_bit_s=self.bandwidth_bit_s)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Cell:
+    """One run of a benchmark.
+
+    Attributes:
+        policy: as it was asked for: a name, or a name with parameters, `late_fusion(late=replay)`.
+        condition: what is done to the agents.
+        seed: decides everything in the run.
+        frames: length of the run.
+    """
+
+    policy: str
+    condition: Condition
+    seed: int = 0
+    frames: int = 100
+
+    def __post_init__(self) -> None:
+        require_count(0, seed=self.seed)
+        require_count(1, frames=self.frames)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellResult:
+    """What came of a cell. It has nothing in it that two runs of the same cell would not agree on.
+
+    Attributes:
+        cell: which one.
+        values: by metric name (see `docs/metrics.md`), the mean over agents; empty for a cell that failed.
+        agents: the same by agent.
+        rewards: (F,) mean over agents, per frame.
+        messages: counts of what became of the messages, by the names of `ChannelCounts`.
+        traceback: of what made the cell fail; None if it did not.
+    """
+
+    cell: Cell
+    values: Mapping[str, float] = field(default_factory=dict)
+    agents: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    rewards: Floats = field(default_factory=lambda: np.zeros(0))
+    messages: Mapping[str, int] = field(default_factory=dict)
+    traceback: str | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether there are no values."""
+        return self.traceback is not None
+
+    @property
+    def reason(self) -> str | None:
+        """Why it failed, the traceback's last line; None if it did not."""
+        return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])

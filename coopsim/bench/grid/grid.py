@@ -1,0 +1,151 @@
+"""The grid of a benchmark: every policy in every condition with every seed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+from coopsim.bench.grid.cell import Cell, Condition
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store.fingerprint import plain_options
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import (
+    require_choice,
+    require_count,
+    require_non_negative,
+    require_number,
+    require_probability,
+)
+
+_MOST_SEED = 2**63 - 1
+"""The largest that fits an integer column."""
+
+_NOT_OPTIONS: Mapping[str, str] = {
+    "latency_s": "latencies_ms",
+    "loss": "losses",
+    "position_noise_m": "position_noises_m",
+    "heading_noise_rad": "heading_noises_deg",
+    "max_cycles": "frames",
+    "seed": "seeds",
+    "uplink": "policies, each of which has its own",
+    "threads": "workers",
+}
+"""Options of an environment that are another part of the grid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """What a benchmark runs: the product of its lists.
+
+    Attributes:
+        policies: as `PolicySpec` reads them; at least one, each once.
+        scenarios: names of environments, or paths of scenario files.
+        latencies_ms: delays of every message.
+        losses: probabilities that a message is lost on a link.
+        position_noises_m: standard deviations of x and of y of the estimated pose.
+        heading_noises_deg: standard deviations of its heading.
+        pose: "product", or "together": the first position noise with the first heading noise, and so on.
+        bandwidths_mbit_s: of the medium that all agents share, in 1e6 bit/s; infinite: sending takes no time.
+        seeds: each decides everything in a run.
+        frames: length of each run.
+        options: further options of the environments, plain data, the same in all cells.
+
+    Raises:
+        InvalidValueError: a value is not accepted; the message begins with the attribute's name.
+    """
+
+    policies: Sequence[str]
+    scenarios: Sequence[str] = ("crossing",)
+    latencies_ms: Sequence[float] = (0.0,)
+    losses: Sequence[float] = (0.0,)
+    position_noises_m: Sequence[float] = (0.0,)
+    heading_noises_deg: Sequence[float] = (0.0,)
+    pose: Literal["product", "together"] = "product"
+    bandwidths_mbit_s: Sequence[float] = (math.inf,)
+    seeds: Sequence[int] = (0,)
+    frames: int = 100
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in LISTS:
+            object.__setattr__(self, name, _listed(name, getattr(self, name)))
+        for name in ("policies", "scenarios"):
+            for value in getattr(self, name):
+                if not isinstance(value, str):
+                    raise InvalidValueError(f"{name} must be texts, got {value!r}")
+        object.__setattr__(self, "policies", tuple(PolicySpec.parse(policy).text for policy in self.policies))
+        for name in ("latencies_ms", "position_noises_m", "heading_noises_deg"):
+            _check_each(name, getattr(self, name), require_non_negative)
+        _check_each("losses", self.losses, require_probability)
+        _check_each("bandwidths_mbit_s", self.bandwidths_mbit_s, _require_rate)
+        for seed in self.seeds:
+            require_count(0, _MOST_SEED, seeds=seed)
+        require_count(1, frames=self.frames)
+        require_choice("pose", self.pose, ("product", "together"))
+        if self.pose == "together" and len(self.position_noises_m) != len(self.heading_noises_deg):
+            raise InvalidValueError(
+                "pose must be 'product' where position_noises_m and heading_noises_deg differ in length, got "
+                f"'together' with {len(self.position_noises_m)} and {len(self.heading_noises_deg)}"
+            )
+        for name in set(LISTS) - {"position_noises_m", "heading_noises_deg"}:
+            _require_distinct(name, getattr(self, name))
+        _require_distinct("position_noises_m with heading_noises_deg", tuple(self._poses()))
+        self._check_options()
+
+    def __len__(self) -> int:
+        return len(self.policies) * len(list(self.conditions())) * len(self.seeds)
+
+    def conditions(self) -> Iterator[Condition]:
+        """What is done to the agents; the last list varies fastest."""
+        for scenario, latency_ms, loss, (position_m, heading_deg), rate in itertools.product(
+            self.scenarios, self.latencies_ms, self.losses, self._poses(), self.bandwidths_mbit_s
+        ):
+            yield Condition(scenario, latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6)
+
+    def cells(self) -> tuple[Cell, ...]:
+        """All runs, by condition, then policy, then seed."""
+        return tuple(
+            Cell(policy, condition, int(seed), int(self.frames))
+            for condition, policy, seed in itertools.product(self.conditions(), self.policies, self.seeds)
+        )
+
+    def _poses(self) -> Iterator[tuple[float, float]]:
+        pairs = zip if self.pose == "together" else itertools.product
+        yield from pairs(self.position_noises_m, self.heading_noises_deg)
+
+    def _check_options(self) -> None:
+        if not isinstance(self.options, Mapping):
+            raise InvalidValueError(f"options must be names and values, got {self.options!r}")
+        for name, instead in _NOT_OPTIONS.items():
+            if name in self.options:
+                raise InvalidValueError(f"{name} is none of the options: say it by {instead}")
+        object.__setattr__(self, "options", plain_options(self.options))
+
+
+LISTS = tuple(each.name for each in fields(Grid) if each.name not in ("pose", "frames", "options"))
+"""Names of what a grid is the product of."""
+
+
+def _listed(name: str, given: Any) -> tuple[Any, ...]:
+    if isinstance(given, str) or not isinstance(given, Sequence) or not given:
+        raise InvalidValueError(f"{name} must be a list of at least one, in brackets in YAML, got {given!r}")
+    return tuple(given)
+
+
+def _require_distinct(name: str, values: Sequence[Any]) -> None:
+    for k, value in enumerate(values):
+        if value in values[:k]:
+            raise InvalidValueError(f"{name} must be distinct, got {value!r} twice")
+
+
+def _check_each(name: str, values: Sequence[Any], check: Any) -> None:
+    for value in values:
+        check(**{name: value})
+
+
+def _require_rate(**values: Any) -> None:
+    # Slower than a bit per second is a slip, and an airtime that might not fit the clock.
+    require_number(">= 1e-6 (inf: no limit)", lambda rate: rate >= 1e-6, **values)

@@ -1,0 +1,1 @@
+"""A benchmark's results as pages, tables and pictures."""

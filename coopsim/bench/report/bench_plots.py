@@ -1,0 +1,77 @@
+"""A benchmark's curves as SVG files, for papers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.bench.grid.axes import Axis, mildest_values, varying_axes
+from coopsim.bench.grid.cell import Condition
+from coopsim.bench.report.svg import line_look, to_svg
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.statistics import mean_interval
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plots(table: ResultTable, metric: str) -> dict[str, str]:
+    """SVG by file name, `sAMOTA_latency.svg`: a metric against every axis that varies, a panel for each scenario.
+
+    What a plot does not vary is at its mildest. Whiskers are 95 % intervals over seeds.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    values = table.values(metric)
+    return {
+        f"{metric}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, values, axis)
+        for axis in varying_axes(table.conditions)
+    }
+
+
+def _plot(table: ResultTable, metric: str, values: np.ndarray[Any, Any], axis: Axis) -> str:
+    count = len(table.scenarios)
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+        for panel, scenario in zip(panels, table.scenarios, strict=True):
+            _panel(panel, table, values, axis, scenario)
+            panel.set(title=scenario, xlabel=axis.label)
+        panels[0].set_ylabel(metric)
+        panels[0].legend(fontsize=7, frameon=False)
+
+    return to_svg(draw, 1.2 + 3.4 * count, 3.2)
+
+
+def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: Axis, scenario: str) -> None:
+    chosen = sorted(
+        (axis.value(condition), k)
+        for k, condition in enumerate(table.conditions)
+        if condition.scenario == scenario and _others_mild(condition, table, axis)
+    )
+    known = [value for value, _ in chosen if math.isfinite(value)]
+    # No limit stands to the right of the largest one, on an axis of logarithms.
+    endless = len(known) < len(chosen)
+    places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
+    for number, policy in enumerate(table.policies):
+        intervals = [mean_interval(values[number, k]) for _, k in chosen]
+        means = np.array([each.mean for each in intervals])
+        whiskers = np.nan_to_num([each.half_width for each in intervals])
+        style, color = line_look(number)
+        # A label that begins with an underscore would be left out.
+        name = f" {policy}" if policy.startswith("_") else policy
+        look = {"fmt": f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
+        panel.errorbar(places, means, whiskers, label=name, **look)
+    if endless:
+        panel.set_xscale("log")
+        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else "no limit" for value, _ in chosen])
+        panel.minorticks_off()
+    panel.grid(alpha=0.25)
+
+
+def _others_mild(condition: Condition, table: ResultTable, axis: Axis) -> bool:
+    axes, least = varying_axes(table.conditions), mildest_values(table.conditions)
+    return all(other.value(condition) == value for other, value in zip(axes, least, strict=True) if other != axis)

@@ -1,0 +1,181 @@
+"""A benchmark's results as one HTML file that opens without a network."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from coopsim.bench.grid.axes import Axis, label, varying_axes
+from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
+from coopsim.bench.report.bev_data import DRAWING
+from coopsim.bench.report.clips import Clip
+from coopsim.bench.report.metric_names import BYTES, LESS_IS_BETTER, METRICS
+from coopsim.bench.report.page import definitions, fill
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.statistics import mean_interval
+from coopsim.support.files import write_whole
+
+_CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
+seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time; ground truth is
+outlined in grey, tracks have the colour of their id. The agent is the one whose MOTA differs most.</p>"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class About:
+    """What a report says about the benchmark beside its results.
+
+    Attributes:
+        title: of the report.
+        command: which gives the same results again.
+        settings: configuration and versions, name to text.
+    """
+
+    title: str = "coopsim bench"
+    command: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_bench_report(
+    path: Path, table: ResultTable, about: About, clips: Sequence[Clip] = (), notes: Sequence[str] = ()
+) -> Path:
+    """Write the report; the file appears whole or not at all.
+
+    Raises:
+        InvalidValueError: the file cannot be written.
+    """
+    return write_whole(path, render_bench_report(table, about, clips, notes))
+
+
+def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] = (), notes: Sequence[str] = ()) -> str:
+    """The report's HTML; the same results give the same.
+
+    Args:
+        table: the results.
+        about: title, command and settings.
+        clips: of the worst moments; without any, that section is left out.
+        notes: why clips are missing.
+    """
+    shown = table.shown
+    return fill(
+        "bench.html",
+        style=("page.css", "bench.css"),
+        script=("bev.js", "curves.js", "bench.js"),
+        data=_data(table, clips),
+        title=about.title,
+        summary=_summary(table),
+        leaderboards="".join(
+            f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
+            for name in shown
+        )
+        or '<p class="note">No cell was finished, so there is nothing to rank.</p>',
+        interval=_interval_note(table),
+        clips=_clips(table, clips, notes),
+        tables="".join(
+            f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
+            f"{condition_table(table, k)}</details>"
+            for k, condition in enumerate(table.conditions)
+        ),
+        failures=failures(table),
+        meaning=definitions({name: METRICS[name] for name in (*shown, BYTES) if name in METRICS}),
+        settings=definitions(about.settings),
+        command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
+    )
+
+
+def _summary(table: ResultTable) -> str:
+    counts = (
+        (len(table.policies), "policy", "policies"),
+        (len(table.conditions), "condition", "conditions"),
+        (len(table.seeds), "seed", "seeds"),
+    )
+    grid = " x ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts)
+    faults = ((len(table.failures), "failed"), (table.missing, "not run"))
+    state = "".join(f", {count} {word}" for count, word in faults if count)
+    return f"{grid}, {table.frames} frames each: {int(table.finished.sum())} cells finished{state}"
+
+
+def _interval_note(table: ResultTable) -> str:
+    if len(table.seeds) == 1:
+        return "There is one seed, and so no interval: what another seed would give is not known."
+    meaning = f"± and whiskers are 95 % intervals of the mean over {len(table.seeds)} seeds, by Student's t"
+    return f"{meaning}; whiskers end where the scale does."
+
+
+def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> str:
+    if not clips and not notes:
+        return ""
+    parts = []
+    for k, clip in enumerate(clips):
+        moment = clip.moment
+        cell = moment.worst.cell
+        where = f"{label(cell.condition, table.conditions)}, seed {cell.seed}"
+        names = [html.escape(result.cell.policy) for result in (moment.worst, moment.best)]
+        means = [f"{result.rewards[moment.first : moment.last].mean():.2f}" for result in (moment.worst, moment.best)]
+        panels = "".join(
+            f'<div><b>{name}</b> <span class="dim">reward {mean}</span>'
+            f'<canvas data-run="{run}" role="img" aria-label="{name} from above"></canvas></div>'
+            for run, (name, mean) in enumerate(zip(names, means, strict=True))
+        )
+        seen = f"{html.escape(where)}, tracks of {html.escape(clip.agent)}"
+        parts.append(
+            f'<figure class="clip" data-clip="{k}"><figcaption>{names[0]} against {names[1]}: {seen}</figcaption>'
+            f'<div class="pair">{panels}</div><div class="player"><button>Play</button><input type="range" min="0" '
+            'value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
+        )
+    listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
+    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{''.join(parts)}{listed}</section>"
+
+
+def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
+    axes = varying_axes(table.conditions)
+    values = [sorted({axis.value(each) for each in table.conditions}) for axis in axes]
+    scenarios = table.scenarios
+    metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
+    return {
+        "policies": table.policies,
+        "scenarios": scenarios,
+        "metrics": [{"name": name, "less": name in LESS_IS_BETTER} for name in table.shown],
+        "axes": [
+            {
+                "title": axis.title,
+                "label": axis.label,
+                "values": [_json(value) for value in each],
+                "texts": [_text(axis, value, table) for value in each],
+                "mildest": each.index(min(each, key=axis.harm)),
+            }
+            for axis, each in zip(axes, values, strict=True)
+        ],
+        "conditions": [
+            {
+                "scenario": scenarios.index(condition.scenario),
+                "at": [each.index(axis.value(condition)) for axis, each in zip(axes, values, strict=True)],
+            }
+            for condition in table.conditions
+        ],
+        "values": {name: _intervals(table, name) for name in metrics},
+        "bytes": BYTES,
+        "drawing": dict(DRAWING),
+        "clips": [clip.data() for clip in clips],
+    }
+
+
+def _text(axis: Axis, value: float, table: ResultTable) -> str:
+    return next(axis.text(each) for each in table.conditions if axis.value(each) == value)
+
+
+def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:
+    """By policy and condition: mean, low, high."""
+    rows = []
+    for policy in table.values(metric):
+        intervals = [mean_interval(seeds) for seeds in policy]
+        rows.append([[_json(value) for value in (each.mean, each.low, each.high)] for each in intervals])
+    return rows
+
+
+def _json(value: float) -> float | None:
+    """Five digits, and None for what JSON does not have."""
+    return float(f"{value:.5g}") if math.isfinite(value) else None

@@ -1,0 +1,153 @@
+"""The tables of a benchmark's report, as HTML."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from coopsim.bench.grid.axes import label, short_label
+from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN, LESS_IS_BETTER, METRICS, shown
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import Standing, standings
+from coopsim.bench.results.statistics import Interval, mean_interval
+
+_STRIP_PX = (110, 14)
+
+
+def leaderboard(table: ResultTable, metric: str) -> str:
+    """Standings in one metric, sortable; the strip has the mean with its interval, and hollow the worst condition."""
+    entries = standings(table, metric)
+    several, calm = len(table.conditions) > 1, any(not math.isnan(entry.undisturbed) for entry in entries)
+    low, high = _span(entries)
+    heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
+    if several:
+        heads += [("undisturbed", "")] * calm + [("worst", "")]
+    heads += [(BYTES_SHOWN, "")] * (BYTES in table.metrics) + [("cells", "")]
+    heads += [("worst in", "about")] * several
+    rows = []
+    for entry in entries:
+        cells = [
+            _cell("-" if entry.rank is None else str(entry.rank), entry.rank or math.inf),
+            _cell(html.escape(entry.policy), None, "about"),
+            _cell(interval_html(entry.mean), entry.mean.mean),
+            _cell(_strip(entry, low, high, several), None, "about"),
+        ]
+        if several:
+            cells += [_cell(number(entry.undisturbed), entry.undisturbed)] * calm
+            cells.append(_cell(number(entry.worst), entry.worst))
+        if BYTES in table.metrics:
+            cells.append(_cell(number(entry.bytes_per_s, "0"), entry.bytes_per_s))
+        cells.append(_state(entry, len(table.conditions) * len(table.seeds)))
+        if several:
+            where = "" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
+            cells.append(_cell(html.escape(where), None, "about where"))
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    return _table(heads, rows, sortable=True)
+
+
+def condition_table(table: ResultTable, condition: int) -> str:
+    """All shown metrics of every policy in one condition, the best of each in bold."""
+    metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
+    heads = [("policy", "about"), *((shown(name), "") for name in metrics)]
+    columns = []
+    for name in metrics:
+        intervals = [mean_interval(values) for values in table.values(name)[:, condition]]
+        means = np.array([each.mean for each in intervals])
+        known = means[~np.isnan(means)]
+        best = None
+        if len(set(np.round(known, 6).tolist())) > 1:
+            best = known.min() if name in LESS_IS_BETTER else known.max()
+        digits = "0" if name == BYTES else "1"
+        columns.append(
+            [_cell(interval_html(each, digits), None, "best" if each.mean == best else "") for each in intervals]
+        )
+    rows = [
+        f"<tr>{_cell(html.escape(policy), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
+        for k, policy in enumerate(table.policies)
+    ]
+    return _table(heads, rows)
+
+
+def failures(table: ResultTable) -> str:
+    """Failed cells with what happened, folded."""
+    parts = []
+    for result in table.failures:
+        cell = result.cell
+        name = f"{cell.policy}, {label(cell.condition, table.conditions)}, seed {cell.seed}"
+        summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
+        parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
+    return "".join(parts) or '<p class="note">No cell failed.</p>'
+
+
+def number(value: float, digits: str = "1") -> str:
+    """A number with so many digits; a dash where there is none."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def interval_html(interval: Interval, digits: str = "1") -> str:
+    """A mean, and after it half of its interval where that is known."""
+    half = interval.half_width
+    if math.isnan(half):
+        return number(interval.mean, digits)
+    return f'{number(interval.mean, digits)} <span class="dim">± {number(half, digits)}</span>'
+
+
+def _state(entry: Standing, cells: int) -> str:
+    faults = [f"{count} {word}" for count, word in ((entry.failed, "failed"), (entry.missing, "not run")) if count]
+    done = cells - entry.failed - entry.missing
+    return _cell(f"{done} of {cells}{', ' * bool(faults)}{', '.join(faults)}", done, "failed" * bool(faults))
+
+
+def _span(entries: Sequence[Standing]) -> tuple[float, float]:
+    """What strips show: all means and worst conditions, and intervals as far as they do not dwarf these."""
+    known = [value for entry in entries for value in (entry.mean.mean, entry.worst) if not math.isnan(value)]
+    if not known:
+        return 0.0, 0.0
+    low, high = min(known), max(known)
+    room = (high - low) / 3
+    ends = [end for entry in entries for end in (entry.mean.low, entry.mean.high) if not math.isnan(end)]
+    return max(low - room, min([low, *ends])), min(high + room, max([high, *ends]))
+
+
+def _strip(entry: Standing, low: float, high: float, several: bool) -> str:
+    width, height = _STRIP_PX
+    middle, reach = height / 2, width - 12
+
+    def place(value: float) -> str:
+        share = 0.5 if high <= low else (value - low) / (high - low)
+        return f"{6 + reach * min(max(share, 0.0), 1.0):.1f}"
+
+    parts = []
+    if not math.isnan(entry.mean.half_width):
+        x1, x2 = place(entry.mean.low), place(entry.mean.high)
+        parts.append(f'<line x1="{x1}" x2="{x2}" y1="{middle}" y2="{middle}"/>')
+    if several and not math.isnan(entry.worst):
+        parts.append(f'<circle class="hollow" cx="{place(entry.worst)}" cy="{middle}" r="3"/>')
+    if not math.isnan(entry.mean.mean):
+        parts.append(f'<circle cx="{place(entry.mean.mean)}" cy="{middle}" r="4"/>')
+    return f'<svg class="strip" width="{width}" height="{height}" aria-hidden="true">{"".join(parts)}</svg>'
+
+
+def _cell(inner: str, key: float | None = None, css: str = "") -> str:
+    attributes = f' class="{css}"' if css else ""
+    if key is not None:
+        attributes += f' data-key="{key if math.isfinite(key) else ""}"'
+    return f"<td{attributes}>{inner}</td>"
+
+
+def _table(heads: Sequence[tuple[str, str]], rows: Sequence[str], sortable: bool = False) -> str:
+    cells = []
+    for name, css in heads:
+        attributes = f' class="{css}"' if css else ""
+        if name in METRICS:
+            attributes += f' title="{html.escape(METRICS[name])}"'
+        text = html.escape(name)
+        cells.append(f"<th{attributes}>{f'<button>{text}</button>' if sortable and name else text}</th>")
+    css = ' class="sortable"' if sortable else ""
+    return (
+        f'<div class="scroll"><table{css}><thead><tr>{"".join(cells)}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )

@@ -1,0 +1,118 @@
+"""A benchmark's results as Markdown, to read, and as CSV, to compute with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from tabulate import tabulate
+
+from coopsim.bench.grid.axes import label, short_label
+from coopsim.bench.report.bench_tables import number
+from coopsim.bench.report.csv_rows import to_csv_text
+from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN, shown
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import standings
+from coopsim.bench.results.statistics import Interval, mean_interval
+
+METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
+"""As many as fit on a page."""
+
+
+def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
+    """The leaderboard and a table per condition.
+
+    Args:
+        table: the results.
+        title: of the document.
+        metrics: of the tables, the first one ranks; by default those of `METRICS_SHOWN` that there are.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    chosen = tuple(metrics) or tuple(name for name in METRICS_SHOWN if name in table.shown) or table.shown
+    parts = [f"# {_escaped(title)}"]
+    parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
+    means = f"Mean over {len(table.conditions)} conditions"
+    interval = f", ± half of its 95 % interval over {len(table.seeds)} seeds (Student's t)"
+    parts.append(means + (interval if len(table.seeds) > 1 else " of one seed") + ".")
+    for k, condition in enumerate(table.conditions):
+        parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
+    if table.failures:
+        parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
+    return "\n\n".join(parts) + "\n"
+
+
+def to_csv(table: ResultTable) -> str:
+    """One row per cell, unrounded: what it is, whether it failed, all values, and `messages_...`."""
+    counts = sorted({name for result in table.results for name in result.messages})
+    rows: list[dict[str, Any]] = []
+    for result in table.results:
+        cell = result.cell
+        rows.append(
+            {
+                "policy": cell.policy,
+                **asdict(cell.condition),
+                "seed": cell.seed,
+                "frames": cell.frames,
+                "failed": result.failed,
+                **{name: result.values.get(name) for name in table.metrics},
+                **{f"messages_{name}": result.messages.get(name) for name in counts},
+            }
+        )
+    return to_csv_text(rows)
+
+
+def _leaderboard(table: ResultTable, metric: str) -> str:
+    several = len(table.conditions) > 1
+    disturbed = ["undisturbed", "worst", "in"] if several else []
+    heads = ["rank", "policy", metric, *disturbed, BYTES_SHOWN, "failed", "not run"]
+    rows = []
+    for entry in standings(table, metric):
+        where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
+        worst = [number(entry.undisturbed), number(entry.worst), _escaped(where)] if several else []
+        rank = "-" if entry.rank is None else str(entry.rank)
+        rate = number(entry.bytes_per_s, "0")
+        rows.append(
+            [rank, _escaped(entry.policy), _interval(entry.mean), *worst, rate, str(entry.failed), str(entry.missing)]
+        )
+    align = ["left" if name in ("policy", "in") else "right" for name in heads]
+    return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
+
+
+def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> str:
+    names = [*metrics, *([BYTES] if BYTES in table.metrics else [])]
+    columns = [[mean_interval(seeds) for seeds in table.values(name)[:, condition]] for name in names]
+    rows = [
+        [
+            _escaped(policy),
+            *(_interval(each[k], "0" if name == BYTES else "1") for name, each in zip(names, columns, strict=True)),
+        ]
+        for k, policy in enumerate(table.policies)
+    ]
+    heads = ["policy", *map(shown, names)]
+    align = ["left", *["right"] * len(names)]
+    return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
+
+
+def _failures(table: ResultTable) -> list[str]:
+    lines = []
+    for result in table.failures:
+        cell = result.cell
+        where = label(cell.condition, table.conditions)
+        lines.append("- " + _escaped(f"{cell.policy}, {where}, seed {cell.seed}: {result.reason}"))
+    return lines
+
+
+def _interval(interval: Interval, digits: str = "1") -> str:
+    half = interval.half_width
+    return number(interval.mean, digits) + ("" if math.isnan(half) else f" ± {number(half, digits)}")
+
+
+def _escaped(text: str) -> str:
+    """Text that is no markup, and keeps to its cell and line."""
+    for letter in "\\&`*[]<>|":
+        text = text.replace(letter, f"\\{letter}")
+    return " ".join(text.split())

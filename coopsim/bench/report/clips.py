@@ -1,0 +1,163 @@
+"""The worst moments as clips: the runs are run again, which gives the same to the bit, and filmed from above."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.bench.evaluate import OnFrame
+from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.report.bev_data import frame_data, home_of, map_data, thinned, tracks_data
+from coopsim.bench.results.moments import Moment
+from coopsim.types import NS_PER_S, Tracks
+from coopsim.viz.bev import BevFrame
+from coopsim.world.snapshot import RoadMap
+
+if TYPE_CHECKING:
+    from coopsim.envs.parallel import CooperativeEnv
+
+RunCell = Callable[[Cell, OnFrame], CellResult]
+"""Runs a cell as the benchmark does, and calls back after every frame."""
+
+_POINTS_SHOWN = 500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """A moment, filmed.
+
+    Attributes:
+        moment: which.
+        agent: whose tracks are in it.
+        start_s: when it begins, since the episode's start.
+        dt_s: between frames.
+        road_map: outlines.
+        frames: of the window: truth, agents and points.
+        worst: tracks of the agent in each frame, of the run that fell behind.
+        best: the same of the best.
+    """
+
+    moment: Moment
+    agent: str
+    start_s: float
+    dt_s: float
+    road_map: RoadMap
+    frames: Sequence[BevFrame]
+    worst: Sequence[Mapping[str, Tracks]]
+    best: Sequence[Mapping[str, Tracks]]
+
+    def data(self) -> dict[str, Any]:
+        """Ready for JSON, as the pages' views from above read it."""
+        home = home_of(self.frames)
+        moment = self.moment
+        return {
+            "agent": self.agent,
+            "start_s": round(self.start_s, 3),
+            "dt_s": self.dt_s,
+            "map": map_data(self.road_map, home),
+            "frames": [frame_data(frame, home) for frame in self.frames],
+            "runs": [
+                {
+                    "score": np.round(run.rewards[moment.first : moment.last], 3).tolist(),
+                    "tracks": [tracks_data(each, home) for each in tracks],
+                }
+                for run, tracks in ((moment.worst, self.worst), (moment.best, self.best))
+            ],
+        }
+
+
+def film(
+    moments: Sequence[Moment], run: RunCell, time_limit_s: float = 120.0, clock: Callable[[], float] = time.monotonic
+) -> tuple[tuple[Clip, ...], tuple[str, ...]]:
+    """Run the moments' cells again and film them.
+
+    Each run is run once, up to the end of its last window, whatever number of moments it is in.
+
+    Args:
+        moments: at most as many clips.
+        run: as the benchmark runs a cell.
+        time_limit_s: no further moment is begun after that long.
+        clock: seconds; another one for tests.
+
+    Returns:
+        The clips, and a line for each moment that could not be filmed: its run failed, gave other rewards than it
+        did in the benchmark, so that it would show something else, or time was up.
+    """
+    started = clock()
+    ends: dict[Cell, int] = {}
+    for moment in moments:
+        for result in (moment.worst, moment.best):
+            ends[result.cell] = max(ends.get(result.cell, 0), moment.last)
+    films: dict[Cell, _Film | str] = {}
+    clips: list[Clip] = []
+    notes: list[str] = []
+    for number, moment in enumerate(moments):
+        if clock() - started > time_limit_s:
+            left = len(moments) - number
+            notes.append(
+                f"{left} clip{'s are' if left > 1 else ' is'} left out, as time was up after {time_limit_s:g} s"
+            )
+            break
+        for result in (moment.worst, moment.best):
+            if result.cell not in films:
+                films[result.cell] = _shoot(result, ends[result.cell], run)
+        clip = _cut(moment, films[moment.worst.cell], films[moment.best.cell])
+        if isinstance(clip, Clip):
+            clips.append(clip)
+        else:
+            notes.append(clip)
+    return tuple(clips), tuple(notes)
+
+
+class _Film:
+    """Every frame of a run, from above."""
+
+    def __init__(self) -> None:
+        self.frames: list[BevFrame] = []
+        self.dt_s = 0.0
+        self.road_map: RoadMap
+
+    def add(self, env: CooperativeEnv) -> None:
+        """Take a picture."""
+        shown = env.bev_frame()
+        self.frames.append(replace(shown, points=thinned(shown.points, _POINTS_SHOWN)))
+        self.dt_s = next(iter(env.agent_specs.values())).dt_s
+        self.road_map = env.road_map
+
+
+def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
+    """The run's first frames, or why there are none."""
+    cell, film = result.cell, _Film()
+    again = run(replace(cell, frames=frames), film.add)
+    name = f"{cell.policy}, seed {cell.seed}"
+    if again.failed:
+        return f"{name}: it failed when it was run again"
+    if not np.array_equal(again.rewards, result.rewards[:frames], equal_nan=True):
+        return f"{name}: run again it gave other rewards, so something changed since"
+    return film
+
+
+def _cut(moment: Moment, worst: _Film | str, best: _Film | str) -> Clip | str:
+    if isinstance(worst, str) or isinstance(best, str):
+        return worst if isinstance(worst, str) else str(best)
+    shown, rival = (film.frames[moment.first : moment.last] for film in (worst, best))
+    present = tuple(shown[0].agents)
+    agent = next((name for name in present if name == moment.agent), present[0])
+    return Clip(
+        moment,
+        agent,
+        start_s=shown[0].time_ns / NS_PER_S,
+        dt_s=worst.dt_s,
+        road_map=worst.road_map,
+        frames=shown,
+        worst=[_only(frame, agent) for frame in shown],
+        best=[_only(frame, agent) for frame in rival],
+    )
+
+
+def _only(frame: BevFrame, agent: str) -> dict[str, Tracks]:
+    return {name: tracks for name, tracks in frame.tracks.items() if name == agent}

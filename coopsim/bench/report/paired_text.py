@@ -1,0 +1,163 @@
+"""A comparison in words, as a table, as JSON and as CSV."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+from tabulate import tabulate
+
+from coopsim.bench.grid.axes import label
+from coopsim.bench.grid.cell import Condition
+from coopsim.bench.report.csv_rows import to_csv_text
+from coopsim.bench.results.paired import Comparison, Difference
+from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
+
+_UNMATCHED_SHOWN = 10
+_WORDS = {
+    "better": "B is better",
+    "worse": "B is worse",
+    "identical": "A and B are identical",
+    "not significant": "no significant difference",
+    "too few seeds": "too few seeds to tell",
+}
+_HEADINGS = ("policy", "condition", "metric", "A", "B", "B - A", "95 % interval", "p", "p corrected", "verdict")
+
+
+def to_text(comparison: Comparison) -> str:
+    """All of it for a terminal: the findings in words, the table, what has no partner, and how it was done."""
+    conditions = _conditions(comparison)
+    rows = [
+        [
+            row.policy,
+            _condition(row, conditions),
+            row.metric,
+            f"{row.before:.4g}",
+            f"{row.after:.4g}",
+            f"{row.change.mean:+.3g}",
+            _interval(row),
+            _p_value(max(row.p_bootstrap, row.p_sign_flip)),
+            _p_value(row.p_corrected),
+            row.verdict,
+        ]
+        for row in comparison.differences
+    ]
+    align = ["right" if name in ("A", "B", "B - A", "p", "p corrected") else "left" for name in _HEADINGS]
+    table = tabulate(rows, _HEADINGS, colalign=align, disable_numparse=True)
+    parts = ["\n".join(_findings(comparison)), table, "\n".join(_unmatched(comparison)), "\n".join(_method(comparison))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """One flat row per difference, unrounded; an end of an interval that is not known is None."""
+    return [
+        {
+            "policy": row.policy,
+            **{name: None if row.condition is None else _plain(getattr(row.condition, name)) for name in _FIELDS},
+            "metric": row.metric,
+            "a": row.before,
+            "b": row.after,
+            "difference": row.change.mean,
+            "low": _plain(row.change.low),
+            "high": _plain(row.change.high),
+            "seeds": row.change.count,
+            "p_bootstrap": row.p_bootstrap,
+            "p_sign_flip": row.p_sign_flip,
+            "p_corrected": row.p_corrected,
+            "significant": row.significant,
+            "verdict": row.verdict,
+        }
+        for row in comparison.differences
+    ]
+
+
+def to_dict(comparison: Comparison) -> dict[str, Any]:
+    """Ready for JSON; in `differences`, a row whose scenario is null is over all conditions."""
+    return {
+        "differences": to_rows(comparison),
+        "pairs": comparison.pairs,
+        "unmatched": list(comparison.unmatched),
+        "level": LEVEL,
+    }
+
+
+def to_csv(comparison: Comparison) -> str:
+    """The same rows as CSV; a row without scenario is over all conditions."""
+    return to_csv_text(to_rows(comparison))
+
+
+_FIELDS = tuple(field.name for field in fields(Condition))
+
+
+def _plain(value: str | float) -> str | float | None:
+    """What JSON can hold: no infinity."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _conditions(comparison: Comparison) -> tuple[Condition, ...]:
+    return tuple(sorted({row.condition for row in comparison.differences if row.condition is not None}))
+
+
+def _condition(row: Difference, conditions: Sequence[Condition]) -> str:
+    return "all" if row.condition is None else label(row.condition, conditions)
+
+
+def _findings(comparison: Comparison) -> list[str]:
+    """A sentence for each policy and metric: over all conditions, and in how many it is significant."""
+    conditions = _conditions(comparison)
+    lines = []
+    for policy, metric in dict.fromkeys((row.policy, row.metric) for row in comparison.differences):
+        rows = [row for row in comparison.differences if (row.policy, row.metric) == (policy, metric)]
+        first = rows[0]
+        finding = _WORDS[first.verdict]
+        where = "over all conditions" if first.condition is None else _condition(first, conditions)
+        change = (
+            f"{first.change.mean:+.3g}, 95 % interval {_interval(first)}, corrected p {_p_value(first.p_corrected)}"
+        )
+        line = f"{policy}, {metric}, {where}: {finding} (B - A = {change})."
+        each = [row for row in rows if row.condition is not None]
+        better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
+        if len(each) > 1 and better + worse:
+            line += f" Of {len(each)} conditions, B is better in {better}, worse in {worse}."
+        lines.append(line)
+    return lines
+
+
+def _unmatched(comparison: Comparison) -> list[str]:
+    unmatched = comparison.unmatched
+    if not unmatched:
+        return []
+    shown = [f"  {line}" for line in unmatched[:_UNMATCHED_SHOWN]]
+    rest = len(unmatched) - len(shown)
+    return [f"Left out ({len(unmatched)}):", *shown, *([f"  and {rest} more, which --json lists"] if rest else [])]
+
+
+def _method(comparison: Comparison) -> list[str]:
+    rows = comparison.differences
+    seeds = [row.change.count for row in rows]
+    span = f"{seeds[0]}" if len(set(seeds)) == 1 else f"{min(seeds)} to {max(seeds)}"
+    lines = [
+        f"{comparison.pairs} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. Intervals: "
+        "bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; corrected by Holm.",
+    ]
+    fewest, needed = min(seeds), seeds_needed(len(rows))
+    if needed is None:
+        lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
+    elif fewest < needed:
+        lines.append(
+            f"With {fewest} seed{'s' * (fewest > 1)} no p can be below {smallest_p_value(fewest):.3g}, however large a "
+            f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for {len(rows)} of them."
+        )
+    return lines
+
+
+def _interval(row: Difference) -> str:
+    if not math.isfinite(row.change.low):
+        return "needs 4 seeds"
+    return f"{row.change.low:+.3g} to {row.change.high:+.3g}"
+
+
+def _p_value(value: float) -> str:
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -1,0 +1,209 @@
+"""Two sides of a benchmark, cell by cell: what differs, and which differences more than chance would explain."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.report.metric_names import LESS_IS_BETTER
+from coopsim.bench.results.statistics import (
+    LEVEL,
+    Interval,
+    bootstrap_difference,
+    holm,
+    sign_flip_p_value,
+    smallest_p_value,
+)
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_choice
+
+DEFAULT_METRICS = ("sAMOTA", "HOTA")
+"""Few, because every further comparison makes each of them harder to show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """B against A in one metric, over the seeds that both have.
+
+    Attributes:
+        policy: of both sides.
+        condition: None for the mean over all conditions of each seed.
+        metric: its name.
+        before: A's mean.
+        after: B's mean.
+        change: B - A with its interval; the ends are infinite where there are too few seeds for one.
+        p_bootstrap: of the paired bootstrap over seeds.
+        p_sign_flip: of the exact test, which is valid for any number of seeds.
+        p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method.
+    """
+
+    policy: str
+    condition: Condition | None
+    metric: str
+    before: float
+    after: float
+    change: Interval
+    p_bootstrap: float
+    p_sign_flip: float
+    p_corrected: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the corrected p-value is small enough."""
+        return self.p_corrected <= LEVEL
+
+    @property
+    def verdict(self) -> str:
+        """What there is to say about B."""
+        if self.significant:
+            return "better" if (self.change.mean > 0) != (self.metric in LESS_IS_BETTER) else "worse"
+        if self.change.mean == self.change.low == self.change.high == 0:
+            return "identical"
+        if smallest_p_value(self.change.count) > LEVEL:
+            return "too few seeds"
+        return "not significant"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """All differences between A and B.
+
+    Attributes:
+        differences: by policy and metric; first all conditions, then each.
+        pairs: how many cells both sides have values of.
+        unmatched: cells or values that only one side has, or that failed, each with what is the matter.
+    """
+
+    differences: tuple[Difference, ...]
+    pairs: int
+    unmatched: tuple[str, ...]
+
+
+def compare_results(
+    before: Sequence[CellResult], after: Sequence[CellResult], metrics: Sequence[str] | None = None
+) -> Comparison:
+    """Compare two sets of results, paired by policy, condition, seed and length.
+
+    Args:
+        before: A.
+        after: B.
+        metrics: names; by default those of `DEFAULT_METRICS` that there are.
+
+    Raises:
+        InvalidValueError: no cell is on both sides with values, or one is there twice on a side.
+        UnknownNameError: neither side has such a metric.
+    """
+    sides = _by_cell(before), _by_cell(after)
+    pairs, unmatched = _pairs(*sides)
+    if not pairs:
+        some = "; ".join(unmatched[:3])
+        raise InvalidValueError(f"A and B have no finished cell in common{f': {some}' if some else ''}")
+    known = {name for pair in pairs.values() for result in pair for name in result.values}
+    for name in metrics or ():
+        require_choice("metric", name, known)
+    chosen = tuple(metrics or ()) or tuple(name for name in DEFAULT_METRICS if name in known)
+    if not chosen:
+        raise UnknownNameError("metric", DEFAULT_METRICS[0], known)
+    rows: list[Difference] = []
+    for policy in sorted({cell.policy for cell in pairs}):
+        mine = {cell: pair for cell, pair in pairs.items() if cell.policy == policy}
+        for metric in chosen:
+            rows += _differences(policy, metric, mine, unmatched)
+    if not rows:
+        raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
+    corrected = holm(np.array([max(row.p_bootstrap, row.p_sign_flip) for row in rows]))
+    differences = tuple(replace(row, p_corrected=float(p)) for row, p in zip(rows, corrected, strict=True))
+    return Comparison(differences, len(pairs), tuple(unmatched))
+
+
+def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list[CellResult]:
+    """The results of `policy` alone, as if it were called `name`: so those of two policies can be paired.
+
+    Raises:
+        UnknownNameError: there is no result of it.
+    """
+    everything = list(results)
+    require_choice("policy of the results", policy, {result.cell.policy for result in everything})
+    return [
+        replace(result, cell=replace(result.cell, policy=name)) for result in everything if result.cell.policy == policy
+    ]
+
+
+def name_of(cell: Cell) -> str:
+    """A cell in words."""
+    where = cell.condition
+    return (
+        f"{cell.policy}, {where.scenario}, latency {where.latency_s * 1000:g} ms, loss {where.loss:g}, "
+        f"noise {where.position_noise_m:g} m and {where.heading_noise_deg:g} degrees, "
+        f"bandwidth {where.bandwidth_bit_s:g} bit/s, seed {cell.seed}, {cell.frames} frames"
+    )
+
+
+Pair = tuple[CellResult, CellResult]
+
+
+def _by_cell(results: Sequence[CellResult]) -> dict[Cell, CellResult]:
+    cells: dict[Cell, CellResult] = {}
+    for result in results:
+        if result.cell in cells:
+            raise InvalidValueError(
+                f"each cell must be there once, got two of {name_of(result.cell)}; results of two versions of a policy "
+                "or of other options need folders of their own"
+            )
+        cells[result.cell] = result
+    return cells
+
+
+def _pairs(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) -> tuple[dict[Cell, Pair], list[str]]:
+    pairs: dict[Cell, Pair] = {}
+    unmatched = []
+    for cell in sorted({*before, *after}):
+        faults = [
+            fault
+            for side, results in (("A", before), ("B", after))
+            for fault in ([f"not in {side}"] if cell not in results else [f"failed in {side}"] * results[cell].failed)
+        ]
+        if faults:
+            unmatched.append(f"{name_of(cell)}: {' and '.join(faults)}")
+        else:
+            pairs[cell] = before[cell], after[cell]
+    return pairs, unmatched
+
+
+def _differences(policy: str, metric: str, pairs: Mapping[Cell, Pair], unmatched: list[str]) -> list[Difference]:
+    """The rows of one metric, not yet corrected; what has no value is added to `unmatched`."""
+    conditions = sorted({cell.condition for cell in pairs})
+    by_seed: dict[int, dict[Condition, tuple[float, float]]] = defaultdict(dict)
+    for cell, pair in pairs.items():
+        values = pair[0].values.get(metric, np.nan), pair[1].values.get(metric, np.nan)
+        lacking = [side for side, value in zip("AB", values, strict=True) if not np.isfinite(value)]
+        if lacking:
+            unmatched.append(f"{name_of(cell)}: no {metric} in {' and '.join(lacking)}")
+        else:
+            by_seed[cell.seed][cell.condition] = values
+    rows = []
+    for condition in conditions:
+        both = np.array([values[condition] for _, values in sorted(by_seed.items()) if condition in values])
+        if len(both):
+            rows.append(_difference(policy, condition, metric, both))
+    if len(conditions) > 1:
+        whole = [list(each.values()) for _, each in sorted(by_seed.items()) if len(each) == len(conditions)]
+        if whole:
+            rows.insert(0, _difference(policy, None, metric, np.array(whole).mean(axis=1)))
+        else:
+            unmatched.append(f"{policy}: no seed has {metric} in all conditions, so there is no row for all")
+    return rows
+
+
+def _difference(policy: str, condition: Condition | None, metric: str, both: Floats) -> Difference:
+    """From values (N, 2) of A and B, a row per seed."""
+    change = both[:, 1] - both[:, 0]
+    interval, p_bootstrap = bootstrap_difference(change)
+    p_sign_flip = sign_flip_p_value(change)
+    before, after = both.mean(axis=0).tolist()
+    return Difference(policy, condition, metric, before, after, interval, p_bootstrap, p_sign_flip, p_corrected=1.0)

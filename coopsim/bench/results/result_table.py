@@ -1,0 +1,116 @@
+"""A benchmark's results as arrays: policies by conditions by seeds, with what failed and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.bench.grid.cell import CellResult, Condition
+from coopsim.bench.report.metric_names import BYTES, METRICS
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.se3 import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResultTable:
+    """Results in order, whatever order they came in.
+
+    Attributes:
+        policies: P, sorted.
+        conditions: C, sorted.
+        seeds: S, sorted.
+        metrics: names of all values that there are, those of `METRICS` first.
+        frames: length of each run.
+        results: the results themselves, by cell.
+        places: where in the arrays each of them is.
+    """
+
+    policies: tuple[str, ...]
+    conditions: tuple[Condition, ...]
+    seeds: tuple[int, ...]
+    metrics: tuple[str, ...]
+    frames: int
+    results: tuple[CellResult, ...]
+    places: tuple[tuple[int, int, int], ...]
+
+    @classmethod
+    def of(cls, results: Sequence[CellResult]) -> ResultTable:
+        """Arrange results.
+
+        Raises:
+            InvalidValueError: there is none, or runs of several lengths or two of the same cell, which no mean
+                should mix.
+        """
+        if not results:
+            raise InvalidValueError("there are no results: run a benchmark first")
+        ordered = tuple(sorted(results, key=lambda result: result.cell))
+        lengths = sorted({result.cell.frames for result in ordered})
+        if len(lengths) > 1:
+            raise InvalidValueError(f"results must be of runs of one length, got {lengths} frames")
+        cells = [result.cell for result in ordered]
+        twice = next((cell for cell, after in pairwise(cells) if cell == after), None)
+        if twice is not None:
+            raise InvalidValueError(f"each cell must be there once, got two of {twice}")
+        names = {name for result in ordered for name in result.values}
+        known = [name for name in METRICS if name in names]
+        policies = {name: k for k, name in enumerate(sorted({cell.policy for cell in cells}))}
+        conditions = {each: k for k, each in enumerate(sorted({cell.condition for cell in cells}))}
+        seeds = {seed: k for k, seed in enumerate(sorted({cell.seed for cell in cells}))}
+        return cls(
+            tuple(policies),
+            tuple(conditions),
+            tuple(seeds),
+            (*known, *sorted(names.difference(known))),
+            lengths[0],
+            ordered,
+            tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
+        )
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """(P, C, S) whether the cell was run and did not fail."""
+        finished: NDArray[np.bool_] = self._filled([float(not result.failed) for result in self.results]) == 1
+        return finished
+
+    def values(self, metric: str) -> Floats:
+        """(P, C, S) values of a metric; NaN where a cell failed, is missing, or has no such finite value.
+
+        Raises:
+            UnknownNameError: no cell has it.
+        """
+        if metric not in self.metrics:
+            raise UnknownNameError("metric", metric, self.metrics)
+        values = self._filled([result.values.get(metric, np.nan) for result in self.results])
+        values[np.isinf(values)] = np.nan  # no mean could be of it
+        return values
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The metrics that reports show, without bytes per second; all there are if none is among `METRICS`."""
+        known = [name for name in self.metrics if name in METRICS and name != BYTES]
+        return tuple(known) or tuple(name for name in self.metrics if name != BYTES)
+
+    @property
+    def failures(self) -> tuple[CellResult, ...]:
+        """The cells that failed."""
+        return tuple(result for result in self.results if result.failed)
+
+    @property
+    def scenarios(self) -> tuple[str, ...]:
+        """Names, sorted."""
+        return tuple(sorted({condition.scenario for condition in self.conditions}))
+
+    @property
+    def missing(self) -> int:
+        """How many cells of the full grid were not run."""
+        return self.finished.size - len(self.results)
+
+    def _filled(self, numbers: Sequence[float]) -> Floats:
+        filled = np.full((len(self.policies), len(self.conditions), len(self.seeds)), np.nan)
+        for place, number in zip(self.places, numbers, strict=True):
+            filled[place] = number
+        return filled

@@ -1,0 +1,89 @@
+"""Who did best: a place for every policy, with what the worst condition made of it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coopsim.bench.grid.axes import mildest
+from coopsim.bench.grid.cell import Condition
+from coopsim.bench.report.metric_names import BYTES, LESS_IS_BETTER
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.geometry.se3 import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How one policy did in one metric.
+
+    Attributes:
+        policy: its name.
+        rank: from 1; None for a policy without a value in some cell, whose mean is over other cells than the others'.
+        mean: over conditions, with its interval over seeds.
+        undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
+        worst: mean over seeds in the policy's worst condition.
+        worst_condition: that one; None if there is no value.
+        bytes_per_s: mean over all its cells.
+        failed: how many of its cells failed.
+        missing: how many were not run.
+    """
+
+    policy: str
+    rank: int | None
+    mean: Interval
+    undisturbed: float
+    worst: float
+    worst_condition: Condition | None
+    bytes_per_s: float
+    failed: int
+    missing: int
+
+
+def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
+    """Every policy, the best first and those without a place last.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    values = table.values(metric)
+    rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
+    less = metric in LESS_IS_BETTER
+    entries = [_standing(table, k, values[k], rates[k], less) for k in range(len(table.policies))]
+    whole = [k for k in range(len(entries)) if not np.isnan(values[k]).any()]
+    order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less else -1))
+    means = [entries[k].mean.mean for k in order]
+    ranked = [replace(entries[k], rank=1 + means.index(entries[k].mean.mean)) for k in order]
+    return (*ranked, *(entry for k, entry in enumerate(entries) if k not in whole))
+
+
+def _standing(table: ResultTable, policy: int, values: Floats, rates: Floats, less: bool) -> Standing:
+    by_condition = known_mean(values, axis=1)
+    calm = [table.conditions.index(each) for each in mildest(table.conditions)]
+    worst = None
+    if not np.isnan(by_condition).all():
+        worst = int(np.nanargmax(by_condition) if less else np.nanargmin(by_condition))
+    name = table.policies[policy]
+    failed = sum(result.cell.policy == name for result in table.failures)
+    return Standing(
+        policy=name,
+        rank=None,
+        mean=mean_interval(known_mean(values, axis=0)),
+        undisturbed=float(known_mean(by_condition[calm], axis=0)),
+        worst=math.nan if worst is None else float(by_condition[worst]),
+        worst_condition=None if worst is None else table.conditions[worst],
+        bytes_per_s=float(known_mean(rates.ravel(), axis=0)),
+        failed=failed,
+        missing=int((~table.finished[policy]).sum()) - failed,
+    )
+
+
+def known_mean(values: Floats, axis: int) -> Floats:
+    """Mean of those values that are not NaN, and NaN where there is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # that a mean is of nothing is no surprise here
+        mean: Floats = np.nanmean(values, axis=axis)
+    return mean

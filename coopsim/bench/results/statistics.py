@@ -1,0 +1,183 @@
+"""What a few seeds say about a mean: its interval, and whether paired differences could be chance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_count
+from coopsim.support.rng import stream
+
+CONFIDENCE, LEVEL = 0.95, 0.05
+"""Of intervals, and from which on a corrected p-value is not significant any more."""
+
+RESAMPLES = 2**15
+"""More than flips of signs, so that it is never their number that limits what can be significant."""
+
+EXACT_UP_TO = 14
+"""Seeds up to which every flip of signs is tried; beyond, 2 ** 14 random ones."""
+
+_ROUNDING = 1e-12
+"""Below this share of the values' size a spread is rounding, not spread."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean over seeds and where the true one is with 95 % confidence.
+
+    Attributes:
+        mean: NaN if there is no value.
+        low: NaN if the interval is not known, as of one seed.
+        high: the same.
+        count: how many values.
+    """
+
+    mean: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def half_width(self) -> float:
+        """Half of its length; NaN if it is not known."""
+        return (self.high - self.low) / 2
+
+
+def mean_interval(values: Floats) -> Interval:
+    """Student's interval of a mean, from independent values (N,), of which those that are NaN are left out.
+
+    Student's t and not a bootstrap: benchmarks have few seeds, and resampling three or five values gives
+    intervals that are far too short (Hesterberg 2015, "What Teachers Should Know About the Bootstrap").
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[~np.isnan(known)]
+    count = len(known)
+    if not count:
+        return Interval(math.nan, math.nan, math.nan, 0)
+    mean = float(known.mean())
+    if count < 2:
+        return Interval(mean, math.nan, math.nan, count)
+    half = _student_quantile(count) * float(known.std(ddof=1)) / math.sqrt(count)
+    return Interval(mean, mean - half, mean + half, count)
+
+
+@lru_cache
+def _student_quantile(count: int) -> float:
+    return float(student_t.ppf((1 + CONFIDENCE) / 2, count - 1))
+
+
+def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tuple[Interval, float]:
+    """Interval of the mean of paired differences (N,), and the p-value of there being none, by a bootstrap over seeds.
+
+    It is the symmetric bootstrap-t (Efron and Tibshirani 1993, section 12.5; Hall 1988): seeds are drawn with
+    replacement, and what is looked up is the spread of the *studentised* mean, which for few seeds keeps its level
+    where percentiles of the mean do not. Resamples of one and the same seed have no spread; if they are more than
+    one in twenty, as with three seeds or fewer, there is no such interval, and its ends are infinite. (Differences that
+    are all 0 have one of no length.)
+
+    Seeds are resampled alike for every call with as many of them: all conditions of a seed go together.
+
+    Raises:
+        InvalidValueError: there is no difference, or one is not finite.
+    """
+    values = _finite(differences)
+    count, mean = len(values), float(values.mean())
+    floor = _ROUNDING * float(np.abs(values).max())
+    spread = _standard_error(values.mean(), np.square(values - mean).mean(), count, floor)
+    drawn = _resampled_counts(count, resamples) / count
+    # About the mean, where squares do not cancel.
+    centred = values - mean
+    means = drawn @ centred
+    errors = _standard_error(means, drawn @ np.square(centred) - np.square(means), count, floor)
+    means[np.abs(means) <= floor] = 0.0
+    observed = 0.0 if abs(mean) <= floor else abs(float(_ratio(np.array(mean), spread)))
+    studentised = np.abs(_ratio(means, errors))
+    p_value = (1 + int((studentised >= observed * (1 - 1e-9)).sum())) / (1 + resamples)
+    quantile = float(np.quantile(studentised, CONFIDENCE, method="higher"))
+    half = quantile * float(spread) if spread else 0.0 if count > 3 or not values.any() else math.inf
+    return Interval(mean, mean - half, mean + half, count), p_value
+
+
+@lru_cache(maxsize=16)
+def _resampled_counts(count: int, resamples: int) -> Floats:
+    """(B, N): how often each seed is in each resample."""
+    draws = stream(0, "bootstrap over seeds", str(count))
+    return draws.multinomial(count, np.full(count, 1 / count), size=resamples).astype(np.float64)
+
+
+def _standard_error(mean: Floats, variance: Floats, count: int, floor: float) -> Floats:
+    error = np.sqrt(np.maximum(variance, 0.0) / max(count - 1, 1))
+    return np.where(error <= floor, 0.0, error)
+
+
+def _ratio(means: Floats, errors: Floats) -> Floats:
+    """Studentised means: 0 / 0 is 0, anything else over 0 is infinite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio: Floats = np.where(means == 0, 0.0, means / errors)
+    return ratio
+
+
+def sign_flip_p_value(differences: Floats) -> float:
+    """Two-sided p-value of paired differences (N,) by flipping their signs (Fisher 1935), exact for symmetric noise.
+
+    All 2^N flips are tried, or for more than 14 seeds 2^14 random ones. That of one seed is 1, of five at least 0.0625.
+
+    Raises:
+        InvalidValueError: there is no difference, or one is not finite.
+    """
+    values = _finite(differences)
+    signs = _signs(len(values))
+    sums = np.abs(signs @ values)
+    observed = abs(float(values.sum()))
+    reached = int((sums >= observed - _ROUNDING * float(np.abs(values).sum())).sum())
+    exact = len(values) <= EXACT_UP_TO
+    return reached / len(signs) if exact else (reached + 1) / (len(signs) + 1)
+
+
+@lru_cache(maxsize=16)
+def _signs(count: int) -> Floats:
+    if count > EXACT_UP_TO:
+        return stream(0, "sign flips", str(count)).choice([-1.0, 1.0], size=(2**EXACT_UP_TO, count))
+    flips = np.arange(2**count)[:, None] >> np.arange(count) & 1
+    signs: Floats = (1 - 2 * flips).astype(np.float64)
+    return signs
+
+
+def smallest_p_value(count: int) -> float:
+    """What `count` seeds can show at most: the two-sided chance that all their differences have the same sign."""
+    require_count(1, count=count)
+    return float(2.0 ** (1 - min(count, EXACT_UP_TO + 1)))
+
+
+def seeds_needed(comparisons: int) -> int | None:
+    """Seeds from which one of so many comparisons could be significant; None if they are too many for any number."""
+    require_count(1, comparisons=comparisons)
+    needed = 1 + math.ceil(math.log2(comparisons / LEVEL))
+    return needed if needed <= EXACT_UP_TO + 1 else None
+
+
+def holm(p_values: Floats) -> Floats:
+    """P-values (N,) corrected for their number: of all families where nothing differs, a share of at most
+    `LEVEL` has one below it.
+
+    Holm 1979, "A simple sequentially rejective multiple test procedure"; it needs no independence.
+    """
+    raw = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(raw, kind="stable")
+    stepped = np.maximum.accumulate(raw[order] * np.arange(len(raw), 0, -1))
+    corrected = np.empty_like(raw)
+    corrected[order] = np.minimum(stepped, 1.0)
+    return corrected
+
+
+def _finite(differences: Floats) -> Floats:
+    values = np.asarray(differences, dtype=np.float64)
+    if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+        raise InvalidValueError(f"differences must be a row of at least one finite number, got {differences!r}")
+    return values

@@ -1,0 +1,1 @@
+"""A benchmark's store: finished cells, by what decided them."""

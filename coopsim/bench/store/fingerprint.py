@@ -1,0 +1,143 @@
+"""What decides a cell's result, as text: where the text is the same, the result is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from functools import cache
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+from typing import Any
+
+import coopsim
+from coopsim.bench.grid.cell import Cell
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import SCENARIO_SUFFIXES
+from coopsim.config.mappings import UNREADABLE, beside
+from coopsim.errors import InvalidValueError
+
+LAYOUT = 1
+"""Raised when the same inputs are to give other results, or another file."""
+
+_PACKAGES = ("numpy", "numba", "scipy", "highway-env")
+"""Whose other versions may give other bits."""
+
+_CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml")
+
+
+def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> str:
+    """Everything that decides the result of a cell, as JSON with sorted keys.
+
+    That is the cell, the options of the environment, the contents of files that they name, and the code: coopsim's
+    version and sources, those of the package or file that a user's policy is from, and `package_versions`.
+
+    Args:
+        cell: what is run.
+        options: of the environment, beside the cell's condition; plain data.
+        policy: the cell's.
+
+    Raises:
+        InvalidValueError: an option is no plain data.
+    """
+    package = policy.policy_class().__module__.partition(".")[0]
+    # A version alone would not do: sources that are being worked on keep theirs.
+    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": _sources_digest("coopsim")}}
+    if policy.source is not None:
+        code["policy"] = _digest(policy.source.encode())
+    elif package != "coopsim":
+        code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
+    plain = plain_options(options)
+    files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files((cell.condition.scenario, plain))))}
+    code["packages"] = package_versions()
+    decided = {"layout": LAYOUT, "cell": asdict(cell), "options": plain, "code": code, "files": files}
+    return json.dumps(decided, sort_keys=True)
+
+
+@cache
+def package_versions() -> Mapping[str, str]:
+    """Of the packages that compute what coopsim reports."""
+    return {name: version(name) for name in _PACKAGES}
+
+
+def key_of(text: str) -> str:
+    """A name for a fingerprint, 32 hexadecimal digits."""
+    return _digest(text.encode())[:32]
+
+
+def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as JSON has it, so that it means the same in every process.
+
+    Raises:
+        InvalidValueError: an option is an object, say of a detector; the message names it.
+    """
+    return {name: _plain(name, value) for name, value in options.items()}
+
+
+def _plain(name: str, value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(f"{name}.{key}", part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(name, part) for part in value]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise InvalidValueError(
+        f"{name} must be plain data (a number, a text, True, False, None, a list or a mapping of these), got {value!r}"
+    )
+
+
+def _files(value: Any, folder: str = "") -> Iterator[str]:
+    """Paths of files among the texts in plain data, and in the YAML files that are among them, relative to these."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _files(part, folder)
+    elif isinstance(value, str) and os.path.isfile(path := beside(folder, value)):
+        yield path
+        if path.lower().endswith(SCENARIO_SUFFIXES):
+            yield from _files(yaml_content(path), os.path.dirname(path))
+
+
+def yaml_content(path: str) -> Any:
+    """What a YAML file says, as plain data; None if it is none."""
+    import yaml
+
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except UNREADABLE:  # no YAML that could name another file
+        return None
+
+
+def _versions(package: str) -> dict[str, str]:
+    """Of the distributions that a package comes in; empty for one that is not installed but found on the path."""
+    return {name: version(name) for name in sorted(set(packages_distributions().get(package, [])))}
+
+
+@cache
+def _sources_digest(package: str) -> str:
+    return _digest(b"\0".join(_sources(package)))
+
+
+def _sources(package: str) -> Iterator[bytes]:
+    module = sys.modules[package]
+    if not hasattr(module, "__path__"):
+        yield Path(str(module.__file__)).read_bytes()
+        return
+    for root in module.__path__:
+        for folder, folders, names in os.walk(root, followlinks=True):
+            folders.sort()
+            for name in sorted(names):
+                if name.endswith(_CODE_SUFFIXES):
+                    path = Path(folder, name)
+                    yield path.relative_to(root).as_posix().encode()
+                    yield path.read_bytes()
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

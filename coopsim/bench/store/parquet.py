@@ -1,0 +1,104 @@
+"""A cell's result as a Parquet file of one row, the same bytes for the same result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.errors import StoreError
+
+_VALUES = pa.map_(pa.string(), pa.float64())
+_SCHEMA = pa.schema(
+    [
+        ("policy", pa.string()),
+        ("scenario", pa.string()),
+        ("latency_s", pa.float64()),
+        ("loss", pa.float64()),
+        ("position_noise_m", pa.float64()),
+        ("heading_noise_deg", pa.float64()),
+        ("bandwidth_bit_s", pa.float64()),
+        ("seed", pa.int64()),
+        ("frames", pa.int64()),
+        ("values", _VALUES),
+        ("agents", pa.map_(pa.string(), _VALUES)),
+        ("rewards", pa.list_(pa.float64())),
+        ("messages", pa.map_(pa.string(), pa.int64())),
+        ("traceback", pa.string()),
+        ("decided_by", pa.string()),
+        ("checksum", pa.string()),
+    ]
+)
+
+
+def encode(result: CellResult, decided_by: str) -> bytes:
+    """The file's content.
+
+    Args:
+        result: of the cell.
+        decided_by: its `fingerprint`.
+    """
+    cell = result.cell
+    row = {
+        **asdict(cell.condition),
+        "policy": cell.policy,
+        "seed": cell.seed,
+        "frames": cell.frames,
+        "values": dict(result.values),
+        "agents": {agent: dict(values) for agent, values in result.agents.items()},
+        "rewards": result.rewards.tolist(),
+        "messages": dict(result.messages),
+        "traceback": result.traceback,
+        "decided_by": decided_by,
+    }
+    table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd")
+    return bytes(sink.getvalue())
+
+
+def decode(content: bytes) -> tuple[CellResult, str]:
+    """The result, and its `fingerprint`.
+
+    Raises:
+        StoreError: the content is none that `encode` made, or was changed since.
+    """
+    try:
+        row = _row(content)
+        if row.pop("checksum") != _checksum(row):
+            raise StoreError("its checksum is another")
+        condition = Condition(**{field.name: row[field.name] for field in fields(Condition)})
+        result = CellResult(
+            Cell(row["policy"], condition, row["seed"], row["frames"]),
+            row["values"],
+            row["agents"],
+            np.array(row["rewards"], np.float64),
+            row["messages"],
+            row["traceback"],
+        )
+        return result, str(row["decided_by"])
+    except StoreError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
+        raise StoreError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def _row(content: bytes) -> dict[str, Any]:
+    """The row as `encode` had it."""
+    (row,) = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False).to_pylist()
+    for name in ("values", "agents", "messages"):
+        row[name] = dict(row[name])  # a map comes as pairs
+    row["agents"] = {agent: dict(values) for agent, values in row["agents"].items()}
+    return dict(row)
+
+
+def _checksum(row: Mapping[str, Any]) -> str:
+    """Parquet's own sums are of its pages, and leave out what says how to read them."""
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()

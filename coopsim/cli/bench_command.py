@@ -1,0 +1,148 @@
+"""`coopsim bench`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coopsim.cli.arguments import (
+    add_options,
+    count,
+    count_or_zero,
+    named_options,
+    names,
+    numbers,
+    policies,
+    policy,
+    seeds,
+)
+from coopsim.cli.status import FAILED, INTERRUPTED
+from coopsim.errors import CoopsimError
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from coopsim.bench.benchmark import Progress
+    from coopsim.bench.grid.cell import CellResult, Condition
+    from coopsim.bench.grid.grid import Grid
+
+HELP = "policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the command takes."""
+    grid = parser.add_argument_group("grid", "what is not given is the preset's or the file's")
+    add = grid.add_argument
+    add("--preset", metavar="NAME", help="quick, latency, pose, loss or bandwidth")
+    add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
+    add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; or module:Class, or file.py:Class")
+    add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
+    add("--scenarios", type=names, metavar="A,B", help="names, or paths of scenario files")
+    add("--latencies-ms", type=numbers, metavar="0,300")
+    add("--losses", type=numbers, metavar="0,0.1", help="probabilities in [0, 1]")
+    add("--position-noises-m", type=numbers, metavar="0,0.2")
+    add("--heading-noises-deg", type=numbers, metavar="0,0.2")
+    add("--pose", choices=("product", "together"), help="each position noise with each of heading, or pairs of them")
+    add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
+    add("--seeds", type=seeds, metavar="0-4")
+    add("--frames", type=count, help="length of each run")
+    add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
+    how = parser.add_argument_group("run")
+    how.add_argument("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
+    how.add_argument("--workers", type=count, help="cells at once (default: as many as cores)")
+    how.add_argument(
+        "--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)"
+    )
+    how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
+    how.add_argument("--retry-failed", action="store_true", help="run cells again that failed before")
+    report = parser.add_argument_group("report")
+    report.add_argument("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
+    report.add_argument("--plots", action="store_true", help="write the plots as SVG files, too")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; the exit status."""
+    from tqdm import tqdm
+
+    from coopsim.bench.benchmark import Engine, benchmark
+    from coopsim.bench.grid.grid_file import find_grid
+
+    engine = Engine(options.engine, options.workers, options.address)
+    source = find_grid(options.preset, options.grid, more_policies=options.policy, **_beside(options))
+    grid = source.grid()
+    conditions, finished = list(grid.conditions()), 0
+    # The time left is ours: a bar would take all cells for equally long.
+    shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
+    with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
+
+        def show(progress: Progress) -> None:
+            nonlocal finished
+            finished = progress.stored + progress.done  # the bar does not count where it is not shown
+            _show(bar, progress, engine.at_once, conditions)
+
+        try:
+            results = benchmark(
+                grid,
+                options.out,
+                engine=engine,
+                retry_failed=options.retry_failed,
+                on_progress=show,
+                on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
+            )
+        except CoopsimError as error:
+            raise source.blame(error) from error
+        except KeyboardInterrupt:
+            bar.close()
+            stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
+            print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
+            return INTERRUPTED
+    return _conclude(grid, results, options)
+
+
+def _beside(options: argparse.Namespace) -> dict[str, Any]:
+    """The attributes of a grid that were given as flags."""
+    from coopsim.bench.grid.grid import Grid
+
+    given = {each.name: getattr(options, each.name, None) for each in fields(Grid)}
+    if options.option:
+        given["options"] = named_options(options)
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence[Condition]) -> None:
+    if progress.outcome is None:
+        bar.initial = bar.n = progress.stored
+        bar.refresh()
+        return
+    if progress.outcome.result.failed:
+        from coopsim.bench.grid.axes import label
+
+        cell = progress.outcome.result.cell
+        where = f"{cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}"
+        bar.write(f"coopsim: failed: {where}: {progress.outcome.reason}", file=sys.stderr)
+    left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
+    bar.set_postfix_str(f"about {left} left", refresh=False)
+    bar.update()
+
+
+def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace) -> int:
+    from coopsim.bench.report.publish import about, publish
+
+    written = publish(
+        options.out,
+        results,
+        about(grid, options.typed),
+        options=grid.options,
+        clips=options.clips,
+        with_plots=options.plots,
+    )
+    for path in written:
+        print(f"written: {path}")
+    failed = sum(result.failed for result in results)
+    if failed:
+        print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
+    return FAILED if failed else 0

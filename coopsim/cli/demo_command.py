@@ -1,0 +1,137 @@
+"""`coopsim demo`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coopsim.cli.arguments import (
+    add_options,
+    add_population,
+    as_json,
+    count,
+    count_or_zero,
+    named_options,
+    numbers,
+    policies,
+    population,
+)
+from coopsim.cli.status import INTERRUPTED
+from coopsim.errors import InvalidValueError
+from coopsim.support.files import require_writable, write_whole
+
+if TYPE_CHECKING:
+    from coopsim.bench.demo import DemoConfig
+
+HELP = "compare policies in simulated traffic, with a report"
+
+_POLICIES = ("no_fusion", "late_fusion")
+_UNLESS = ", unless an option or the scenario file says so itself"
+_FLAGS = {
+    "latency_s": "--latencies-ms",
+    "loss": "--loss",
+    "position_noise_m": "--position-noise-m",
+    "heading_noise_rad": "--heading-noise-deg",
+    "max_cycles": "--frames",
+    "playback": "--playback",
+    "seed": "--seed",
+    "uplink": "--policies, each of which has its own",
+}
+"""By what options are said that are none of `--option`."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the command takes."""
+    add = parser.add_argument
+    add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
+    add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
+    add("--policies", type=policies, default=_POLICIES, metavar="A,B(x=1)", help="as in `bench`")
+    add("--latencies-ms", type=numbers, metavar="0,300", help=f"default: 0,300{_UNLESS}")
+    add("--frames", type=count, help="length of each run (default: 100, or all that FILE has)")
+    add("--seed", type=count_or_zero, help="default: 0, or that of FILE or of the scenario file")
+    add_population(parser)
+    add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
+    add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
+    add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
+    add_options(parser, "of the environment, as detector=pointpillars_v2v4real, codec=compact or channel=FILE")
+    add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
+    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; the exit status."""
+    from tqdm import tqdm
+
+    from coopsim.bench.demo import Demo
+    from coopsim.bench.report.table import evaluation_row, format_table, format_visibility
+
+    demo = Demo(_config(options))
+    if options.json is not None and options.json.resolve() == options.report.resolve():
+        raise InvalidValueError(f"--json and --report must be two files, got {options.json} for both")
+    for path in filter(None, (options.report, options.json)):
+        require_writable(path)
+    interrupted = False
+    total = len(demo.config.policies) * len(demo.config.latencies_s) * demo.config.frames
+    with tqdm(total=total, unit="frame", disable=None, desc="demo") as bar:
+        try:
+            demo.run(bar.update)
+        except KeyboardInterrupt:
+            interrupted = True
+    if demo.runs:  # an interrupt before the first is finished leaves older files as they are
+        rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
+        print(format_table(rows))
+        print("\nWho got returns from an object, recall there, and what the second adds to all recall, in per cent:")
+        print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
+        if options.json is not None:
+            write_whole(options.json, as_json([{**about, **values} for about, values in rows]))
+        print(f"report: {demo.write_report(options.report)}")
+    if interrupted:
+        print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)
+    return INTERRUPTED if interrupted else 0
+
+
+def _config(options: argparse.Namespace) -> DemoConfig:
+    from coopsim.bench.demo import DemoConfig
+    from coopsim.bench.grid.conditions import as_objects
+    from coopsim.catalog import usual_seed
+    from coopsim.world.recording.episode_file import Episode
+
+    played = None if options.playback is None else Episode(options.playback)
+    frames = options.frames or (100 if played is None else max(played.frames - 1, 1))
+    usual = usual_seed(options.environment) if played is None else played.header.seed
+    seed = usual if options.seed is None else options.seed
+    world = {} if played is None else {**played.header.population, "playback": options.playback}
+    given = as_objects(named_options(options, _FLAGS))
+    said = {*given, *_said_by_file(options.environment)}
+    given = {**world, **population(options), **_degradation(options, said), **given}
+    return DemoConfig(options.environment, options.policies, _latencies_s(options, said), frames, seed, given)
+
+
+def _said_by_file(environment: str) -> Collection[str]:
+    """Names of the options that a scenario file sets."""
+    from coopsim.catalog import is_scenario_file, scenario_file_options
+
+    return scenario_file_options(environment) if is_scenario_file(environment) else ()
+
+
+def _degradation(options: argparse.Namespace, said: Collection[str]) -> dict[str, Any]:
+    """Noise and loss by the flags, and the noise that there is where nothing is said."""
+    position_m, heading_deg = options.position_noise_m, options.heading_noise_deg
+    if "localization" not in said:
+        position_m = 0.2 if position_m is None and "position_noise_m" not in said else position_m
+        heading_deg = 0.2 if heading_deg is None and "heading_noise_rad" not in said else heading_deg
+    heading_rad = None if heading_deg is None else math.radians(heading_deg)
+    given = {"position_noise_m": position_m, "heading_noise_rad": heading_rad, "loss": options.loss}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _latencies_s(options: argparse.Namespace, said: Collection[str]) -> tuple[float | None, ...]:
+    if options.latencies_ms is not None:
+        if "channel" in said:
+            raise InvalidValueError("--latencies-ms must be left out where a channel is given, which says so itself")
+        return tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
+    return (None,) if {"channel", "latency_s"} & set(said) else (0.0, 0.3)

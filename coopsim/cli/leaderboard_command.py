@@ -1,0 +1,74 @@
+"""`coopsim leaderboard`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import coopsim
+from coopsim.cli.arguments import add_recordings, policies
+from coopsim.cli.status import FAILED, INTERRUPTED
+
+if TYPE_CHECKING:
+    from coopsim.bench.evaluate import RecordingsEvaluation
+    from coopsim.bench.leaderboard import Results
+
+HELP = "every policy on recorded detections, as tables and a picture"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the command takes."""
+    add_recordings(parser)
+    add = parser.add_argument
+    add("--policies", type=policies, metavar="A,B(x=1)", help="as in `bench` (default: all, see `list`)")
+    add("--out", type=Path, default=Path("coopsim-leaderboard"), metavar="FOLDER", help="default: %(default)s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; the exit status."""
+    from tqdm import tqdm
+
+    from coopsim.bench.leaderboard import evaluate_each
+    from coopsim.support.files import make_folder
+
+    make_folder(options.out)
+    ranked = options.policies or coopsim.POLICIES.names()
+    each = evaluate_each(
+        options.path, options.detections, ranked, latency_s=options.latency_ms / 1000, match_iou=options.match_iou
+    )
+    results: dict[str, RecordingsEvaluation] = {}
+    failed = 0
+    interrupted = False
+    with tqdm(each, total=len(ranked), unit="policy", disable=None, desc="leaderboard") as bar:
+        try:
+            for name, result in bar:
+                if isinstance(result, Exception):
+                    failed += 1
+                    told = "".join(traceback.format_exception(result))  # no report will show where it was
+                    bar.write(f"coopsim: failed: {name}\n{told}", file=sys.stderr, end="")
+                else:
+                    results[name] = result
+        except KeyboardInterrupt:
+            interrupted = True
+    if results:  # older files stay as they are while nothing is finished
+        _report(results, options)
+    if failed:
+        print(f"coopsim: {failed} of {len(ranked)} policies failed and are not ranked", file=sys.stderr)
+    if interrupted:
+        print(f"coopsim: interrupted; {len(results)} of {len(ranked)} policies were ranked", file=sys.stderr)
+        return INTERRUPTED
+    return FAILED if failed else 0
+
+
+def _report(results: Results, options: argparse.Namespace) -> None:
+    from coopsim.bench.leaderboard import rows_of, write_leaderboard
+    from coopsim.bench.report.table import format_table
+
+    rows = [({name: row[name] for name in ("policy", "false positives")}, row) for row in rows_of(results)]
+    print(format_table(rows))
+    title = f"{options.path.resolve().parent.name}/{options.path.resolve().name}: {', '.join(options.detections)}"
+    for path in write_leaderboard(options.out, results, title):
+        print(f"written: {path}")

@@ -1,0 +1,1 @@
+"""The channel: latency, loss, bandwidth, clocks."""

@@ -1,0 +1,150 @@
+"""Detections as they are, in float32; and what every codec has in common that carries detections."""
+
+from __future__ import annotations
+
+import struct
+from abc import abstractmethod
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, pack_rows, unpack_rows
+from coopsim.errors import CodecError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Detections, Ints, Mask, PoseEstimate
+from coopsim.types.embedding import directions
+from coopsim.types.taxonomy import CLASS_NAMES
+
+T = TypeVar("T")
+
+OBJECT_ROW = np.dtype([("box", "<f4", (7,)), ("score", "<f4"), ("label", "u1")])
+"""A detected object in 33 bytes."""
+
+
+def valid_objects(boxes: Boxes3D, score: Floats, label: Ints) -> Mask:
+    """Which objects (N,) an `OBJECT_ROW` can hold: finite and with a size in float32, of a known class."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        numbers = np.column_stack([boxes.array, score]).astype(np.float32)
+    good = np.asarray(np.isfinite(numbers).all(axis=1) & (numbers[:, 3:6] > 0).all(axis=1))
+    return good & (label >= 0) & (label < len(CLASS_NAMES))
+
+
+def object_rows(boxes: Boxes3D, score: Floats, label: Ints) -> NDArray[np.void]:
+    """Objects as `OBJECT_ROW`s; they must be valid."""
+    rows = np.empty(len(boxes), dtype=OBJECT_ROW)
+    rows["box"], rows["score"], rows["label"] = boxes.array, score, label
+    return rows
+
+
+def require_objects(rows: NDArray[np.void], what: str) -> None:
+    """Raise `CodecError`, naming the first, if there are `OBJECT_ROW`s that `object_rows` does not make."""
+    if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
+        raise CodecError(f"{what} label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
+    good = np.isfinite(rows["box"]).all(axis=1) & np.isfinite(rows["score"]) & (rows["box"][:, 3:6] > 0).all(axis=1)
+    if not good.all():
+        raise CodecError(f"{what} {int(np.argmin(good))} is none: numbers must be finite and sizes > 0")
+
+
+class SharesDetections(Codec[T]):
+    """A codec by which an agent can share what it detected; policies that need detections run with any of them."""
+
+    content: ClassVar[str] = "detections"
+    most_objects: ClassVar[int] = MOST_ROWS
+
+    def sendable(self, found: Detections) -> Mask:
+        """Which detections (N,) one message can carry: those in range, and of too many the surest."""
+        good = self.in_range(found)
+        if np.count_nonzero(good) > self.most_objects:
+            surest = np.argsort(np.where(good, -found.score, np.inf), kind="stable")[: self.most_objects]
+            good = np.isin(np.arange(len(found)), surest)
+        return good
+
+    @abstractmethod
+    def in_range(self, found: Detections) -> Mask:
+        """Which detections (N,) the codec can carry within its error bounds."""
+
+    @abstractmethod
+    def share(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> T:
+        """The content for what `sender` detected, in its base frame, at a time and an estimated pose."""
+
+    @abstractmethod
+    def shared(self, content: T, pose: PoseEstimate) -> Detections:
+        """The detections in the content of a message that was sent from a pose, in the sender's base frame."""
+
+
+class PlainDetections(SharesDetections[Detections]):
+    """A codec whose content is the detections themselves.
+
+    Attributes:
+        accepted: what is in range, in words.
+    """
+
+    accepted: ClassVar[str]
+
+    def share(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> Detections:
+        return found
+
+    def shared(self, content: Detections, pose: PoseEstimate) -> Detections:
+        return content
+
+    def require_in_range(self, found: Detections) -> None:
+        """Raise `CodecError`, naming the first, if there are detections that cannot be sent."""
+        if not (good := self.in_range(found)).all():
+            raise CodecError(f"detection {int(np.argmin(good))} cannot be sent: accepted are {self.accepted}")
+
+
+@CODECS.register("detections")
+class DetectionsCodec(PlainDetections):
+    """Boxes (seven float32), score (float32) and label (one byte): 33 bytes an object, 2 for their number.
+
+    Where any of them has an embedding, 2 bytes follow for the width, and 2 for each element of each object: the
+    embedding at length 1 as float16, zeros for none. Covariances are not sent. Decoded are at most 65,535 objects, and
+    4,194,304 elements of embeddings.
+    """
+
+    RELATIVE_ERROR = 2.0**-24
+    limit_bytes = 64 * 2**20
+    accepted = f"finite float32, sizes > 0 and labels in 0..{len(CLASS_NAMES) - 1}"
+
+    _WIDEST = 4096  # receivers keep tables of embeddings: nobody else shall decide how large
+    _MOST_ELEMENTS = 2**22
+
+    def in_range(self, found: Detections) -> Mask:
+        return valid_objects(found.boxes, found.score, found.label)
+
+    def encode(self, content: Detections) -> bytes:
+        self.require_in_range(content)
+        rows = object_rows(content.boxes, content.score, content.label)
+        return pack_rows(rows, "detections") + self._encode_embeddings(content)
+
+    def decode(self, payload: bytes) -> Detections:
+        rows, rest = unpack_rows(payload, OBJECT_ROW, "detections")
+        require_objects(rows, "detection")
+        embedding = self._decode_embeddings(rest, len(rows))
+        return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"], embedding=embedding)
+
+    def _encode_embeddings(self, content: Detections) -> bytes:
+        if content.embedding is None:
+            return b""
+        unit, present = directions(content.embedding)
+        if not present.any():
+            return b""
+        if unit.shape[1] > self._WIDEST:
+            raise CodecError(f"an embedding has at most {self._WIDEST} elements, got {unit.shape[1]}")
+        if unit.size > self._MOST_ELEMENTS:
+            raise CodecError(f"one message carries at most {self._MOST_ELEMENTS} elements, got {unit.size}")
+        return struct.pack("<H", unit.shape[1]) + unit.astype("<f2").tobytes()
+
+    def _decode_embeddings(self, block: bytes, count: int) -> Floats | None:
+        if not block:
+            return None
+        width = struct.unpack_from("<H", block)[0] if len(block) >= 2 else 0
+        fits = 1 <= width <= self._WIDEST and count * width <= self._MOST_ELEMENTS
+        if not (count and fits and len(block) == 2 + 2 * count * width):
+            raise CodecError(f"{len(block)} bytes after {count} detections are not an embedding for each")
+        values = np.frombuffer(block, dtype="<f2", offset=2).reshape(count, width).astype(np.float64)
+        if not np.isfinite(values).all():
+            raise CodecError("the embeddings of detections must be finite")
+        return values

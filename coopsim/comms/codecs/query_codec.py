@@ -1,0 +1,67 @@
+"""Instance queries: what query-based cooperation sends, a feature vector for each object and where it belongs.
+
+As in QUEST (Fan et al., ICRA 2024) and CoopTrack (ICCV 2025): few hundred bytes an object in the place of a whole
+feature map. How receivers align and fuse them is theirs.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, unpack_head
+from coopsim.comms.codecs.detection_codec import OBJECT_ROW, object_rows, require_objects, valid_objects
+from coopsim.comms.codecs.feature_values import (
+    MOST_VALUES,
+    FeatureCodec,
+    feature_number,
+    features_size,
+    pack_features,
+    unpack_features,
+)
+from coopsim.errors import CodecError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import InstanceQueries
+
+_HEAD = struct.Struct("<BHH")
+"""Kind of number, number of queries, length of a feature vector."""
+
+
+@CODECS.register("queries")
+class QueriesCodec(FeatureCodec[InstanceQueries]):
+    """5 bytes of head (number, K and D as uint16), K objects in 33 bytes each as in `DetectionsCodec`, and their
+    features query by query, as float32, float16, or int8 with a scale a query.
+
+    Objects come back within 2^-24 of themselves; a feature's error is as in `FeaturesCodec`, a query in the place of a
+    channel. Decoded are at most 65,535 queries, and 16,777,216 values.
+
+    Args:
+        number: how features are written.
+    """
+
+    content = "queries"
+    limit_bytes = 128 * 2**20
+
+    def encode(self, content: InstanceQueries) -> bytes:
+        count, width = content.feature.shape
+        if max(count, width) > MOST_ROWS or content.feature.size > MOST_VALUES:
+            raise CodecError(f"one message carries at most {MOST_VALUES} features, got {count} x {width}")
+        good = valid_objects(content.boxes, content.score, content.label)
+        if not good.all():
+            raise CodecError(f"query {int(np.argmin(good))} cannot be sent: it must be finite and have a size")
+        rows = object_rows(content.boxes, content.score, content.label)
+        head = _HEAD.pack(self._first_byte, count, width)
+        return head + rows.tobytes() + pack_features(content.feature, self._number)
+
+    def decode(self, payload: bytes) -> InstanceQueries:
+        first_byte, count, width = unpack_head(payload, _HEAD, "queries")
+        if count * width > MOST_VALUES:
+            raise CodecError(f"{len(payload)} bytes announce {count} x {width} features")
+        kind, start = feature_number(first_byte), _HEAD.size + count * OBJECT_ROW.itemsize
+        if len(payload) != start + features_size((count, width), kind):
+            raise CodecError(f"{len(payload)} bytes are not {count} queries of {width} {kind} features")
+        rows = np.frombuffer(payload, OBJECT_ROW, count, _HEAD.size)
+        require_objects(rows, "query")
+        feature = unpack_features(payload[start:], (count, width), kind)
+        return InstanceQueries(feature, Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])

@@ -1,0 +1,1 @@
+"""The radio: reception, interference, obstruction."""

@@ -1,0 +1,88 @@
+"""What the radio makes of the messages of one moment: who is received where, and who drowns whom out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+
+from coopsim.comms.radio.obstruction import Sight, Surroundings
+from coopsim.comms.radio.radio_config import DECORRELATION_M, Fading, Radio
+from coopsim.support.rng import stream
+from coopsim.types import Ints
+
+LinkName = tuple[str, str]
+"""Sender and receiver."""
+
+
+class Air:
+    """The radio of one episode.
+
+    With `Radio.slots`, every message begins in a slot of its sender's own luck and takes one for each block, around the
+    end. In a slot an agent sends or hears (half duplex), and whoever else sends in it is interference. This is C-V2X's
+    mode 4 with random selection: without sensing, without repetitions.
+
+    Args:
+        radio: of all agents.
+        seed: the episode's seed. Shadowing has a stream for each pair: it is the same in both directions.
+    """
+
+    def __init__(self, radio: Radio, seed: int) -> None:
+        self._radio, self._seed = radio, seed
+        self._fading: dict[LinkName, Fading] = {}
+        self._luck: dict[str, np.random.Generator] = {}
+
+    def chances(self, sizes_bytes: Mapping[str, int], around: Surroundings) -> dict[LinkName, float]:
+        """The chance that a message is received, in [0, 1], by link.
+
+        Args:
+            sizes_bytes: of the messages of this moment, by sender.
+            around: where all agents are, and what is in between.
+        """
+        taken = {sender: self._slots(sender, self._radio.blocks(size)) for sender, size in sizes_bytes.items()}
+        pairs = {_pair(*ends) for ends in product(taken, around.antennas) if ends[0] != ends[1]}
+        levels = {pair: self._hear(*pair, around) for pair in pairs}
+        chances: dict[LinkName, float] = {}
+        for receiver in around.antennas:
+            heard = {sender: levels[_pair(sender, receiver)] for sender in taken if sender != receiver}
+            for sender, (dbm, sight) in heard.items():
+                others = [other for other in heard if other != sender] if self._radio.slots else []
+                noise_mw = _milliwatts(self._radio.noise_dbm) + np.zeros(len(taken[sender]))
+                for other in others:
+                    noise_mw += _milliwatts(heard[other][0]) * (taken[other] > 0)
+                received = self._radio.curve(sight).delivery(dbm - 10 * np.log10(noise_mw))
+                if self._radio.slots and receiver in taken:
+                    received = np.where(taken[receiver] > 0, 0.0, received)
+                chances[sender, receiver] = float(np.prod(received ** taken[sender]))
+        return chances
+
+    def _slots(self, sender: str, blocks: int) -> Ints:
+        """(S,) how many of a message's blocks are in each slot; one for all where there are no slots."""
+        count = self._radio.slots
+        if count is None:
+            return np.array([blocks])
+        if sender not in self._luck:
+            self._luck[sender] = stream(self._seed, "slot", sender)
+        taken = self._luck[sender].integers(count) + np.arange(blocks)
+        return np.bincount(taken % count, minlength=count)
+
+    def _hear(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
+        """How strong each of a pair is at the other, dBm, and what is in between."""
+        if (first, second) not in self._fading:
+            rng = stream(self._seed, "shadowing", first, second)
+            self._fading[first, second] = Fading(rng)
+        ends_m = np.stack([around.antennas[first], around.antennas[second]])
+        sight = around.between(first, second)
+        distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+        fading = self._fading[first, second].at(ends_m, DECORRELATION_M[sight.state])
+        return self._radio.received_dbm(distance_m, sight, fading), sight
+
+
+def _pair(one: str, other: str) -> LinkName:
+    """The name of two agents, whichever is first."""
+    return min(one, other), max(one, other)
+
+
+def _milliwatts(dbm: float) -> float:
+    return 10 ** (dbm / 10)

@@ -1,0 +1,140 @@
+"""How much of a signal arrives over a distance, and what chance a message then has.
+
+Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 and QuaDRiGa have them,
+which cite its tables; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances
+of the report's table 6.2.3-1. Transmitter and receiver are WiLabV2Xsim's. The report has blockage as max(0 dB,
+log-normal); here it is normal in dB, the sense in which shadowing is called log-normal, and without which the maximum
+would never be 0. ns-3 reads it as log-normal in dB.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from coopsim.comms.radio.obstruction import Sight
+from coopsim.comms.radio.reception import ERROR_CURVES, SCHEMES, TABLE_BLOCK_BYTES, ErrorCurve
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_choice, require_count, require_finite_number, require_positive
+
+DECORRELATION_M = {"LOS": 10.0, "NLOSv": 13.0, "NLOS": 13.0}
+"""The way over which shadowing keeps 1/e of its correlation, by what is in between (table 6.2.3-1)."""
+
+_NEAREST_M = 1.0  # the formulas are for antennas that are apart
+_SHADOWING_DB = {"LOS": 3.0, "NLOSv": 3.0, "NLOS": 4.0}
+_BLOCKAGE_DB = {0: (9.0, 4.5), 1: (5.0, 4.0)}
+"""Mean and deviation by how many of the antennas are above the vehicles in the way; with both above there is none."""
+_THERMAL_DBM_HZ = -174.0
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """Transmitter, receiver and surroundings of every link.
+
+    Attributes:
+        scene: "urban" or "highway".
+        carrier_ghz: the carrier's frequency.
+        power_dbm: transmitted.
+        gain_dbi: of each of the two antennas.
+        width_mhz: of the channel, over which the receiver gathers noise.
+        noise_figure_db: of the receiver.
+        mcs: modulation and coding scheme: 4 (robust), 7 or 11 (fast), see `coopsim.comms.radio.reception`.
+        block_bytes: what is coded as one; a longer message is more blocks, which must all be received.
+        snr_half_db: in the place of `mcs`, of a modem of one's own: where half of the blocks are received.
+        snr_spread_db: of that modem: how much more it takes for 84 %.
+        slots: of a frame's messages, each takes one of so many slots by chance for each block, and who sends at once
+            disturbs each other, see `coopsim.comms.radio.air.Air`; None: nobody does. 100 is a millisecond each at
+            10 Hz.
+    """
+
+    scene: Literal["urban", "highway"] = "urban"
+    carrier_ghz: float = 5.9
+    power_dbm: float = 23.0
+    gain_dbi: float = 3.0
+    width_mhz: float = 10.0
+    noise_figure_db: float = 9.0
+    mcs: int = 7
+    block_bytes: int = TABLE_BLOCK_BYTES
+    snr_half_db: float | None = None
+    snr_spread_db: float = 1.5
+    slots: int | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("scene", self.scene, ("urban", "highway"))
+        require_positive(carrier_ghz=self.carrier_ghz, width_mhz=self.width_mhz, snr_spread_db=self.snr_spread_db)
+        require_finite_number(power_dbm=self.power_dbm, gain_dbi=self.gain_dbi, noise_figure_db=self.noise_figure_db)
+        require_count(1, block_bytes=self.block_bytes)
+        if self.slots is not None:
+            require_count(1, 10_000, slots=self.slots)
+        if self.snr_half_db is not None:
+            require_finite_number(snr_half_db=self.snr_half_db)
+        if isinstance(self.mcs, bool) or self.mcs not in SCHEMES:
+            raise InvalidValueError(
+                f"mcs must be one of {', '.join(map(str, SCHEMES))}, got {self.mcs!r}; set snr_half_db for another"
+            )
+
+    def path_loss_db(self, distance_m: float, sight: Sight) -> float:
+        """Mean path loss over the distance between the antennas, without blockage by vehicles (table 6.2.1-1)."""
+        far, carrier = math.log10(max(distance_m, _NEAREST_M)), math.log10(self.carrier_ghz)
+        if sight.state == "NLOS":
+            return 36.85 + 30.0 * far + 18.9 * carrier
+        if self.scene == "highway":
+            return 32.4 + 20.0 * far + 20.0 * carrier
+        return 38.77 + 16.7 * far + 18.2 * carrier
+
+    def received_dbm(self, distance_m: float, sight: Sight, fading: Floats) -> float:
+        """The power at the receiver; `fading` (2,) are the link's standard normal shadowing and blockage."""
+        loss_db = self.path_loss_db(distance_m, sight) + _SHADOWING_DB[sight.state] * float(fading[0])
+        if sight.state == "NLOSv" and sight.above in _BLOCKAGE_DB:
+            mean_db, sigma_db = _BLOCKAGE_DB[sight.above]
+            mean_db += max(0.0, 15.0 * math.log10(max(distance_m, _NEAREST_M)) - 41.0)
+            loss_db += max(0.0, mean_db + sigma_db * float(fading[1]))
+        return self.power_dbm + 2 * self.gain_dbi - loss_db
+
+    @property
+    def noise_dbm(self) -> float:
+        """The receiver's noise over the channel's width."""
+        return _THERMAL_DBM_HZ + 10 * math.log10(self.width_mhz * 1e6) + self.noise_figure_db
+
+    def blocks(self, size_bytes: int) -> int:
+        """Of how many blocks a message is."""
+        return max(1, -(-size_bytes // self.block_bytes))
+
+    def curve(self, sight: Sight) -> ErrorCurve:
+        """How the chance that a block is received depends on SNR."""
+        if self.snr_half_db is not None:
+            return ErrorCurve(self.snr_half_db, self.snr_spread_db)
+        return ERROR_CURVES[self.scene, "free" if sight.state == "LOS" else "blocked"][self.mcs]
+
+
+@dataclass(slots=True, eq=False)
+class Fading:
+    """Shadowing and blockage of one pair of agents, the same in both directions.
+
+    Attributes:
+        rng: the pair's stream.
+    """
+
+    rng: np.random.Generator
+    _ends: Floats | None = field(default=None, init=False)
+    _value: Floats = field(default_factory=lambda: np.zeros(2), init=False)
+
+    def at(self, ends_m: Floats, decorrelation_m: float) -> Floats:
+        """(2,) standard normal shadowing and blockage where the two ends are at (2, 3) m, in the same order each time.
+
+        The way, over which they keep 1/e of their correlation in each `decorrelation_m`, is what both ends have moved
+        since the last call, added up.
+        """
+        if self._ends is None:
+            self._value = self.rng.standard_normal(2)
+        else:
+            moved_m = float(np.linalg.norm(ends_m - self._ends, axis=1).sum())
+            if moved_m > 0:
+                kept = math.exp(-moved_m / decorrelation_m)
+                self._value = kept * self._value + math.sqrt(1 - kept**2) * self.rng.standard_normal(2)
+        self._ends = ends_m
+        return self._value

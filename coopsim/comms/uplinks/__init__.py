@@ -1,0 +1,1 @@
+"""Uplinks: what an agent broadcasts of what it observes."""

@@ -1,0 +1,208 @@
+"""Refining the boxes of several agents on one graph (Graph Lap-CoMOT), as functions of arrays.
+
+All boxes that all agents report in one frame are the graph's vertices. Each has an anchor: where it should be, judged
+by the other agents' boxes of the same object. Refinement moves the vertices towards their anchors and keeps the
+differences to their neighbours as they were.
+
+    which boxes are one object: `group` -> `anchors_aos`, or `anchors_tsa` per stage -> `refine` or `refine_sparse`
+
+Source: Damanaki, Piperigkos, Gkillas and Lalos, "Optimizing Cooperative Multi-Object Tracking using Graph Signal
+Processing", eq. 8-13. There are two agents there; here any number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import splu
+from scipy.spatial import KDTree
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.iou import iou_3d
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import frozen
+from coopsim.support.checks import require_count, require_positive
+from coopsim.types import Ints
+
+Kernel = Callable[[ArrayLike, ArrayLike], Floats]
+"""Boxes (N, 7) and (M, 7) to (N, M), larger is better."""
+
+
+def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
+    """Solve the fully connected graph, in closed form and O(N) (eq. 8-10).
+
+    Of |L v - L x|^2 + |v - a|^2 with L = N I - 1 1^T the minimum is, for each axis,
+
+        v = x + mean(a - x) + (a - x - mean(a - x)) / (N^2 + 1)
+
+    because L^T L + I has the eigenvalue 1 for what all vertices share and N^2 + 1 for all else. So every box moves by
+    the mean anchor offset, plus its own deviation from it, which vanishes as 1/N^2: among 10 boxes, 1 % of it is left.
+    A fully connected graph moves all boxes together, and hardly one to its own anchor; `refine_sparse` does more.
+
+    Args:
+        center: x, (N, 3) m.
+        anchor: a, (N, 3) m.
+
+    Returns:
+        v, (N, 3) m.
+    """
+    where, offset = _offset(center, anchor)
+    shared: Floats = offset.sum(axis=0) / max(len(offset), 1)
+    return where + shared + (offset - shared) / (len(offset) ** 2 + 1)
+
+
+def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) -> Floats:
+    """Solve the same problem (eq. 8-10) on any graph: (L^T L + I) (v - x) = a - x.
+
+    What the anchor offsets have in common in a connected part is applied in full. Of what varies with an eigenvalue e
+    of L, 1/(e^2 + 1) is: few neighbours, small eigenvalues. A box without neighbours goes to its anchor.
+
+    Args:
+        center: x, (N, 3) m.
+        anchor: a, (N, 3) m.
+        adjacency: (N, N), symmetric, 1 where two vertices are connected: `nearest_graph`, `radius_graph`.
+
+    Returns:
+        v, (N, 3) m.
+    """
+    where, offset = _offset(center, anchor)
+    if adjacency.shape != (len(where), len(where)):
+        raise InvalidValueError(f"adjacency must have shape {(len(where),) * 2}, got {adjacency.shape}")
+    if not len(where):
+        return where.copy()
+    laplacian = diags_array(adjacency.sum(axis=1)) - adjacency
+    system = csc_array(laplacian.T @ laplacian + eye_array(len(where)))
+    moved: Floats = splu(system).solve(offset)
+    return where + moved
+
+
+def nearest_graph(center: ArrayLike, count: int) -> csr_array:
+    """Connect each vertex (N, 3) to its `count` nearest, in either's view; (N, N) of 0 and 1."""
+    require_count(1, count=count)
+    points = frozen(center, (None, 3), np.float64, "center")
+    if len(points) < 2:
+        return _graph(np.zeros((0, 2), dtype=np.int64), len(points))
+    # A vertex is its own nearest, or as near as any: it is asked for too, and taken out in the end.
+    _, nearest = KDTree(points).query(points, k=min(count + 1, len(points)))
+    return _graph(np.column_stack([np.repeat(np.arange(len(points)), nearest.shape[1]), nearest.ravel()]), len(points))
+
+
+def radius_graph(center: ArrayLike, radius_m: float) -> csr_array:
+    """Connect the vertices (N, 3) that are at most `radius_m` apart; (N, N) of 0 and 1."""
+    require_positive(radius_m=radius_m)
+    points = frozen(center, (None, 3), np.float64, "center")
+    edges = KDTree(points).query_pairs(radius_m, output_type="ndarray") if len(points) else np.zeros((0, 2))
+    return _graph(edges.astype(np.int64), len(points))
+
+
+def group(
+    boxes: ArrayLike, agent: ArrayLike, threshold: float, *, label: ArrayLike | None = None, kernel: Kernel = iou_3d
+) -> Ints:
+    """Which boxes are one object: every two agents' boxes are matched (Hungarian), and matches are joined.
+
+    A group has at most one box of each agent. Where chains of matches contradict that, the best ones count. With two
+    agents a group is a matched pair or a single box.
+
+    Args:
+        boxes: (N, 7) of all agents, in one frame.
+        agent: (N,) whose box it is, numbered in any way.
+        threshold: smallest affinity of a match; for `iou_3d` > 0, because 0 is what boxes far apart have.
+        label: (N,) classes, which never mix; None if there is one.
+        kernel: the affinity, `iou_3d` or `giou_3d`.
+
+    Returns:
+        (N,) group of each box, counted from 0 in order of their first boxes.
+    """
+    rows = frozen(boxes, (None, 7), np.float64, "boxes")
+    names, owner = np.unique(frozen(agent, (len(rows),), np.int64, "agent"), return_inverse=True)
+    classes = np.zeros(len(rows)) if label is None else frozen(label, (len(rows),), np.int64, "label")
+    own = [np.flatnonzero(owner == k) for k in range(len(names))]
+    pairs, values = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
+    for mine, theirs in combinations(own, 2):
+        affinity = kernel(rows[mine], rows[theirs])
+        affinity = np.where(classes[mine, None] == classes[theirs], affinity, -np.inf)
+        row, column = hungarian(affinity, threshold)
+        pairs.append(np.column_stack([mine[row], theirs[column]]))
+        values.append(affinity[row, column])
+    best_first = np.argsort(-np.concatenate(values), kind="stable")
+    first_box = _join(np.concatenate(pairs)[best_first], owner, len(names))
+    return np.unique(first_box, return_inverse=True)[1].astype(np.int64)
+
+
+def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
+    """Anchors for all in one stage (AOS): the mean of the partners in the group, without partners its own position.
+
+    With two agents matched boxes take each other's position (eq. 11).
+
+    Args:
+        center: (N, 3) m.
+        group: (N,) from `group`.
+    """
+    points, index = _grouped(center, group)
+    partners = np.bincount(index) - 1
+    total = np.zeros((len(partners), 3))
+    np.add.at(total, index, points)
+    shared = partners[index] > 0
+    return np.where(shared[:, None], (total[index] - points) / np.maximum(partners[index], 1)[:, None], points)
+
+
+def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: int) -> Floats:
+    """Anchors for one of the stages (TSA): for a whole group the box of agent `source`, without one its own position.
+
+    There are as many stages as agents, each with another source. With two agents i and j the first stage has j's
+    boxes as anchors (eq. 12), the second i's (eq. 13).
+
+    Args:
+        center: (N, 3) m.
+        group: (N,) from `group`.
+        agent: (N,) whose box it is.
+        source: the agent whose boxes are the anchors.
+    """
+    points, index = _grouped(center, group)
+    anchoring = np.flatnonzero(frozen(agent, (len(points),), np.int64, "agent") == source)
+    anchor_of = np.full(index.max(initial=-1) + 1, -1)
+    anchor_of[index[anchoring]] = anchoring
+    anchored = anchor_of[index]
+    return points[np.where(anchored >= 0, anchored, np.arange(len(points)))]
+
+
+def _offset(center: ArrayLike, anchor: ArrayLike) -> tuple[Floats, Floats]:
+    where = frozen(center, (None, 3), np.float64, "center")
+    return where, frozen(anchor, where.shape, np.float64, "anchor") - where
+
+
+def _grouped(center: ArrayLike, group: ArrayLike) -> tuple[Floats, Ints]:
+    points = frozen(center, (None, 3), np.float64, "center")
+    return points, frozen(group, (len(points),), np.int64, "group")
+
+
+def _graph(edges: Ints, count: int) -> csr_array:
+    """Adjacency (N, N) of edges (E, 2), which may come in both directions, twice, or lead nowhere."""
+    loose = edges[edges[:, 0] != edges[:, 1]]
+    ends = np.unique(np.concatenate([loose, loose[:, ::-1]]), axis=0)
+    return coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
+
+
+@njit(cache=True, nogil=True)
+def _join(pairs: Ints, owner: Ints, agents: int) -> Ints:
+    """Unite the groups of each pair in turn, unless both have a box of one agent; (N,) each group's first box."""
+    member = np.full((len(owner), agents), -1)  # of the group whose first box is the row: the box of each agent
+    first = np.arange(len(owner))
+    for box in range(len(owner)):
+        member[box, owner[box]] = box
+    for k in range(len(pairs)):
+        low, high = first[pairs[k, 0]], first[pairs[k, 1]]
+        low, high = min(low, high), max(low, high)
+        if low == high or ((member[low] >= 0) & (member[high] >= 0)).any():
+            continue
+        for agent in range(agents):
+            box = member[high, agent]
+            if box >= 0:
+                member[low, agent], first[box] = box, low
+    return first

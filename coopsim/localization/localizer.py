@@ -1,0 +1,120 @@
+"""Where an agent believes it is: a noisy global pose and a drifting odometry.
+
+The global pose errs as `coopsim.localization.pose_noise` says. Odometry errs a little in each step, and the errors
+add up, as wheel
+encoders and gyroscopes do. All errors are drawn whatever their size, so that two runs that differ only in how large
+the noise is share its shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.localization.pose_covariance import PoseCovariance
+from coopsim.localization.pose_noise import PoseError, PoseNoise
+from coopsim.support.checks import require_instance, require_non_negative, require_positive
+from coopsim.support.rng import stream
+from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizationConfig:
+    """Standard deviations of the localization's errors; all zero is perfect knowledge.
+
+    Attributes:
+        pose: the global pose's errors.
+        odometry_noise_m: of x and of y of the motion, in each frame.
+        odometry_heading_noise_rad: of the turn, in each frame.
+        odometry_scale: of the share by which all distances are measured too long, which is drawn for each episode.
+        odometry_drift_rad_s: of the turn that is measured where there is none (a gyroscope's bias), drawn likewise.
+        covariance_scale: the agent states the covariance of its pose times this number: 1 is honest, less is
+            overconfident. None: it states none.
+    """
+
+    pose: PoseNoise = field(default_factory=PoseNoise)
+    odometry_noise_m: float = 0.005
+    odometry_heading_noise_rad: float = 0.0002
+    odometry_scale: float = 0.0
+    odometry_drift_rad_s: float = 0.0
+    covariance_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.pose is None:
+            raise InvalidValueError("pose must be a coopsim PoseNoise, got None: leave it out for none")
+        require_instance(PoseNoise, pose=self.pose)
+        require_non_negative(
+            odometry_noise_m=self.odometry_noise_m,
+            odometry_heading_noise_rad=self.odometry_heading_noise_rad,
+            odometry_scale=self.odometry_scale,
+            odometry_drift_rad_s=self.odometry_drift_rad_s,
+        )
+        if self.covariance_scale is not None:
+            require_positive(covariance_scale=self.covariance_scale)
+
+
+class Localizer:
+    """One agent's localization over one episode. It must be asked once in each frame, in order.
+
+    Args:
+        config: the size of the errors.
+        seed: the episode's seed.
+        agent: the agent's name, which owns the random streams.
+        dt_s: time between two frames.
+        stands: a roadside unit, which is surveyed once: its odometry is exactly "did not move".
+    """
+
+    def __init__(
+        self, config: LocalizationConfig, seed: int, agent: str, dt_s: float = 0.1, *, stands: bool = False
+    ) -> None:
+        require_positive(dt_s=dt_s)
+        self._pose_error = PoseError(config.pose, seed, agent, dt_s)
+        self._odometry_rng = stream(seed, "odometry", agent)
+        noise_m = config.odometry_noise_m
+        self._step_sigma = np.array([noise_m, noise_m, 0.0, config.odometry_heading_noise_rad])
+        scale, drift = stream(seed, "odometry bias", agent).standard_normal(2)
+        self._scale = 1.0 + float(scale) * config.odometry_scale
+        self._drift_rad = float(drift) * config.odometry_drift_rad_s * dt_s
+        self._covariance_scale = config.covariance_scale
+        self._covariance = PoseCovariance(
+            config.pose, self._step_sigma[[0, 1, 3]], config.odometry_scale, config.odometry_drift_rad_s * dt_s, dt_s
+        )
+        self._stands = stands
+        self._previous: SE3 | None = None
+        self._estimate: SE3 | None = None
+
+    def localize(self, world_SE3_base: SE3) -> tuple[PoseEstimate, Odometry]:
+        """The estimates for a true pose; the first frame's odometry is no motion.
+
+        Without reception the pose is the last one, moved by the odometry. An episode that begins without begins
+        where the agent is.
+        """
+        moves = self._previous is not None and not self._stands
+        motion = self._measure(world_SE3_base)
+        error = self._pose_error.step()
+        if error is not None:
+            pose = stack_xyz_yaw(world_SE3_base) + error
+            covariance = self._covariance.received()
+        else:
+            before, step = self._estimate or world_SE3_base, SE3.from_xyz_yaw(motion[:3], float(motion[3]))
+            pose = stack_xyz_yaw(before.compose(step))
+            covariance = self._covariance.carried(before.yaw, motion, moves=moves)
+        scale = self._covariance_scale
+        estimate = PoseEstimate(pose, None if scale is None else covariance * scale)
+        self._estimate = estimate.world_SE3_base
+        return estimate, Odometry(motion)
+
+    def _measure(self, world_SE3_base: SE3) -> Floats:
+        """(4,) measured motion since the last frame, in its base frame."""
+        error = self._odometry_rng.standard_normal(4) * self._step_sigma
+        previous, self._previous = self._previous, world_SE3_base
+        if previous is None or self._stands:
+            return np.zeros(4)
+        motion = stack_xyz_yaw(previous.inverse().compose(world_SE3_base))
+        motion[:3] *= self._scale
+        motion[3] += self._drift_rad
+        motion += error
+        return motion

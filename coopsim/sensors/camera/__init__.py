@@ -1,0 +1,1 @@
+"""Cameras: rigs, lenses, light, pictures."""

@@ -1,0 +1,98 @@
+"""From what each pixel sees, a triangle and its depth, to pictures: colour, depth, instance, class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.errors import InvalidValueError
+from coopsim.sensors.camera.daylight import Illumination, to_srgb
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.renderers.renderers import View
+from coopsim.sensors.scene import STATIC_ID, Triangles
+from coopsim.support.checks import require_choice
+from coopsim.types import CameraImage
+from coopsim.world.snapshot import Actors
+
+OBSERVED_MODES = ("rgb", "depth")
+"""What a camera with a depth sensor beside it measures."""
+
+TRUTH_MODES = ("instance", "semantic")
+"""What no camera measures."""
+
+MODES = OBSERVED_MODES + TRUTH_MODES
+
+NO_CLASS = 255
+"""In a semantic picture, what is no actor: scenery or sky."""
+
+
+def require_modes(modes: object) -> tuple[str, ...]:
+    """Names of modes, each once, at least one.
+
+    Raises:
+        UnknownNameError: no mode is called that.
+        InvalidValueError: they are no list of names, or one is there twice.
+    """
+    accepted = f"different names out of {', '.join(MODES)}, at least one"
+    if isinstance(modes, str) or not isinstance(modes, Sequence) or not modes:
+        raise InvalidValueError(f"camera_modes must be {accepted}; got {modes!r}")
+    for mode in modes:
+        require_choice("camera_modes", mode, MODES)
+    if len(set(modes)) < len(modes):
+        raise InvalidValueError(f"camera_modes must be {accepted}; got {modes!r}")
+    return tuple(modes)
+
+
+class FramePainter:
+    """Colours the views of one frame after another.
+
+    What a face looks like and belongs to is worked out once a frame and face; a pixel then only looks it up. The last
+    row of every table is the sky, where the views' -1 leads.
+
+    Args:
+        illumination: what lights the scene.
+        modes: what pictures shall have, of `MODES`.
+    """
+
+    def __init__(self, illumination: Illumination, modes: Sequence[str]) -> None:
+        self._light, self._modes = illumination, require_modes(modes)
+        self._haze = illumination.extinction_per_m > 0
+        self._shade: NDArray[np.float32]
+        self._rgb: NDArray[np.uint8]
+        self._instance: NDArray[np.int64]
+        self._semantic: NDArray[np.uint8]
+
+    def update(self, actors: Actors, triangles: Triangles) -> None:
+        """Take over a new frame: the actors, and the same as triangles."""
+        if "rgb" in self._modes:
+            sky = self._light.sky.astype(np.float32)
+            self._shade = np.vstack([self._light.shade(triangles.color, triangles.normals), sky])
+            self._rgb = to_srgb(self._shade)
+        instance = np.append(triangles.instance, STATIC_ID)
+        self._instance = instance
+        order = np.argsort(actors.id)
+        ids, labels = actors.id[order], actors.label[order]
+        row = np.searchsorted(ids, instance)
+        labels = np.append(labels, NO_CLASS)  # for what comes after the last id
+        self._semantic = np.where(instance == STATIC_ID, NO_CLASS, labels[row]).astype(np.uint8)
+
+    def paint(self, view: View, intrinsics: Intrinsics) -> CameraImage:
+        """The picture of what was seen through a camera with these intrinsics."""
+        wanted = self._modes
+        return CameraImage(
+            rgb=self._colored(view, intrinsics) if "rgb" in wanted else None,
+            depth=view.depth if "depth" in wanted else None,
+            instance=self._instance[view.face] if "instance" in wanted else None,
+            semantic=self._semantic[view.face] if "semantic" in wanted else None,
+        )
+
+    def _colored(self, view: View, intrinsics: Intrinsics) -> NDArray[np.uint8]:
+        if not self._haze:
+            return self._rgb[view.face]
+        # Of the sky, infinitely far, nothing comes through but what the air itself scatters: the same light.
+        distance_m = view.depth * intrinsics.stretch
+        through = np.exp(-self._light.extinction_per_m * distance_m)[..., None]
+        airlight = self._shade[-1]
+        return to_srgb(airlight + through * (self._shade[view.face] - airlight))

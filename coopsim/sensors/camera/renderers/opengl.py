@@ -1,0 +1,193 @@
+"""Cameras drawn by OpenGL off screen: one pass writes which triangle each pixel sees, and how deep.
+
+That is a visibility buffer (Burns and Hunt, "The Visibility Buffer", JCGT 2013): every picture that is asked for is
+looked up from it afterwards, so that more modes cost no further passes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.errors import MissingDependencyError
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.lens_lookup import LensLookup
+from coopsim.sensors.camera.renderers.renderers import Renderer, View
+from coopsim.sensors.scene import Triangles
+
+if TYPE_CHECKING:
+    from coopsim.sensors.camera.camera import Camera
+
+INSTALL = "pip install 'coopsim[camera]', and on Debian: apt-get install libegl1 libgl1-mesa-dri libopengl0"
+
+_VERTEX = """
+#version 330
+uniform mat4 clip_SE3_scene;
+in vec3 position;
+void main() { gl_Position = clip_SE3_scene * vec4(position, 1.0); }
+"""
+
+# 1 / gl_FragCoord.w is the depth along the optical axis. On a plane its inverse is linear in the pixels: with the
+# slopes, the depth is known beside the pixel's middle, too.
+_FRAGMENT = """
+#version 330
+uniform int first_face;
+layout(location = 0) out int face;
+layout(location = 1) out vec3 inverse_depth;
+void main() {
+    face = first_face + gl_PrimitiveID;
+    inverse_depth = vec3(gl_FragCoord.w, dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
+}
+"""
+
+
+class OpenGLRenderer(Renderer):
+    """Draws through EGL, with or without a screen, in hardware or software. One scene persists, its vertices move.
+
+    Raises:
+        MissingDependencyError: OpenGL does not work here; says why and what to install.
+    """
+
+    name = "opengl"
+
+    def __init__(self) -> None:
+        self._context: Any = _context()
+        self._program = self._context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
+        self._scene: _Scene | None = None
+        self._canvases: dict[Intrinsics, _Canvas] = {}
+
+    def update(self, triangles: Triangles) -> None:
+        with self._context:
+            if self._scene is None or not self._scene.holds(triangles):
+                if self._scene is not None:
+                    self._scene.release()
+                self._scene = _Scene(self._context, self._program, triangles)
+            self._scene.move(triangles)
+
+    def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> View:
+        assert self._scene is not None, "update before see"
+        with self._context:
+            if camera.intrinsics not in self._canvases:
+                self._canvases[camera.intrinsics] = _Canvas(self._context, camera.intrinsics)
+            canvas = self._canvases[camera.intrinsics]
+            clip_SE3_camera = canvas.projection(camera.near_m, camera.far_m)
+            scene_SE3_camera = SE3(world_SE3_camera.rotation, world_SE3_camera.translation - self._scene.origin_m)
+            matrix = clip_SE3_camera @ _matrix(scene_SE3_camera.inverse())
+            self._program["clip_SE3_scene"].write(matrix.T.astype(np.float32).tobytes())  # columns first
+            canvas.clear()
+            self._scene.draw(own_id)
+            return canvas.read()
+
+    def close(self) -> None:
+        if self._context is not None:
+            self._context.release()  # and with it all that was made in it
+        self._context, self._scene, self._canvases = None, None, {}
+
+
+class _Scene:
+    """A scene's triangles in the renderer's memory.
+
+    Attributes:
+        origin_m: (3,) from which its vertices are measured: they are of float32, which far away is too coarse.
+    """
+
+    def __init__(self, context: Any, program: Any, triangles: Triangles) -> None:
+        self.origin_m = np.zeros(3)
+        self._faces, self._instance = triangles.faces, triangles.instance
+        self._first_face = program["first_face"]
+        self._vertices = context.buffer(reserve=max(12, 12 * len(triangles.vertices)), dynamic=True)
+        self._order = context.buffer(triangles.faces.astype(np.int32).tobytes() or bytes(12))
+        self._array = context.vertex_array(program, [(self._vertices, "3f", "position")], self._order)
+
+    def holds(self, triangles: Triangles) -> bool:
+        """Whether these differ from the ones it was made for by where their vertices are, at most."""
+        return triangles.faces is self._faces and triangles.instance is self._instance
+
+    def move(self, triangles: Triangles) -> None:
+        """Have the vertices where they are in these triangles."""
+        if len(triangles.vertices):
+            self.origin_m = triangles.middle_m
+            self._vertices.write((triangles.vertices - self.origin_m).astype(np.float32).tobytes())
+
+    def draw(self, own_id: int | None) -> None:
+        """Draw all but one actor."""
+        shown = np.concatenate([[False], self._instance != (-1 if own_id is None else own_id), [False]])
+        changes = np.flatnonzero(shown[1:] != shown[:-1]).reshape(-1, 2)
+        for first, end in changes.tolist():  # an actor's faces lie together: two runs at most
+            self._first_face.value = first
+            self._array.render(vertices=3 * (end - first), first=3 * first)
+
+    def release(self) -> None:
+        for part in (self._array, self._order, self._vertices):
+            part.release()
+
+
+class _Canvas:
+    """What is drawn on for one kind of camera, and how a picture is read from it.
+
+    A rasteriser draws what a pinhole sees; what a lens that distorts sees is looked up from that (see `LensLookup`).
+    """
+
+    def __init__(self, context: Any, intrinsics: Intrinsics) -> None:
+        self._lookup = LensLookup(intrinsics) if intrinsics.distorts else None
+        self._drawn = intrinsics if self._lookup is None else self._lookup.pinhole
+        width, height = self._drawn.width, self._drawn.height
+        self._face = context.texture((width, height), 1, dtype="i4")
+        self._inverse = context.texture((width, height), 3, dtype="f4")
+        self._buffer = context.framebuffer([self._face, self._inverse], context.depth_renderbuffer((width, height)))
+
+    def projection(self, near_m: float, far_m: float) -> Floats:
+        """(4, 4), from camera axes to OpenGL's clip space, with the picture's first row at the bottom: read first."""
+        scale = 2 / np.array([self._drawn.width, self._drawn.height])
+        matrix = np.zeros((4, 4))
+        matrix[:2, :3] = self._drawn.matrix[:2] * scale[:, None]
+        matrix[:2, 2] += 0.5 * scale - 1  # pixels' middles are whole numbers
+        matrix[2, 2:] = np.array([far_m + near_m, -2 * far_m * near_m]) / (far_m - near_m)
+        matrix[3, 2] = 1.0
+        return matrix
+
+    def clear(self) -> None:
+        self._buffer.use()
+        self._buffer.clear()
+
+    def read(self) -> View:
+        """What was drawn."""
+        shape = self._drawn.size
+        face: NDArray[np.integer] = np.frombuffer(self._face.read(), np.int32).reshape(shape)
+        inverse = np.frombuffer(self._inverse.read(), np.float32).reshape(*shape, 3)
+        closeness = inverse[..., 0]
+        if self._lookup is not None:
+            face, closeness = self._lookup.apply(face, inverse)
+        seen = closeness > 0
+        depth = np.divide(1.0, closeness, out=np.zeros_like(closeness), where=seen)
+        return View(np.where(seen, face, -1), depth)
+
+
+def _matrix(pose: SE3) -> Floats:
+    """(4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
+    return matrix
+
+
+def _context() -> Any:
+    """An OpenGL context without a window.
+
+    Raises:
+        MissingDependencyError: says what is missing and what to install.
+    """
+    try:
+        import moderngl
+
+        # By the names under which distributions' run-time packages have them.
+        egl: dict[str, Any] = {"backend": "egl", "libgl": "libOpenGL.so.0", "libegl": "libEGL.so.1"}
+        context: Any = moderngl.create_context(standalone=True, **egl)
+    except Exception as error:
+        # Whatever is missing (package, library, driver), its loader raises an error of its own kind.
+        reason = f"OpenGL does not work here ({type(error).__name__}: {error})"
+        raise MissingDependencyError(f"{reason}. Install it: {INSTALL}") from error
+    context.enable(moderngl.DEPTH_TEST)
+    return context

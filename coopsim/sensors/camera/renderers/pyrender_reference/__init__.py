@@ -1,0 +1,1 @@
+"""pyrender draws the cameras (`renderer="pyrender"`): the reference of the other renderers."""

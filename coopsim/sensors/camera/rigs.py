@@ -1,0 +1,104 @@
+"""Rigs: which cameras an agent carries, by name or as the user lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.sensors.camera.camera import Camera
+
+Rig = tuple[Camera, ...]
+RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[Camera]]
+"""What users write: False, True (as "surround"), the name of a rig, cameras; or one of these by agent."""
+
+UNIT_PITCH_RAD = np.radians(20.0)
+"""How far the named rigs of a roadside unit look down; ours, as all of them are."""
+
+DRONE_PITCH_RAD = np.radians(45.0)
+"""The same for a drone."""
+
+_PITCH_RAD = {"cav": 0.0, "rsu": UNIT_PITCH_RAD, "drone": DRONE_PITCH_RAD}
+
+_HEADINGS_RAD = {
+    "front": {"front": 0.0},
+    "surround": {"front": 0.0, "left": np.pi / 2, "rear": np.pi, "right": -np.pi / 2},
+    "surround_6": {
+        "front": 0.0,
+        "front_left": np.pi / 3,
+        "rear_left": 2 * np.pi / 3,
+        "rear": np.pi,
+        "rear_right": -2 * np.pi / 3,
+        "front_right": -np.pi / 3,
+    },
+}
+
+RIG_NAMES = tuple(_HEADINGS_RAD)
+
+
+def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
+    """The cameras of the rig called `name`: each of 320 x 180 pixels and 100 degrees, on the middle of the roof.
+
+    Raises:
+        UnknownNameError: there is no such rig.
+    """
+    if not (isinstance(name, str) and name in _HEADINGS_RAD):
+        raise UnknownNameError("cameras", name, RIG_NAMES)
+    return tuple(
+        Camera(camera, yaw_rad=float(heading), pitch_rad=float(pitch_rad))
+        for camera, heading in _HEADINGS_RAD[name].items()
+    )
+
+
+def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
+    """The cameras of every agent.
+
+    Args:
+        option: a `RigOption`.
+        kinds: "cav", "rsu" or "drone", by agent.
+
+    Raises:
+        UnknownNameError: no rig or agent is called that.
+        InvalidValueError: cameras that are none, or two of one name.
+    """
+    if not isinstance(option, Mapping):
+        check_rig(option)
+        return {agent: rig(option, kind) for agent, kind in kinds.items()}
+    for agent in option:
+        if agent not in kinds:
+            raise UnknownNameError("cameras of agent", agent, kinds)
+    return {agent: rig(option.get(agent, False), kind) for agent, kind in kinds.items()}
+
+
+def check_rig(option: object) -> None:
+    """Refuse what is no rig (but for the names of agents, which it takes an environment to know).
+
+    Raises:
+        UnknownNameError: no rig is called that.
+        InvalidValueError: cameras that are none, or two of one name.
+    """
+    for each in option.values() if isinstance(option, Mapping) else [option]:
+        rig(each)
+
+
+def rig(option: object, kind: str = "cav") -> Rig:
+    """The cameras that an option says, on an agent of a kind ("cav", "rsu" or "drone").
+
+    Raises:
+        UnknownNameError: no rig is called that.
+        InvalidValueError: cameras that are none, or two of one name.
+    """
+    if option is False or option is True:
+        option = "surround" if option else ()
+    if isinstance(option, str):
+        return named_rig(option, pitch_rad=_PITCH_RAD[kind])
+    accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent"
+    listed = tuple(option) if isinstance(option, Iterable) and not isinstance(option, np.ndarray) else (None,)
+    if not all(isinstance(camera, Camera) for camera in listed):
+        raise InvalidValueError(f"cameras must be {accepted}; got {option!r}")
+    cameras = tuple(camera for camera in listed if isinstance(camera, Camera))
+    names = [camera.name for camera in cameras]
+    if len(set(names)) < len(names):
+        raise InvalidValueError(f"cameras must have names of their own, got {names}")
+    return cameras

@@ -1,0 +1,1 @@
+"""LiDAR: beams, sweeps, returns."""

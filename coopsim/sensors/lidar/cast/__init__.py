@@ -1,0 +1,1 @@
+"""Casting a LiDAR's rays."""

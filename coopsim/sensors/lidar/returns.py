@@ -1,0 +1,155 @@
+"""What becomes of rays that hit something: who returns, how far away it seems, and the points in the agent's frame.
+
+Energy is that of a white surface met head-on at `reference_range_m`, times reflectivity * cos(incidence) / range^2 (the
+LiDAR equation for a surface larger than the beam), times what the air lets through there and back.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from coopsim.geometry.se3 import Floats
+from coopsim.sensors.lidar.cast.triangle_setup import Singles
+from coopsim.types import Ints
+
+WATER_INDEX = 1.33
+"""Refractive index of water."""
+
+CLUTTER_ID = -1
+"""Instance of a return from rain or fog."""
+
+
+class Optics(NamedTuple):
+    """Numbers of a sensor and of the air; see `LidarConfig` and `Air`."""
+
+    min_range_m: float
+    max_range_m: float
+    range_noise_m: float
+    reference_range_m: float
+    dropout_energy: float
+    extinction_per_m: float
+    range_noise_per_m: float
+
+
+class Echoes(NamedTuple):
+    """What each of R rays met.
+
+    Attributes:
+        range_m: (R,) inf where nothing was hit.
+        bounced: (R,) reflectivity * cos(incidence).
+        face: (R,) of the scene, -1 where nothing was hit.
+        clutter_m: (R,) range of what the air throws back, inf for nothing; or (0,) in clear air.
+        clutter_energy: (R,) or (0,).
+    """
+
+    range_m: Singles
+    bounced: Singles
+    face: Ints
+    clutter_m: Singles
+    clutter_energy: Singles
+
+
+@njit(cache=True, nogil=True)
+def under_water(albedo: Floats) -> Floats:
+    """Albedo, in [0, 1], of a matt surface under a film of water, from its dry one.
+
+    The film throws light that the surface threw back down again from its inside, so that an albedo A becomes
+    A / (n^2 (1 - A) + A) (Angstrom 1925, as in Lekner and Dorf, "Why some things are darker when wet", 1988).
+    """
+    square = WATER_INDEX**2
+    wet: Floats = albedo / (square * (1.0 - albedo) + albedo)
+    return wet
+
+
+@njit(cache=True, nogil=True)
+def reflect(face: Ints, cosine: Singles, reflectivity: Floats, wetness: float) -> Singles:
+    """Reflectivity times cosine of incidence, (R,), of rays on faces (R,), whose reflectivity is given (F,).
+
+    A film of water darkens (see `under_water`) and mirrors away what falls on it aslant, in both directions (Fresnel,
+    by the approximation of Schlick 1994): wet is dark, and more so far away. `wetness` is the share of surfaces under
+    water.
+    """
+    bounced = np.zeros(len(face), np.float32)
+    mirrored = ((WATER_INDEX - 1.0) / (WATER_INDEX + 1.0)) ** 2
+    for ray in range(len(face)):
+        if face[ray] < 0:
+            continue
+        albedo = reflectivity[face[ray]]
+        if wetness > 0.0:
+            slant = 1.0 - cosine[ray]
+            let_in = (1.0 - mirrored) * (1.0 - slant * slant * slant * slant * slant)
+            wet = under_water(albedo) * let_in * let_in
+            albedo += wetness * (wet - albedo)
+        bounced[ray] = albedo * cosine[ray]
+    return bounced
+
+
+@njit(cache=True, nogil=True)
+def receive(
+    optics: Optics,
+    echoes: Echoes,
+    instance: Ints,
+    own_id: int,
+    draws: tuple[Singles, Singles],
+    directions: Singles,
+    poses: tuple[Floats, Floats, Ints],
+) -> tuple[Singles, Singles, Ints, Ints]:
+    """The points that return, with intensity, beam, and instance.
+
+    Args:
+        optics: of sensor and air.
+        echoes: of R rays.
+        instance: (F,) of the faces.
+        own_id: rays on this instance give no return.
+        draws: standard normal (R,) and standard exponential (R,) numbers.
+        directions: (B, C, 3) unit vectors, sensor frame, R = B * C.
+        poses: base_SE3_sensor of S sectors of the turn: rotations (S, 3, 3), translations (S, 3) m; and the sector of
+            each column (C,).
+    """
+    (normal, exponential), (rotations, translations, sectors) = draws, poses
+    beams, columns = directions.shape[0], directions.shape[1]
+    points, intensity = np.empty((beams * columns, 3), np.float32), np.empty(beams * columns, np.float32)
+    row, source = np.empty(beams * columns, np.int64), np.empty(beams * columns, np.int64)
+    count = 0
+    for beam in range(beams):
+        for column in range(columns):
+            ray = beam * columns + column
+            who = np.int64(CLUTTER_ID) if echoes.face[ray] < 0 else instance[echoes.face[ray]]
+            if who == own_id:
+                continue
+            distance, energy, is_clutter = _strongest(optics, echoes, ray)
+            if not optics.min_range_m <= distance <= optics.max_range_m:
+                continue
+            if exponential[ray] * optics.dropout_energy > energy:  # with probability exp(-energy / dropout_energy)
+                continue
+            spread = math.sqrt(optics.range_noise_m**2 + (optics.range_noise_per_m * distance) ** 2)
+            reading = min(max(distance + spread * normal[ray], optics.min_range_m), optics.max_range_m)
+            pose = sectors[column]
+            for axis in range(3):
+                along = 0.0
+                for k in range(3):
+                    along += rotations[pose, axis, k] * directions[beam, column, k]
+                points[count, axis] = translations[pose, axis] + along * reading
+            # What sensors report is calibrated for range: what is left is the surface, and the air.
+            bright = energy * (distance / optics.reference_range_m) ** 2
+            intensity[count], row[count] = min(bright, 1.0), beam
+            source[count] = CLUTTER_ID if is_clutter else who
+            count += 1
+    return points[:count], intensity[:count], row[:count], source[:count]
+
+
+@njit(cache=True, nogil=True)
+def _strongest(optics: Optics, echoes: Echoes, ray: int) -> tuple[float, float, bool]:
+    """Range and energy of a ray's strongest echo, and whether that is clutter."""
+    distance, energy = float(echoes.range_m[ray]), 0.0
+    if distance < np.inf:
+        energy = echoes.bounced[ray] * (optics.reference_range_m / distance) ** 2
+        if optics.extinction_per_m > 0.0:
+            energy *= math.exp(-2.0 * optics.extinction_per_m * distance)
+    if len(echoes.clutter_m) and echoes.clutter_m[ray] < distance and echoes.clutter_energy[ray] > energy:
+        return float(echoes.clutter_m[ray]), float(echoes.clutter_energy[ray]), True
+    return distance, energy, False

@@ -1,0 +1,1 @@
+"""Ground that everything stands on: checked arrays and values, files, random streams, registries, threads."""

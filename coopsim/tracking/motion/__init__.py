@@ -1,0 +1,1 @@
+"""How objects move: Kalman filters and motion models."""

@@ -1,0 +1,108 @@
+"""How sure a track is: what becomes of the scores of its detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.special import expit
+
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_positive, require_probability
+from coopsim.tracking.tracked import Tracked
+from coopsim.types import Ints
+
+
+class Scoring(Protocol):
+    """Keeps the scores of all tracks at once."""
+
+    def first(self, found: Floats) -> Floats:
+        """Of tracks that detections with these scores begin, (K,)."""
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        """Of tracks with a detection in this frame, (K,); `age` is their frames since birth."""
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        """Of tracks without a detection in this frame, (K,)."""
+
+    def confidence(self, tracks: Tracked) -> Floats:
+        """What reports say, (N,)."""
+
+
+class Latest:
+    """AB3DMOT's: a track has the score of its last detection."""
+
+    def first(self, found: Floats) -> Floats:
+        return found
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        return found
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        return before
+
+    def confidence(self, tracks: Tracked) -> Floats:
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class ShrunkMean:
+    """The mean over a track's life, a frame without a detection counting 0, drawn to a prior while it is young.
+
+    What is seen again and again is rather there than what was seen once, however clearly.
+
+    Attributes:
+        prior: score that a track starts from, in [0, 1].
+        weight: number of frames that the prior counts for.
+    """
+
+    prior: float = 0.2
+    weight: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_probability(prior=self.prior)
+        require_positive(weight=self.weight)
+
+    def first(self, found: Floats) -> Floats:
+        return (self.weight * self.prior + found) / (self.weight + 1)
+
+    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
+        return (before * (self.weight + age) + found) / (self.weight + age + 1)
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        kept: Floats = before * (self.weight + age) / (self.weight + age + 1)
+        return kept
+
+    def confidence(self, tracks: Tracked) -> Floats:
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood(ShrunkMean):
+    """How likely a track is on an object: log odds linear in its shrunk mean score, in this frame's score, and so on.
+
+    Attributes:
+        bias: log odds with everything else 0.
+        mean: per unit of the shrunk mean score.
+        latest: per unit of the score of this frame's detection; without one, that is 0.
+        young: per unit of one over the number of its detections: the first few tell more than all later ones.
+        missed: without a detection in this frame.
+    """
+
+    bias: float = 0.0
+    mean: float = 1.0
+    latest: float = 0.0
+    young: float = 0.0
+    missed: float = 0.0
+
+    def confidence(self, tracks: Tracked) -> Floats:
+        weights = np.array([self.mean, self.latest, self.young, self.missed])
+        probability: Floats = expit(self.bias + self.features(tracks) @ weights)
+        return probability
+
+    @staticmethod
+    def features(tracks: Tracked) -> Floats:
+        """What the weights after the bias are for, (N, 4)."""
+        missed = tracks.misses > 0
+        return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), 1 / tracks.hits, missed], axis=1)

@@ -1,0 +1,205 @@
+"""What is estimated of objects, and what is true of them: detections, tracks, ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.arrays import frozen, require_finite
+from coopsim.types.taxonomy import require_identified
+from coopsim.types.units import Ints, Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """N detected objects in one frame of reference.
+
+    Attributes:
+        boxes: N boxes.
+        score: (N,) confidence; larger is surer. Simulated scores lie in [0, 1], recorded ones need not.
+        label: (N,) int, an `ObjectClass`.
+        covariance: (N, 7, 7) of x, y, z, l, w, h, yaw, or None where the detector states none.
+        embedding: (N, D) appearance, or None. A row that is not finite, or all zeros, is none.
+        seen_by: (N, A) which of A agents saw each, where several agents' detections were put together, or None.
+    """
+
+    boxes: Boxes3D
+    score: Floats
+    label: Ints
+    covariance: Floats | None = None
+    embedding: Floats | None = None
+    seen_by: Mask | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.boxes)
+        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+        if self.covariance is not None:
+            covariance = frozen(self.covariance, (count, 7, 7), np.float64, "covariance")
+            object.__setattr__(self, "covariance", covariance)
+        if self.embedding is not None:
+            embedding = frozen(self.embedding, (count, None), np.float64, "embedding")
+            object.__setattr__(self, "embedding", embedding)
+        if self.seen_by is not None:
+            object.__setattr__(self, "seen_by", frozen(self.seen_by, (count, None), np.bool_, "seen_by"))
+
+    @classmethod
+    def empty(cls) -> Detections:
+        """No detections."""
+        return cls(Boxes3D.empty(), np.zeros(0), np.zeros(0, dtype=np.int64))
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Detections]) -> Detections:
+        """All detections in order.
+
+        Covariances stay only where every non-empty part has them. Embeddings stay if any part has them, with NaN for
+        the detections of parts that have none, or of another width than the first, which nothing can be compared with.
+        Who saw what is not kept: the parts need not count the same agents.
+        """
+        full = [part for part in parts if len(part)]
+        if not full:
+            return cls.empty()
+        if len(full) == 1:
+            return replace(full[0], seen_by=None)
+        covariances = [part.covariance for part in full if part.covariance is not None]
+        return cls(
+            Boxes3D.concatenate(part.boxes for part in full),
+            np.concatenate([part.score for part in full]),
+            np.concatenate([part.label for part in full]),
+            np.concatenate(covariances) if len(covariances) == len(full) else None,
+            _joined_embeddings(full),
+        )
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Detections:
+        return Detections(
+            self.boxes[index],
+            self.score[index],
+            self.label[index],
+            None if self.covariance is None else self.covariance[index],
+            None if self.embedding is None else self.embedding[index],
+            None if self.seen_by is None else self.seen_by[index],
+        )
+
+    def transform(self, dst_SE3_src: SE3) -> Detections:
+        """The detections moved from src to dst (gravity-aligned)."""
+        covariance = self.covariance
+        if covariance is not None:
+            jacobian = np.eye(7)
+            jacobian[:3, :3] = dst_SE3_src.rotation
+            covariance = jacobian @ covariance @ jacobian.T
+        boxes = self.boxes.transform(dst_SE3_src)
+        return replace(self, boxes=boxes, covariance=covariance)
+
+
+def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
+    """(N, D) of all parts, as `Detections.concatenate` says; None if no part has any."""
+    width = next((part.embedding.shape[1] for part in parts if part.embedding is not None), None)
+    if width is None:
+        return None
+    return np.concatenate(
+        [
+            part.embedding
+            if part.embedding is not None and part.embedding.shape[1] == width
+            else np.full((len(part), width), np.nan)
+            for part in parts
+        ]
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """N tracked objects in one frame of reference.
+
+    Attributes:
+        id: (N,) int, unique within a frame and constant over an object's life.
+        boxes: N boxes.
+        velocity: (N, 2) m/s over ground, in the axes of the frame.
+        score: (N,) confidence.
+        label: (N,) int, an `ObjectClass`.
+    """
+
+    id: Ints
+    boxes: Boxes3D
+    velocity: Floats
+    score: Floats
+    label: Ints
+
+    def __post_init__(self) -> None:
+        count = len(self.boxes)
+        object.__setattr__(self, "id", frozen(self.id, (count,), np.int64, "id"))
+        object.__setattr__(self, "velocity", frozen(self.velocity, (count, 2), np.float64, "velocity"))
+        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+
+    @classmethod
+    def empty(cls) -> Tracks:
+        """No tracks."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Tracks:
+        return Tracks(self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index])
+
+    def transform(self, dst_SE3_src: SE3) -> Tracks:
+        """The tracks moved from src to dst (gravity-aligned)."""
+        velocity = dst_SE3_src.rotate_planar(self.velocity)
+        return Tracks(self.id, self.boxes.transform(dst_SE3_src), velocity, self.score, self.label)
+
+    def validate(self) -> None:
+        """Raise `InvalidValueError` on what cannot be scored: not finite, no size, twice the same id."""
+        if not len(self):
+            return
+        self.boxes.validate("tracks")
+        require_finite(self.velocity, "track velocity")
+        require_finite(self.score, "track score")
+        require_identified(self.id, self.label, "track")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundTruth:
+    """The objects that count in one frame.
+
+    Attributes:
+        id: (N,) int, unique within the frame and constant over an object's life.
+        boxes: N boxes, in the frame in which tracks are reported.
+        label: (N,) int, an `ObjectClass`.
+        seen_by: (N,) int, numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`; None where that is not known.
+    """
+
+    id: Ints
+    boxes: Boxes3D
+    label: Ints
+    seen_by: Ints | None = None
+
+    def __post_init__(self) -> None:
+        count = (len(self.boxes),)
+        object.__setattr__(self, "id", frozen(self.id, count, np.int64, "id"))
+        object.__setattr__(self, "label", frozen(self.label, count, np.int64, "label"))
+        if self.seen_by is not None:
+            object.__setattr__(self, "seen_by", frozen(self.seen_by, count, np.int64, "seen_by"))
+
+    @classmethod
+    def empty(cls) -> GroundTruth:
+        """No objects."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(none, Boxes3D.empty(), none)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def validate(self) -> None:
+        """Raise `InvalidValueError` on what nothing can be scored against: not finite, no size, twice the same id."""
+        self.boxes.validate("objects")
+        require_identified(self.id, self.label, "object")

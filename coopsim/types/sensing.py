@@ -1,0 +1,144 @@
+"""What an agent's sensors give it in a frame: LiDAR sweeps, camera images, and its own motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.arrays import Shape, frozen
+from coopsim.types.units import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """One turn of one LiDAR, as points in the agent's base frame.
+
+    Attributes:
+        points: (N, 3) m, float32.
+        intensity: (N,) in [0, 1], float32.
+        beam: (N,) row of the beam table, int64.
+        instance: (N,) id of the actor that was hit, 0 for the static scene and -1 for clutter; None in
+            what a policy sees. For training and tests.
+    """
+
+    points: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    beam: Ints
+    instance: Ints | None = None
+
+    def __post_init__(self) -> None:
+        points = frozen(self.points, (None, 3), np.float32, "points")
+        object.__setattr__(self, "points", points)
+        count = len(points)
+        object.__setattr__(self, "intensity", frozen(self.intensity, (count,), np.float32, "intensity"))
+        object.__setattr__(self, "beam", frozen(self.beam, (count,), np.int64, "beam"))
+        if self.instance is not None:
+            instance = frozen(self.instance, (count,), np.int64, "instance")
+            object.__setattr__(self, "instance", instance)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """What one camera saw, in the modes that were asked for; None in the others.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32, m along the optical axis; 0 where nothing was hit.
+        instance: (H, W) int64, the actor's id; 0 where there is none. Truth: not in observations.
+        semantic: (H, W) uint8, the actor's `ObjectClass`; 255 where there is none. Truth: not in observations.
+    """
+
+    rgb: NDArray[np.uint8] | None = None
+    depth: NDArray[np.float32] | None = None
+    instance: Ints | None = None
+    semantic: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        tails: dict[str, tuple[int, ...]] = {"rgb": (3,), "depth": (), "instance": (), "semantic": ()}
+        dtypes = {"rgb": np.uint8, "depth": np.float32, "instance": np.int64, "semantic": np.uint8}
+        size: Shape = (None, None)
+        for name, tail in tails.items():
+            pixels = getattr(self, name)
+            if pixels is not None:
+                pixels = frozen(pixels, (*size, *tail), dtypes[name], name)
+                object.__setattr__(self, name, pixels)
+                size = pixels.shape[:2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraCalibration:
+    """What is known of a camera on an agent.
+
+    Pixel (column u, row v) is centred on the point (u, v). Camera axes are OpenCV's: x right, y down, z forward.
+
+    Attributes:
+        size: height and width of its pictures, pixels.
+        matrix: (3, 3), OpenCV's K.
+        distortion: (5,) k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order); zeros for a pinhole.
+        base_SE3_camera: where it is in the agent's base frame.
+    """
+
+    size: tuple[int, int]
+    matrix: Floats
+    distortion: Floats
+    base_SE3_camera: SE3
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", frozen(self.matrix, (3, 3), np.float64, "matrix"))
+        object.__setattr__(self, "distortion", frozen(self.distortion, (5,), np.float64, "distortion"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """Where an agent believes it is: `world_SE3_base`, gravity-aligned, GNSS-like (noisy, no drift).
+
+    Attributes:
+        xyz_yaw: (4,): x, y, z m and heading rad, in the world frame.
+        covariance: (3, 3) of x, y and heading as the agent states it, which need not be right; None: it states none.
+    """
+
+    xyz_yaw: Floats
+    covariance: Floats | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+        if self.covariance is not None:
+            covariance = frozen(self.covariance, (3, 3), np.float64, "covariance")
+            object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def world_SE3_base(self) -> SE3:
+        """The estimate as a transform."""
+        return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """How an agent believes it moved since its last frame: `previous_SE3_current` (small drift).
+
+    Attributes:
+        xyz_yaw: (4,): x, y, z m and heading rad, in the base frame of the last observation.
+    """
+
+    xyz_yaw: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+
+    @property
+    def previous_SE3_current(self) -> SE3:
+        """The motion as a transform."""
+        return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
+
+
+def stack_xyz_yaw(pose: SE3) -> Floats:
+    """A gravity-aligned transform as (4,): x, y, z m and heading rad."""
+    row = np.empty(4)
+    row[:3], row[3] = pose.translation, pose.yaw
+    return row

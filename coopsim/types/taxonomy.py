@@ -1,0 +1,92 @@
+"""Object classes, in the fixed order in which labels are numbered everywhere, and what they are pooled into."""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.errors import InvalidValueError
+
+
+class ObjectClass(IntEnum):
+    """Nine classes after V2X-Real (Xiang et al. 2024), as used by DINO-CoDT (He et al., Table I).
+
+    The data set tells more of them apart (a police car from a car, a scooter from its rider); here a rider and what is
+    ridden are one object of the vehicle's class.
+    """
+
+    CAR = 0
+    VAN = 1
+    TRUCK = 2
+    BUS = 3
+    MOTORCYCLE = 4
+    BICYCLE = 5
+    SCOOTER = 6
+    PEDESTRIAN = 7
+    CHILD = 8
+
+    @property
+    def title(self) -> str:
+        """The class's name in lower case, as it stands in tables and files."""
+        return self.name.lower()
+
+    @property
+    def superclass(self) -> Superclass:
+        """What it belongs to."""
+        return _SUPERCLASS[self]
+
+
+class Superclass(Enum):
+    """The superclasses of DINO-CoDT's Table I, which are V2X-Real's: classes are grouped by the size of their boxes."""
+
+    VEHICLE = "Vehicle"
+    PEDESTRIAN = "Pedestrian"
+    TRUCK = "Truck"
+
+    @property
+    def title(self) -> str:
+        """Its name as in the papers: capitals tell the superclass Truck from the class truck."""
+        return self.value
+
+    @property
+    def classes(self) -> tuple[ObjectClass, ...]:
+        """The classes that belong to it."""
+        return tuple(cls for cls in ObjectClass if cls.superclass is self)
+
+
+_SUPERCLASS = {
+    ObjectClass.CAR: Superclass.VEHICLE,
+    ObjectClass.VAN: Superclass.TRUCK,
+    ObjectClass.TRUCK: Superclass.TRUCK,
+    ObjectClass.BUS: Superclass.TRUCK,
+    ObjectClass.MOTORCYCLE: Superclass.PEDESTRIAN,
+    ObjectClass.BICYCLE: Superclass.PEDESTRIAN,
+    ObjectClass.SCOOTER: Superclass.PEDESTRIAN,
+    ObjectClass.PEDESTRIAN: Superclass.PEDESTRIAN,
+    ObjectClass.CHILD: Superclass.PEDESTRIAN,
+}
+
+SUPERCLASS_NUMBERS: tuple[int, ...] = tuple(list(Superclass).index(cls.superclass) for cls in ObjectClass)
+"""By label: labels of one superclass have the same number."""
+
+CLASS_NAMES: tuple[str, ...] = tuple(cls.title for cls in ObjectClass)
+"""Names by label: `CLASS_NAMES[label]`."""
+
+
+def require_identified(ids: NDArray[np.int64], label: NDArray[np.int64], what: str) -> None:
+    """Raise `InvalidValueError` unless the ids (N,) of one frame's objects are unique, and their labels classes."""
+    ordered = np.sort(ids)
+    again = ordered[1:] == ordered[:-1]
+    if again.any():
+        twice = np.unique(ordered[1:][again]).tolist()
+        raise InvalidValueError(f"{what} ids must be unique within a frame, got {twice} more than once")
+    require_classes(label, what)
+
+
+def require_classes(label: NDArray[np.int64], what: str) -> None:
+    """Raise `InvalidValueError` unless all labels (N,) are those of an `ObjectClass`."""
+    if len(label) and not (label.min() >= 0 and label.max() < len(CLASS_NAMES)):
+        wrong = sorted(set(label.tolist()) - set(range(len(CLASS_NAMES))))
+        raise InvalidValueError(f"{what} labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")

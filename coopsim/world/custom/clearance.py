@@ -1,0 +1,127 @@
+"""Whether there is room in a place of one's own: nothing may stand on its roads, or in something else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coopsim.config.located_yaml import Entry
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import iou_bev
+from coopsim.geometry.se3 import Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.custom.conflicts import middle_line
+from coopsim.world.custom.roads import Roads
+from coopsim.world.models import make_models
+from coopsim.world.places.layout import Bay, Slot
+from coopsim.world.traffic.traffic import PARKED_ASIDE_M
+
+_PASSING_M = 1.7  # from the middle of a lane to the side of who is parked: a bus passes without stopping
+_SAMPLE_M = 1.0  # along an outline; no lane is so narrow
+_START_M = 14.0  # the longest bus, and where exactly one starts
+_LANE_APART_M = 2.0  # vehicles are wider, but side by side in two lanes is nobody in the other's way
+
+
+class Kerbs:
+    """How far things are from the middle lines of roads.
+
+    Args:
+        roads: of the place.
+    """
+
+    def __init__(self, roads: Roads) -> None:
+        lines = [(road, roads.lane(piece)) for road, pieces in roads.pieces.items() for piece in pieces]
+        corners = [middle_line(lane) for _, lane in lines]
+        self._start, self._end = (np.vstack([each[part] for each in corners]) for part in (np.s_[:-1], np.s_[1:]))
+        counts = [len(each) - 1 for each in corners]
+        self._half_m = np.repeat([lane.width / 2 for _, lane in lines], counts)
+        self._line = np.repeat([roads.entry[road].line for road, _ in lines], counts)
+
+    def require_beside(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
+        """Points (N, 2) m must not be on a road.
+
+        Args:
+            points: of what stands there.
+            entry: who says so.
+            what: it is, for the error.
+            least_m: how far from the middle of a lane they must be; None: half its width.
+
+        Raises:
+            ScenarioFileError: one is.
+        """
+        along = self._end - self._start
+        length_m2 = np.maximum((along**2).sum(axis=1), 1e-12)
+        share = np.clip(((points[:, None] - self._start) * along).sum(axis=2) / length_m2, 0.0, 1.0)
+        distance_m = np.linalg.norm(points[:, None] - self._start - share[..., None] * along, axis=2)
+        short_m = distance_m - (self._half_m if least_m is None else least_m)
+        point, worst = np.unravel_index(short_m.argmin(), short_m.shape)
+        if short_m[point, worst] < 0:
+            accepted_m = distance_m[point, worst] - short_m[point, worst]
+            raise entry.error(
+                f"{what} must be at least {accepted_m:g} m from the middle of every lane, got "
+                f"{distance_m[point, worst]:.2f} m from that of the road in line {self._line[worst]}: it would stand "
+                "in the way"
+            )
+
+
+def along_outline(corners: Floats) -> Floats:
+    """Points (N, 2) m close to each other on a closed line through corners (K, 2) m."""
+    following = np.roll(corners, -1, axis=0)
+    counts = np.maximum(np.ceil(np.linalg.norm(following - corners, axis=1) / _SAMPLE_M), 1).astype(np.int64)
+    edge = np.repeat(np.arange(len(corners)), counts)
+    share = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[edge]
+    points: Floats = corners[edge] + share[:, None] * (following - corners)[edge]
+    return points
+
+
+def require_room_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: Kerbs) -> None:
+    """Whoever may stand in a bay must be off the roads, and off those in other bays.
+
+    Raises:
+        ScenarioFileError: names the file and both lines.
+    """
+    rows = np.array([_footprint(bay) for bay in bays]).reshape(-1, 7)
+    for entry, corners in zip(entries, Boxes3D.from_array(rows).corners[:, :4, :2], strict=True):
+        kerbs.require_beside(along_outline(corners), entry, "the side of whoever is parked", _PASSING_M)
+    rows[:, 3:5] += 2 * PARKED_ASIDE_M
+    pair = _overlapping(rows)
+    if pair is not None:
+        first, second = pair
+        raise entries[second].error(
+            f"who is parked here needs {rows[second, 3]:.1f} x {rows[second, 4]:.1f} m, and would stand in who is "
+            f"parked in line {entries[first].line}"
+        )
+
+
+def require_room_to_start(slots: Sequence[Slot], entries: Sequence[Entry], roads: Roads) -> None:
+    """Nobody may start across another one's lane where that one starts.
+
+    Raises:
+        ScenarioFileError: names the file and both lines.
+    """
+    rows = np.zeros((len(slots), 7))
+    for row, slot in zip(rows, slots, strict=True):
+        lane = roads.network.get_lane(slot.lane)
+        row[:2], row[6] = lane.position(slot.along_m, 0.0), lane.heading_at(slot.along_m)
+    rows[:, 3:6] = _START_M, _LANE_APART_M, 1.0
+    pair = _overlapping(rows)
+    if pair is not None:
+        raise entries[pair[1]].error(f"who starts here would stand in who starts in line {entries[pair[0]].line}")
+
+
+def _overlapping(rows: Floats) -> tuple[int, int] | None:
+    """The first two of boxes (N, 7) that overlap."""
+    pairs = np.argwhere(np.triu(iou_bev(rows, rows) > 0, 1)) if len(rows) else np.zeros((0, 2), np.int64)
+    return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
+
+
+def _footprint(bay: Bay) -> list[float]:
+    length_m, width_m = _largest_m((ObjectClass.CAR, ObjectClass.VAN) if bay.label is None else (bay.label,))
+    return [bay.x_m, bay.y_m, 0.5, length_m, width_m, 1.0, bay.heading_rad]
+
+
+def _largest_m(labels: tuple[ObjectClass, ...]) -> tuple[float, float]:
+    """Length and width that hold all models of some classes."""
+    sizes = np.array([model.size_m for model in make_models() if model.label in labels])
+    return float(sizes[:, 0].max()), float(sizes[:, 1].max())

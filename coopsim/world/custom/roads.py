@@ -1,0 +1,222 @@
+"""Roads from a file: between named nodes, straight, bent, along several points, or a loop to turn round in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from highway_env.road.lane import AbstractLane
+from highway_env.road.road import RoadNetwork
+
+from coopsim.config.located_yaml import Entry
+from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.support.checks import require_between, require_flag
+from coopsim.world.custom.conflicts import conflicting_roads
+from coopsim.world.places.layout import LANE_M, ROADS_AHEAD, Road
+from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, add_straight, turning_loop
+from coopsim.world.traffic.engine.town_driving import LOOK_AHEAD_M
+
+SHORTEST_M = 5.0
+"""Of a piece: drivers change over to the next when the middle of a usual car is half its length from the end."""
+
+TIGHTEST_M = 5.0
+"""Radius of a bend."""
+
+_CENTRE_M = 0.05  # the two ends of a bend may be so much nearer or farther from its centre
+_KINK_RAD = np.radians(20.0)
+
+
+@dataclass(slots=True, eq=False)
+class Roads:
+    """What a file says of roads.
+
+    Attributes:
+        nodes: (2,) m, by name.
+        network: all pieces, one lane each.
+        pieces: of every road of the file, in order.
+        entry: where every road of the file is described.
+        movements: pieces that others cross or join.
+        priority: those of them to which others give way.
+    """
+
+    nodes: Mapping[str, Floats]
+    network: RoadNetwork = field(default_factory=RoadNetwork)
+    pieces: dict[Road, list[Road]] = field(default_factory=dict)
+    entry: dict[Road, Entry] = field(default_factory=dict)
+    movements: tuple[Road, ...] = ()
+    priority: tuple[Road, ...] = ()
+
+    def lane(self, piece: Road) -> AbstractLane:
+        """Of a piece."""
+        return self.network.get_lane((*piece, 0))
+
+    def length_m(self, road: Road) -> float:
+        """Of a road, all pieces together."""
+        return float(sum(self.lane(piece).length for piece in self.pieces[road]))
+
+    def piece_at(self, road: Road, along_m: float) -> tuple[Road, float]:
+        """The piece at a distance from the road's start, and the distance from its own start, m."""
+        for piece in self.pieces[road][:-1]:
+            if along_m < self.lane(piece).length:
+                return piece, along_m
+            along_m -= self.lane(piece).length
+        return self.pieces[road][-1], along_m
+
+    def find(self, entry: Entry) -> Road:
+        """The road that an entry names: [from, to]."""
+        names = [item.choice(self.nodes, "node") for item in entry.entries()]
+        road = (names[0], names[-1])
+        if len(names) != 2 or road not in self.pieces:
+            known = ", ".join(f"[{start}, {end}]" for start, end in self.pieces)
+            raise entry.error(f"{entry.name} must be a road, got [{', '.join(names)}]. Accepted: {known}")
+        return road
+
+    @property
+    def fastest_m_s(self) -> float:
+        """The highest speed limit."""
+        return float(max(lane.speed_limit for lane in self.network.lanes_list()))
+
+    @property
+    def ahead(self) -> int:
+        """How many pieces a driver has to plan ahead to know all that is within sight."""
+        graph = self.network.graph
+        onward = {(start, end): [(end, to) for to in graph[end]] for start in graph for end in graph[start]}
+        least_m, count = dict.fromkeys(onward, 0.0), 1  # behind the end of a piece, over the shortest that follow
+        while count < ROADS_AHEAD or min(least_m.values()) < LOOK_AHEAD_M:
+            least_m = {
+                piece: min(self.lane(way).length + least_m[way] for way in ways) for piece, ways in onward.items()
+            }
+            count += 1
+        return count
+
+
+def read_roads(nodes: Entry, roads: Entry) -> Roads:
+    """Roads from the entries `nodes` and `roads` of a place.
+
+    Raises:
+        ScenarioFileError: names the file and the line.
+    """
+    places = {name: entry.point() for name, entry in nodes.named().items()}
+    found, first = Roads(places), set[Road]()
+    for entry in roads.entries():
+        if _add_road(found, entry):
+            first |= set(found.pieces[list(found.pieces)[-1]])
+    if not found.pieces:
+        raise roads.error("roads must be at least one, got none")
+    _require_ways_on(found)
+    _require_no_kinks(found)
+    found.movements = conflicting_roads(found.network)
+    for road, pieces in found.pieces.items():
+        if first & set(pieces) and not set(pieces) & set(found.movements):
+            raise found.entry[road].error("priority is of no use: no other road crosses or joins this one")
+    found.priority = tuple(piece for piece in found.movements if piece in first)
+    return found
+
+
+def _add_road(roads: Roads, entry: Entry) -> bool:
+    """One more; whether it has priority."""
+    fields = entry.fields(("from", "to"), ("via", "centre", "turn", "width_m", "speed_m_s", "priority"))
+    start, end = (fields[name].choice(roads.nodes, "node") for name in ("from", "to"))
+    if start == end:
+        raise entry.error(f"a road must lead from one node to another, got {start!r} twice")
+    if (start, end) in roads.pieces:
+        raise entry.error(f"a road from {start!r} to {end!r} is there already, in line {roads.entry[start, end].line}")
+    turn = fields["turn"].choice(("left", "right", "around")) if "turn" in fields else None
+    usual_m_s = LOOP_SPEED_M_S if turn == "around" else SPEED_M_S
+    speed_m_s = fields["speed_m_s"].checked(require_between, 1, 40) if "speed_m_s" in fields else usual_m_s
+    width_m = fields["width_m"].checked(require_between, 2.5, 8) if "width_m" in fields else LANE_M
+    shape = (float(speed_m_s), float(width_m))
+    roads.entry[start, end] = entry
+    if ("centre" in fields) != (turn in ("left", "right")) or ("via" in fields and turn is not None):
+        raise entry.error("a bend has both centre and turn (left or right), a loop turn: around, other roads neither")
+    if turn == "around":
+        roads.pieces[start, end] = _add_loop(roads, entry, (start, end), shape)
+    elif turn is not None:
+        roads.pieces[start, end] = [(start, end)]
+        _add_arc(roads, fields["centre"], (start, end), turn, shape)
+    else:
+        roads.pieces[start, end] = _add_line(roads, entry, (start, end), fields.get("via"), shape)
+    return "priority" in fields and bool(fields["priority"].checked(require_flag))
+
+
+def _add_line(roads: Roads, entry: Entry, road: Road, via: Entry | None, shape: tuple[float, float]) -> list[Road]:
+    """Straight pieces from point to point."""
+    between = via.points(1) if via is not None else np.zeros((0, 2))
+    points = np.vstack([roads.nodes[road[0]], between, roads.nodes[road[1]]])
+    names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(len(between))), road[1]]
+    pieces = list(pairwise(names))
+    for piece, ends in zip(pieces, pairwise(points), strict=True):
+        length_m = float(np.linalg.norm(ends[1] - ends[0]))
+        if length_m < SHORTEST_M:
+            raise (via or entry).error(f"every piece must be at least {SHORTEST_M:g} m long, got {length_m:.2f} m")
+        add_straight(roads.network, piece, ends, *shape)
+    return pieces
+
+
+def _add_arc(roads: Roads, centre: Entry, road: Road, turn: str, shape: tuple[float, float]) -> None:
+    middle = centre.point()
+    (start, radius), (end, other) = (_polar(roads.nodes[node] - middle) for node in road)
+    if abs(radius - other) > _CENTRE_M:
+        raise centre.error(
+            f"centre must be equally far from both ends, got {radius:.2f} m from {road[0]!r} and {other:.2f} m from "
+            f"{road[1]!r}"
+        )
+    if radius < TIGHTEST_M:
+        raise centre.error(f"centre must be at least {TIGHTEST_M:g} m from the ends, got {radius:.2f} m")
+    swept = (end - start) % (2 * np.pi) if turn == "left" else -((start - end) % (2 * np.pi))
+    if abs(swept) > np.pi + 1e-9:
+        raise centre.error(
+            f"a bend must be at most half a turn, got {np.degrees(abs(swept)):.0f} degrees to the {turn}: "
+            "make it of two"
+        )
+    if radius * abs(swept) < SHORTEST_M:
+        raise centre.error(f"a bend must be at least {SHORTEST_M:g} m long, got {radius * abs(swept):.2f} m")
+    add_bend(roads.network, road, middle, (radius, start, start + swept), *shape)
+
+
+def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]) -> list[Road]:
+    """From the end of one lane round to the beginning of the next one, which is on its left."""
+    start, end = (roads.nodes[node] for node in road)
+    across, half_m = end - start, float(np.linalg.norm(end - start)) / 2
+    if not 1.5 <= half_m <= 8.0:
+        raise entry.error(f"a loop must lead from one lane to the next, 3 to 16 m to its left, got {2 * half_m:.2f} m")
+    ahead_rad = float(np.arctan2(across[1], across[0])) - np.pi / 2
+    cos, sin = np.cos(ahead_rad), np.sin(ahead_rad)
+    names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(3)), road[1]]
+    pieces = list(pairwise(names))
+    for piece, ((x, y), (radius, first, last)) in zip(pieces, turning_loop(half_m), strict=True):
+        centre = (start + end) / 2 + [cos * x - sin * y, sin * x + cos * y]
+        add_bend(roads.network, piece, centre, (radius, first + ahead_rad, last + ahead_rad), *shape)
+    return pieces
+
+
+def _polar(offset: Floats) -> tuple[float, float]:
+    """Angle (rad) and distance (m)."""
+    return float(np.arctan2(offset[1], offset[0])), float(np.hypot(*offset))
+
+
+def _require_ways_on(roads: Roads) -> None:
+    """Traffic never ends, so roads must not, either."""
+    starts = {start for start, _ in roads.pieces}
+    for (_, end), entry in roads.entry.items():
+        if end not in starts:
+            raise entry.error(f"no road leads on from {end!r}: write one, as a loop (turn: around)")
+
+
+def _require_no_kinks(roads: Roads) -> None:
+    """Nobody can drive around a corner without a radius."""
+    for road, pieces in roads.pieces.items():
+        following = [(piece, road) for piece in pieces[1:]]
+        following += [(other[0], name) for name, other in roads.pieces.items() if name[0] == road[1]]
+        before = [*pieces[:-1], *[pieces[-1]] * (len(following) - len(pieces) + 1)]
+        for piece, (after, name) in zip(before, following, strict=True):
+            lane = roads.lane(piece)
+            turn = abs(float(wrap_angle(roads.lane(after).heading_at(0.0) - lane.heading_at(lane.length))))
+            if turn > _KINK_RAD:
+                where = "within a road" if name == road else f"from this road to that in line {roads.entry[name].line}"
+                raise roads.entry[road].error(
+                    f"the way turns at once by {np.degrees(turn):.0f} degrees {where}, at most "
+                    f"{np.degrees(_KINK_RAD):.0f} are accepted: write a bend (centre and turn)"
+                )

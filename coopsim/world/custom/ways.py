@@ -1,0 +1,120 @@
+"""Where people walk and ride, from a file: a graph of straight ways, some of which cross roads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from highway_env.road.road import RoadNetwork
+
+from coopsim.config.located_yaml import Entry
+from coopsim.geometry.se3 import Floats
+from coopsim.world.places.layout import Footways
+
+_PAVEMENT_M = 3.0
+_CROSSWALK_HALF_M = 1.5
+_STRIPE_M, _GAP_M = 0.5, 0.5
+
+_Link = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ways:
+    """What a file says of people's ways.
+
+    Attributes:
+        footways: the graph.
+        pavements: outlines (K, 2) m.
+        crosswalks: outlines (4, 2) m.
+        stripes: (4, 2) m.
+    """
+
+    footways: Footways
+    pavements: list[Floats]
+    crosswalks: list[Floats]
+    stripes: list[Floats]
+
+
+def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> Ways:
+    """People's ways from an entry with `nodes`, `ways` and `crosswalks`, each way a list of nodes along it.
+
+    Args:
+        entry: of the place.
+        network: the roads: stripes are painted where a crosswalk is on one.
+        one_way: people go along each way in one direction only.
+
+    Raises:
+        ScenarioFileError: names the file and the line.
+    """
+    fields = entry.fields(("nodes", "ways"), ("crosswalks",))
+    named = fields["nodes"].named()
+    nodes = {name: place.point() for name, place in named.items()}
+    plain = _links(fields["ways"], nodes)
+    across = _links(fields["crosswalks"], nodes) if "crosswalks" in fields else []
+    if not plain:
+        raise fields["ways"].error("ways must be at least one: people start there, and not on crosswalks")
+    footways = _graph(nodes, plain, across, one_way=one_way)
+    for name, row in zip(nodes, footways.neighbours, strict=True):
+        if not (row >= 0).any():
+            raise named[name].error(f"no way leads on from {name!r}")
+    corners = [nodes[name] + _PAVEMENT_M / 2 * _octagon() for name in nodes]
+    return Ways(
+        footways,
+        [_strip(nodes[a], nodes[b], _PAVEMENT_M / 2) for a, b in plain] + corners,
+        [_strip(nodes[a], nodes[b], _CROSSWALK_HALF_M) for a, b in across],
+        [stripe for a, b in across for stripe in _stripes(nodes[a], nodes[b], network)],
+    )
+
+
+def _links(entry: Entry, nodes: Mapping[str, Floats]) -> list[_Link]:
+    """Pairs of nodes that follow each other."""
+    links: list[_Link] = []
+    for way in entry.entries():
+        names = [item.choice(nodes, "node") for item in way.entries(" of nodes for each")]
+        if len(names) < 2 or any(a == b for a, b in pairwise(names)):
+            raise way.error(f"{entry.name} must lead from node to node, each once, got [{', '.join(names)}]")
+        links += pairwise(names)
+    return links
+
+
+def _graph(nodes: Mapping[str, Floats], plain: list[_Link], across: list[_Link], *, one_way: bool) -> Footways:
+    number = {name: k for k, name in enumerate(nodes)}
+    onward: list[list[int]] = [[] for _ in nodes]
+    crossing = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    for link in [*plain, *across]:
+        a, b = (number[name] for name in link)
+        for start, end in ((a, b),) if one_way else ((a, b), (b, a)):
+            if end not in onward[start]:
+                onward[start].append(end)
+            crossing[start, end] |= link in across
+    neighbours = np.full((len(nodes), max(map(len, onward))), -1, dtype=np.int64)
+    for row, ends in zip(neighbours, onward, strict=True):
+        row[: len(ends)] = ends
+    return Footways(np.array(list(nodes.values())), neighbours, crossing)
+
+
+def _strip(a: Floats, b: Floats, half_m: float) -> Floats:
+    """(4, 2) m, counter-clockwise: a rectangle along a line."""
+    along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+    aside = half_m * np.array([-along[1], along[0]])
+    return np.array([a - aside, b - aside, b + aside, a + aside])
+
+
+def _octagon() -> Floats:
+    angle = np.arange(8) * np.pi / 4
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _stripes(a: Floats, b: Floats, network: RoadNetwork) -> list[Floats]:
+    """Along the way people go, where that is on a lane."""
+    length_m = float(np.linalg.norm(b - a))
+    starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
+    along = (b - a) / max(length_m, 1e-9)
+    lanes = network.lanes_list()
+    return [
+        _strip(a + start * along, a + (start + _STRIPE_M) * along, _CROSSWALK_HALF_M)
+        for start in starts
+        if any(lane.on_lane(a + (start + _STRIPE_M / 2) * along) for lane in lanes)
+    ]

@@ -1,0 +1,139 @@
+"""Models that users bring: from a mesh of theirs, or a file."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import as_numbers, frozen, require_finite
+from coopsim.types import Ints
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.snapshot import Model
+
+_FARTHEST = 1e9  # in whatever units: farther out, numbers are too coarse for a shape, and merging vertices overflows
+
+
+def model_from_mesh(
+    mesh: trimesh.Trimesh | str | Path,
+    name: str,
+    label: ObjectClass,
+    size_m: ArrayLike | None = None,
+    *,
+    tint: ArrayLike = 1.0,
+    reflectivity: ArrayLike = 0.5,
+) -> Model:
+    """A rigid model from a mesh with x forward, y left and z up; wherever that stands, its middle becomes the origin.
+
+    A mesh with holes is accepted with a warning: LiDAR and cameras take every surface from both sides, so a ray that
+    goes in through a hole ends on the inside. Bodies that are inside out are turned.
+
+    Args:
+        mesh: a trimesh object, which stays as it is, or the path of a file that trimesh can load (OBJ, PLY, STL, GLB).
+        name: of the model.
+        label: its class.
+        size_m: (3,) length, width and height to which it is scaled; None leaves the mesh's own, in metres.
+        tint: how much of an actor's paint the faces take, one number or (F,), in [0, 1]; the rest of a face's colour is
+            the mesh's own, where it has colours by face or vertex.
+        reflectivity: at the LiDAR's wavelength, one number or (F,), in [0, 1].
+
+    Raises:
+        InvalidValueError: there is no such file, or no mesh in it; no faces; faces of vertices that are not there, or
+            that look different ways; a vertex that is not finite, or beyond 1e9; a mesh that is flat; a size or share
+            out of range, so also more than 100 m, as a mesh in millimetres has without `size_m`.
+    """
+    of = f"of model {name!r}"
+    solid = _loaded(mesh, of)
+    points = np.asarray(solid.vertices, dtype=np.float64)
+    used = points[np.unique(solid.faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    extent = high - low
+    if not (extent > 0).all():
+        raise InvalidValueError(f"the mesh {of} must be a solid, but is flat: it measures {extent.tolist()} m")
+    size = extent if size_m is None else frozen(size_m, (3,), np.float64, f"size_m {of}")
+    return Model(
+        name,
+        label,
+        size,
+        (points - (low + high) / 2) * (size / extent),
+        _facing_outwards(solid, of),
+        _per_face(tint, len(solid.faces), f"tint {of}"),
+        _per_face(reflectivity, len(solid.faces), f"reflectivity {of}"),
+        _own_colors(solid),
+    )
+
+
+def _loaded(mesh: trimesh.Trimesh | str | Path, of: str) -> trimesh.Trimesh:
+    """A checked copy, in which vertices at the same place are one."""
+    if isinstance(mesh, (str, Path)):
+        mesh = _read(Path(mesh), of)
+    if not isinstance(mesh, trimesh.Trimesh):
+        raise InvalidValueError(f"the mesh {of} must be a trimesh.Trimesh or the path of a file, got {mesh!r}")
+    if not len(mesh.faces):
+        raise InvalidValueError(f"the mesh {of} must have faces, got none")
+    require_finite(np.asarray(mesh.vertices), f"vertices {of}")
+    if np.abs(mesh.vertices).max() > _FARTHEST:
+        raise InvalidValueError(f"vertices {of} must be within {_FARTHEST:g} of the origin along each axis")
+    low, high = int(mesh.faces.min()), int(mesh.faces.max())
+    if low < 0 or high >= len(mesh.vertices):
+        wrong, last = (low if low < 0 else high), len(mesh.vertices) - 1
+        raise InvalidValueError(f"faces {of} must be of vertices 0 to {last}, got {wrong}")
+    solid = mesh.copy()
+    solid.merge_vertices(merge_tex=True, merge_norm=True)
+    return solid
+
+
+def _read(path: Path, of: str) -> trimesh.Trimesh:
+    if not path.is_file():
+        raise InvalidValueError(f"the mesh {of}: there is no file {path}")
+    try:
+        return trimesh.load_mesh(path)
+    except Exception as error:
+        # Every format has a reader of its own, which raises errors of its own kind.
+        raise InvalidValueError(f"the mesh {of} cannot be read from {path}: {error}") from error
+
+
+def _per_face(value: ArrayLike, count: int, what: str) -> Floats:
+    """(F,) of one number for all faces, or of one for each."""
+    numbers = as_numbers(value, np.float64, what)
+    if numbers.shape not in ((), (count,)):
+        raise InvalidValueError(f"{what} must be one number or {count}, got {numbers.size}")
+    return np.broadcast_to(numbers, count)
+
+
+def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
+    """(F, 3), or none where the mesh has no colours by face or vertex."""
+    visual = mesh.visual
+    if isinstance(visual, trimesh.visual.ColorVisuals) and visual.kind in ("face", "vertex"):
+        return np.asarray(visual.face_colors[:, :3], dtype=np.uint8)
+    return np.zeros((0, 3), dtype=np.uint8)
+
+
+def _facing_outwards(mesh: trimesh.Trimesh, of: str) -> Ints:
+    """The faces (F, 3), counter-clockwise from outside as far as there is an inside."""
+    if not mesh.is_winding_consistent:
+        raise InvalidValueError(
+            f"faces {of} must all look outwards, but neighbours look different ways: mesh.fix_normals() may repair them"
+        )
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    if not mesh.is_watertight:
+        edges, count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+        warnings.warn(
+            f"the mesh {of} has holes ({(count == 1).sum()} of {len(edges)} edges belong to one face only): "
+            "sensors see its inside through them",
+            stacklevel=3,
+        )
+        return faces
+    ends = mesh.face_adjacency
+    links = coo_array((np.ones(len(ends)), ends.T), shape=(len(faces), len(faces)))
+    _, body = connected_components(links, directed=False)
+    a, b, c = np.moveaxis(mesh.triangles - mesh.centroid, 1, 0)
+    volume = np.bincount(body, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return np.where(volume[body, None] < 0, faces[:, ::-1], faces)

@@ -1,0 +1,104 @@
+"""People on foot, who walk: adults and children.
+
+Heights are about the means of the United States: 1.75 m for men and 1.61 m for women (NCHS, Vital and Health
+Statistics 3(46), 2021), 1.02 m at four years, 1.22 m at seven and 1.38 m at ten (CDC growth charts, 2000). Children's
+heads are larger in proportion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.figure import (
+    ANKLE_HEIGHT,
+    BOTTOM,
+    FOREARM_AND_HALF_HAND,
+    HALF_HIPS,
+    HALF_SHOULDERS,
+    HIP_HEIGHT,
+    SHANK,
+    SHOULDER_HEIGHT,
+    SIDES,
+    THIGH,
+    UPPER_ARM,
+    Joints,
+    Look,
+    dressed,
+)
+from coopsim.world.models.parts import Surface, assemble
+from coopsim.world.snapshot import Model
+
+POSES = 8
+"""In a cycle of two steps."""
+
+_LEG_SWING_RAD = np.radians(18.0)
+_ARM_SWING_RAD = np.radians(16.0)
+_KNEE_RAD = np.radians(55.0)
+_ELBOW_RAD = np.radians(20.0)
+
+
+def make_adults() -> list[Model]:
+    """Four adults."""
+    return [
+        _walker("man", 1.78, Look(girth=1.05, hair=(58, 44, 36))),
+        _walker("woman", 1.63, Look(girth=0.95, hair=(96, 66, 40), coat=True, skin=(214, 172, 146))),
+        _walker("young_man", 1.73, Look(bare_forearms=True, skin=(120, 84, 62), hair=(26, 24, 24), backpack=BOTTOM)),
+        _walker("elderly_woman", 1.57, Look(girth=1.1, hair=(196, 194, 190), skin=(210, 170, 148))),
+    ]
+
+
+def make_children() -> list[Model]:
+    """Three children."""
+    satchel = Surface(0.0, 0.6, (214, 96, 34))
+    return [
+        _walker("child_of_4", 1.02, Look(girth=1.2, head=1.45, hair=(150, 112, 70)), ObjectClass.CHILD),
+        _walker(
+            "child_of_7", 1.22, Look(girth=1.1, head=1.3, bare_forearms=True, hair=(40, 32, 28)), ObjectClass.CHILD
+        ),
+        _walker("child_of_10", 1.38, Look(head=1.2, backpack=satchel, hair=(80, 54, 36)), ObjectClass.CHILD),
+    ]
+
+
+def _walker(name: str, height: float, look: Look, label: ObjectClass = ObjectClass.PEDESTRIAN) -> Model:
+    poses = [dressed(walking(height, k / POSES), height, look) for k in range(POSES)]
+    # What a foot on the ground goes back by in half a cycle, the body goes forward.
+    step_m = 2 * (THIGH + SHANK) * height * np.sin(_LEG_SWING_RAD)
+    return assemble(name, label, poses, cycle_m=round(2 * step_m, 2))
+
+
+def walking(height: float, share: float) -> Joints:
+    """The pose after a share of the cycle, which begins with the left leg in front.
+
+    Thighs and arms swing as pendulums; a knee bends while its foot is in the air.
+    """
+    turn = 2 * np.pi * (share + np.array([0.0, 0.5]))  # left, right
+    thigh = _LEG_SWING_RAD * np.cos(turn)
+    shank = thigh - _KNEE_RAD * np.maximum(-np.sin(turn), 0.0) ** 1.5
+    arm = -_ARM_SWING_RAD * np.cos(turn)
+    middle, neck = np.array([[0.0, 0.0, HIP_HEIGHT], [0.01, 0.0, SHOULDER_HEIGHT]])
+    hip, shoulder = (
+        end + np.stack([np.zeros(2), SIDES * half, np.zeros(2)], axis=1)
+        for end, half in ((middle, HALF_HIPS), (neck, HALF_SHOULDERS))
+    )
+    knee = hip + THIGH * _hanging(thigh)
+    ankle = knee + SHANK * _hanging(shank)
+    ball = ankle + 0.105 * _ahead(0.6 * shank) - [0.0, 0.0, ANKLE_HEIGHT / 2]
+    elbow = shoulder + UPPER_ARM * _hanging(arm)
+    hand = elbow + FOREARM_AND_HALF_HAND * _hanging(arm + _ELBOW_RAD)
+    return Joints(
+        height * np.stack([middle, neck]),
+        height * np.stack([shoulder, elbow, hand], axis=1),
+        height * np.stack([hip, knee, ankle, ball], axis=1),
+    )
+
+
+def _hanging(angle_rad: Floats) -> Floats:
+    """(2, 3) unit vectors down, swung forward by an angle."""
+    return np.stack([np.sin(angle_rad), np.zeros(2), -np.cos(angle_rad)], axis=1)
+
+
+def _ahead(angle_rad: Floats) -> Floats:
+    """(2, 3) unit vectors forward, raised by an angle."""
+    return np.stack([np.cos(angle_rad), np.zeros(2), np.sin(angle_rad)], axis=1)

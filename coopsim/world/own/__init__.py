@@ -1,1 +1,0 @@
-"""Places that users describe in a YAML file: `coopsim.world.own.place` has the keys."""

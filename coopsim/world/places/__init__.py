@@ -1,0 +1,1 @@
+"""Places: roads, pavements and scenery of every scenario that comes along."""

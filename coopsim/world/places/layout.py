@@ -1,0 +1,217 @@
+"""What a place is made of, before anything moves: roads, scenery, pavements, where units and cars may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
+from highway_env.road.road import RoadNetwork
+
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.snapshot import RoadMap, StaticPart
+
+LaneIndex = tuple[str, str, int]
+Road = tuple[str, str]
+"""A lane index without the lane's number."""
+
+LANE_M = 4.0
+ROADS_AHEAD = 5
+CLEARANCE_M = 4.2
+
+GROUND = (96, 110, 84)
+ASPHALT = (70, 71, 74)
+PAVEMENT = (150, 147, 140)
+MARKING = (225, 225, 220)
+STEEL = (160, 163, 168)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A place where a vehicle may start.
+
+    Attributes:
+        lane: the lane.
+        along_m: distance from the lane's start.
+        route: roads that whoever starts here takes first, the lane's own before all others; then turns are drawn.
+    """
+
+    lane: LaneIndex
+    along_m: float
+    route: tuple[Road, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Bay:
+    """A place where a vehicle stands parked.
+
+    Attributes:
+        x_m: of its middle.
+        y_m: of its middle.
+        heading_rad: of the vehicle.
+        label: its class; None: a car or, now and then, a van.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    label: ObjectClass | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A drone's way: a circle, always looking at its middle, which may itself move.
+
+    Attributes:
+        centre_m: of the circle, x and y, at the start.
+        radius_m: of the circle.
+        phase_rad: where on it the drone starts.
+        speed_m_s: along the circle, counter-clockwise.
+        drift_m_s: velocity of the circle's middle, x and y.
+        height_m: over the ground.
+    """
+
+    centre_m: tuple[float, float]
+    radius_m: float = 25.0
+    phase_rad: float = 0.0
+    speed_m_s: float = 2.0
+    drift_m_s: tuple[float, float] = (0.0, 0.0)
+    height_m: float = 40.0
+
+    def world_SE3_base(self, time_s: float) -> SE3:
+        """Where the drone is: the origin is on the ground under it, x towards the circle's middle."""
+        angle = self.phase_rad + self.speed_m_s / self.radius_m * time_s
+        x, y = (start + drift * time_s for start, drift in zip(self.centre_m, self.drift_m_s, strict=True))
+        spot = [x + self.radius_m * np.cos(angle), y + self.radius_m * np.sin(angle), 0.0]
+        return SE3.from_xyz_yaw(spot, float(angle + np.pi))
+
+
+def flights_around(centre_m: Floats, drift_m_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Flight, ...]:
+    """Four on one circle, of which every next one is on the far side or between."""
+    x, y = centre_m.tolist()
+    return tuple(Flight((x, y), phase_rad=phase, drift_m_s=drift_m_s) for phase in np.pi * np.array([-0.5, 0.5, 0, 1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footways:
+    """Where people walk or ride: a graph of straight ways, each from a node to its neighbour.
+
+    Attributes:
+        nodes: (K, 2) m.
+        neighbours: (K, D) nodes that a node leads to, -1 where there are fewer than D.
+        crossing: (K, K) whether the way between two nodes crosses a road.
+    """
+
+    nodes: Floats
+    neighbours: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    crossing: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+
+    @property
+    def room(self) -> int:
+        """For how many people there is room: one on every two metres of pavement."""
+        start, place = np.nonzero(self.neighbours >= 0)
+        end = self.neighbours[start, place]
+        length_m = np.linalg.norm(self.nodes[end] - self.nodes[start], axis=1)
+        back = (self.neighbours[end] == start[:, None]).any(axis=1)
+        once = ((start < end) | ~back) & ~self.crossing[start, end]
+        return int(length_m[once].sum() / 2.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Layout:
+    """A place.
+
+    Attributes:
+        network: highway-env's road network.
+        slots: starts for vehicles, far enough apart for any two vehicles.
+        connected_first: slots in the order in which their cars become connected.
+        footways: None where nobody walks.
+        rsus: `world_SE3_base` of possible roadside units, in order; origin on the ground, x towards the road.
+        rsu_height_m: of their masts.
+        speeds_m_s: what a policy can choose from, evenly spaced.
+        static: meshes.
+        road_map: outlines.
+        movements: roads over a junction, from stop line to exit; none where roads do not meet.
+        priority: movements to which others give way.
+        window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
+        cars_first: how many of the slots `connected_first` have cars, whatever else is drawn.
+        convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
+        cycleways: where people ride, as along the right edge of lanes; None: on the footways.
+        bays: where vehicles may stand parked; those that have a class of their own are taken first.
+        flights: ways of possible drones, in order.
+        cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
+        roads_ahead: how many roads a driver plans ahead, the one it is on included: all that one has to brake for.
+        clearance_m: where the middle lines of two straight movements are closer than this, vehicles on both would
+            touch; with a bend among them it is `CLEARANCE_M`, as long vehicles swing out.
+    """
+
+    network: RoadNetwork
+    slots: tuple[Slot, ...]
+    connected_first: tuple[int, ...]
+    footways: Footways | None = None
+    rsus: tuple[SE3, ...]
+    rsu_height_m: float
+    speeds_m_s: tuple[float, ...]
+    static: tuple[StaticPart, ...]
+    road_map: RoadMap
+    movements: tuple[tuple[str, str], ...] = ()
+    priority: tuple[tuple[str, str], ...] = ()
+    window_m: float | None = None
+    cruise_m_s: float | None = None
+    cars_first: int = 0
+    convoy_gap_s: float | None = None
+    cycleways: Footways | None = None
+    bays: tuple[Bay, ...] = ()
+    flights: tuple[Flight, ...] = ()
+    roads_ahead: int = ROADS_AHEAD
+    clearance_m: float = CLEARANCE_M
+
+
+def box_part(
+    name: str, low: tuple[float, float, float], high: tuple[float, float, float], color: tuple[int, int, int]
+) -> StaticPart:
+    """An upright block between two corners, m."""
+    mesh = trimesh.creation.box(bounds=(low, high))
+    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4)
+
+
+def flat_part(
+    name: str, polygons: list[Floats], z_m: float, color: tuple[int, int, int], reflectivity: float
+) -> StaticPart:
+    """Convex polygons (K, 2), counter-clockwise, lying at a height."""
+    vertices = np.concatenate([np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons])
+    faces, offset = [], 0
+    for polygon in polygons:
+        count = len(polygon)
+        fan = np.arange(1, count - 1)
+        faces.append(np.column_stack([np.zeros_like(fan), fan, fan + 1]) + offset)
+        offset += count
+    return StaticPart(name, vertices, np.concatenate(faces), color, reflectivity)
+
+
+def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
+    """A round post that stands at `foot` (2,) m."""
+    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[*foot, 0.0], [*foot, height_m]]), sections=8)
+    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
+
+
+def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
+    """(4, 2), counter-clockwise."""
+    return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
+
+
+def lane_outline(lane: AbstractLane, step_m: float = 2.0) -> list[Floats]:
+    """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2) m and in a bend at most `step_m` long.
+
+    They cover all of a bend: chords of its outer edge would leave slits to the lane on the other side of it.
+    """
+    length, left_m, right_m = lane.length, lane.width / 2, lane.width / 2
+    along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else int(np.ceil(length / step_m)) + 1)
+    if isinstance(lane, CircularLane):
+        outer_m = (lane.radius + lane.width / 2) / np.cos(along[1] / lane.radius / 2) - lane.radius
+        left_m, right_m = (left_m, outer_m) if lane.direction > 0 else (outer_m, right_m)
+    left = np.array([lane.position(s, left_m) for s in along])
+    right = np.array([lane.position(s, -right_m) for s in along])
+    return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]

@@ -1,0 +1,87 @@
+"""What stands in a town and never moves, and its outlines for drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, mast_part, rectangle
+from coopsim.world.snapshot import RoadMap, StaticPart
+
+Building = tuple[tuple[float, float], tuple[float, float], float]
+"""From and to along x, from and to along y, and height, m."""
+
+PAINTS = ((176, 112, 88), (198, 186, 160), (140, 146, 158), (186, 150, 110))
+_GROUND = rectangle((-260.0, 260.0), (-260.0, 260.0))
+
+
+def town_map(
+    lanes: Sequence[Floats],
+    crosswalks: Sequence[Floats],
+    pavements: Sequence[Floats],
+    buildings: Sequence[Building],
+    markings: Sequence[Floats] = (),
+) -> RoadMap:
+    """The outlines; buildings have theirs."""
+    footprints = tuple(rectangle(x, y) for x, y, _ in buildings)
+    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), footprints, tuple(markings))
+
+
+def town_parts(
+    road_map: RoadMap,
+    stripes: Sequence[Floats],
+    buildings: Sequence[Building],
+    rsus: Sequence[SE3],
+    mast_m: float,
+    ground: Floats = _GROUND,
+) -> tuple[StaticPart, ...]:
+    """Ground, road, pavements, painted stripes, walls, and the masts of roadside units."""
+    flat = [
+        ("ground", [ground], -0.04, GROUND, 0.3),
+        ("pavement", list(road_map.pavements), -0.01, PAVEMENT, 0.35),
+        ("road", list(road_map.lanes), 0.0, ASPHALT, 0.18),
+        ("marking", list(stripes), 0.02, MARKING, 0.8),
+    ]
+    return (
+        *(flat_part(name, shapes, z_m, paint, share) for name, shapes, z_m, paint, share in flat if shapes),
+        *walls_of(buildings),
+        *(mast_part("mast", rsu.translation[:2], mast_m) for rsu in rsus),
+    )
+
+
+def walls_of(buildings: Sequence[Building]) -> list[StaticPart]:
+    """A block for each."""
+    return [
+        box_part("building", (x[0], y[0], 0.0), (x[1], y[1], height_m), PAINTS[k % len(PAINTS)])
+        for k, (x, y, height_m) in enumerate(buildings)
+    ]
+
+
+def corner_buildings(corner_m: float, signs: tuple[int, int], number: int) -> list[Building]:
+    """Three in one quadrant: one at the corner, close to both roads, so that they hide each other; one along each."""
+    along, across, height = _SIZES[number % len(_SIZES)]
+    near = corner_m
+    spans = (
+        ((near, near + along), (near, near + across), height),
+        ((near + along + 9, near + along + 33), (near, near + 16), 0.7 * height),
+        ((near, near + 16), (near + across + 9, near + across + 31), 0.8 * height),
+    )
+    return [(_signed(x, signs[0]), _signed(y, signs[1]), up) for x, y, up in spans]
+
+
+def row_of_buildings(y_m: float, side: int) -> list[Building]:
+    """A closed front along the x axis, from `y_m` away on one side (1: left, -1: right) of it."""
+    starts = (-88.0, -52.0, -14.0, 24.0, 58.0)
+    lengths = (32.0, 34.0, 34.0, 30.0, 32.0)
+    heights = (9.0, 14.0, 11.0, 16.0, 10.0)
+    return [
+        ((start, start + length), _signed((y_m, y_m + 16.0), side), height)
+        for start, length, height in zip(starts, lengths, heights, strict=True)
+    ]
+
+
+_SIZES = ((34.0, 26.0, 14.0), (28.0, 36.0, 10.0), (40.0, 24.0, 18.0), (26.0, 30.0, 9.0))
+
+
+def _signed(span: tuple[float, float], sign: int) -> tuple[float, float]:
+    return span if sign > 0 else (-span[1], -span[0])

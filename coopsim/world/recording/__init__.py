@@ -1,0 +1,1 @@
+"""Recorded worlds: the same traffic for every policy."""

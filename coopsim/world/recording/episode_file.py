@@ -1,0 +1,311 @@
+"""The file of a recorded episode: where everybody was in every frame, to the last bit, and nothing of what was sensed.
+
+| part | content |
+|---|---|
+| start | `MAGIC`; format version, length and CRC-32 of the header (unsigned 32-bit integers, little-endian) |
+| header | JSON: the fields of `EpisodeHeader` |
+| frames | each: its number, actors, agents, payload's length and CRC-32 of it all (such integers); its payload |
+
+A frame is a row of 64-bit words: `ACTOR_WORDS` for each actor, `AGENT_WORDS` for each agent; floats by their bits. Its
+payload says how far each word is from going on as in the two frames before (second differences of the bits as integers,
+so that nothing is rounded): all lowest bytes, all second bytes, and so on, deflated. Frames are appended whole, so that
+an interrupt costs at most the one that was being written.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim import __version__
+from coopsim.errors import CoopsimError, InvalidValueError, RecordingError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
+from coopsim.support.checks import require_positive
+from coopsim.support.files import require_writable
+from coopsim.support.rng import require_seed
+from coopsim.world.snapshot import Actors, AgentBody
+
+MAGIC = b"coopsim episode\n"
+FORMAT_VERSION = 1
+ACTOR_WORDS = 19
+"""Id, label, model, colour (3), accent (3) as integers; box (7), velocity (2), phase as floats."""
+
+AGENT_WORDS = 12
+"""The rows of the 3 x 4 matrix `world_SE3_base`, as floats."""
+
+_START, _FRAME = struct.Struct("<3I"), struct.Struct("<5I")
+_INTEGERS = 9
+_ACCEPTED = "accepted: a file that `coopsim record` or the option `record` wrote"
+
+Words = NDArray[np.uint64]
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeAgent:
+    """What stays the same about an agent; see `AgentBody`."""
+
+    name: str
+    kind: Literal["cav", "rsu", "drone"]
+    actor_id: int | None
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeHeader:
+    """What stays the same in an episode.
+
+    Attributes:
+        scenario: name of the place.
+        population: the scenario's numbers, by name.
+        seed: of the episode.
+        dt_s: time between two frames.
+        agents: in the environment's order.
+        models: length, width and height (m) by name, in the order in which actors' `model` counts.
+        coopsim: version that recorded it.
+        place: checksum of what stands there and never moves; None: nobody has said.
+    """
+
+    scenario: str
+    population: Mapping[str, Any]
+    seed: int
+    dt_s: float
+    agents: tuple[EpisodeAgent, ...]
+    models: Mapping[str, tuple[float, ...]]
+    coopsim: str = __version__
+    place: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.population, Mapping):
+            raise InvalidValueError(f"population must be numbers by name, got {self.population!r}")
+        require_seed(self.seed)
+        require_positive(dt_s=self.dt_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeFrame:
+    """Everybody at one moment, in the world frame."""
+
+    actors: Actors
+    agents: Mapping[str, AgentBody]
+
+
+class EpisodeWriter:
+    """Begins a file, in place of an older one of that name, and appends frames to it.
+
+    No file is kept open, and none needs to be closed.
+
+    Raises:
+        InvalidValueError: the file cannot be written, or the path is none.
+    """
+
+    def __init__(self, path: str | Path, header: EpisodeHeader) -> None:
+        if not isinstance(path, (str, Path)):
+            raise InvalidValueError(f"path must be that of a file to write, got {path!r}")
+        self.path = Path(path)
+        require_writable(self.path)
+        self._coder, self._frames = _Predictor(), 0
+        text = json.dumps(asdict(header), default=_plain).encode()
+        self._write("wb", MAGIC + _START.pack(FORMAT_VERSION, len(text), zlib.crc32(text)) + text)
+
+    def append(self, actors: Actors, agents: Mapping[str, AgentBody]) -> None:
+        """Add a frame; agents in the header's order."""
+        words = np.concatenate([_actor_words(actors), _agent_words(agents)])
+        payload = zlib.compress(_shuffled(self._coder.encode(words)))
+        place = (self._frames, len(actors), len(agents), len(payload))
+        self._write("r+b", _FRAME.pack(*place, _checksum(place, payload)) + payload)
+        self._frames += 1
+
+    def _write(self, mode: str, data: bytes) -> None:
+        try:
+            # Without a buffer, so that an interrupt leaves whole frames. Not "ab": that would begin a lost file anew.
+            with open(self.path, mode, buffering=0) as file:
+                file.seek(0, 2)
+                file.write(data)
+        except OSError as error:
+            raise InvalidValueError(f"cannot write {self.path}: {error.strerror}") from error
+
+
+class Episode:
+    """A recorded episode, checked from end to end when it is opened.
+
+    Attributes:
+        path: the file.
+        header: what stays the same.
+        frames: how many moments; between them are `frames - 1` steps.
+        most_actors: in any frame.
+        size_bytes: of the file.
+
+    Raises:
+        InvalidValueError: the path is none.
+        RecordingError: there is no such file, it is no recording, of another format version, cut off or damaged.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, (str, Path)):
+            raise InvalidValueError(f"path must be the file of a recorded episode, got {path!r}; {_ACCEPTED}")
+        self.path = Path(path)
+        try:
+            self._data = self.path.read_bytes()
+        except OSError as error:
+            raise RecordingError(f"cannot read {path}: {error.strerror}; {_ACCEPTED}") from error
+        self.size_bytes = len(self._data)
+        self.header, at = self._read_header()
+        self._frames = tuple(self._scan(at))
+        self.frames = len(self._frames)
+        if not self.frames:
+            raise RecordingError(f"{path} holds no frame: its recording was interrupted before the first")
+        self.most_actors = max(actors for _, actors in self._frames)
+
+    def __iter__(self) -> Iterator[EpisodeFrame]:
+        """The frames in order, from the first.
+
+        Raises:
+            RecordingError: a frame holds what no world can show.
+        """
+        coder, agents = _Predictor(), len(self.header.agents)
+        for number, (payload, actors) in enumerate(self._frames):
+            try:
+                rows = coder.decode(_unshuffled(payload, actors * ACTOR_WORDS + agents * AGENT_WORDS))
+                yield self._frame(rows[: actors * ACTOR_WORDS], rows[actors * ACTOR_WORDS :])
+            except (CoopsimError, ValueError, zlib.error) as error:
+                raise RecordingError(f"{self.path} is damaged in frame {number}: {error}") from error
+
+    def _read_header(self) -> tuple[EpisodeHeader, int]:
+        """The header, and where the frames begin."""
+        if not self._data.startswith(MAGIC):
+            raise RecordingError(f"{self.path} is no recorded episode; {_ACCEPTED}")
+        at = len(MAGIC) + _START.size
+        if self.size_bytes < at:
+            raise RecordingError(f"{self.path} is cut off in its header; {_ACCEPTED}")
+        version, length, checksum = _START.unpack_from(self._data, len(MAGIC))
+        if version != FORMAT_VERSION:
+            raise RecordingError(
+                f"{self.path} has format version {version}, which coopsim {__version__} cannot read; "
+                f"accepted: version {FORMAT_VERSION}. Record it again from its scenario and seed"
+            )
+        text = self._data[at : at + length]
+        if len(text) < length or zlib.crc32(text) != checksum:
+            raise RecordingError(f"{self.path} is cut off or damaged in its header; {_ACCEPTED}")
+        try:
+            fields = json.loads(text)
+            fields["agents"] = tuple(EpisodeAgent(**agent) for agent in fields["agents"])
+            fields["models"] = {name: tuple(size_m) for name, size_m in fields["models"].items()}
+            return EpisodeHeader(**fields), at + length
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"{self.path} has a header that is none of coopsim's: {error}") from error
+
+    def _scan(self, at: int) -> Iterator[tuple[bytes, int]]:
+        """Payload and number of actors of every frame."""
+        number = 0
+        while at < self.size_bytes:
+            head = self._data[at : at + _FRAME.size]
+            whole = len(head) == _FRAME.size
+            stated, actors, agents, length, checksum = _FRAME.unpack(head) if whole else (0, 0, 0, 0, 0)
+            payload = self._data[at + _FRAME.size : at + _FRAME.size + length]
+            if not whole or len(payload) < length:
+                raise RecordingError(f"{self.path} is cut off in frame {number}, {number} whole ones come before it")
+            right = _checksum((stated, actors, agents, length), payload) == checksum
+            if not right or stated != number or agents != len(self.header.agents):
+                raise RecordingError(f"{self.path} is damaged in frame {number}, {number} whole ones come before it")
+            yield payload, actors
+            at, number = at + _FRAME.size + length, number + 1
+
+    def _frame(self, actor_words: Words, agent_words: Words) -> EpisodeFrame:
+        rows = actor_words.reshape(-1, ACTOR_WORDS)
+        integers = rows[:, :_INTEGERS].view(np.int64)
+        floats = rows[:, _INTEGERS:].view(np.float64)
+        # Copies, as the world's own arrays lie in memory: products of others may differ in the last bit.
+        center, size, yaw, velocity, phase = (
+            floats[:, part].copy() for part in (np.s_[:3], np.s_[3:6], 6, np.s_[7:9], 9)
+        )
+        label, model = integers[:, 1], integers[:, 2]
+        if not ((model >= 0) & (model < len(self.header.models))).all():
+            raise InvalidValueError(f"an actor's model is not one of {len(self.header.models)}")
+        color, accent = (integers[:, k : k + 3].astype(np.uint8) for k in (3, 6))
+        boxes = Boxes3D(center, size, yaw)
+        boxes.validate("actors")
+        actors = Actors(integers[:, 0], boxes, velocity, label, model, color, accent, phase)
+        poses = agent_words.view(np.float64).reshape(-1, 3, 4)
+        bodies = {
+            agent.name: AgentBody(
+                agent.name, agent.kind, agent.actor_id, SE3(pose[:, :3].copy(), pose[:, 3].copy()), agent.height_m
+            )
+            for agent, pose in zip(self.header.agents, poses, strict=True)
+        }
+        return EpisodeFrame(actors, bodies)
+
+
+class _Predictor:
+    """Expects every word to go on as it did in the two frames before; starts afresh when there are more or fewer."""
+
+    def __init__(self) -> None:
+        self._last, self._step = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.uint64)
+
+    def encode(self, words: Words) -> Words:
+        """How far the words are from what is expected, with small ones small in either direction."""
+        missed = (words - self._expected(len(words))).view(np.int64)
+        self._learn(words)
+        return ((missed << 1) ^ (missed >> 63)).view(np.uint64)
+
+    def decode(self, coded: Words) -> Words:
+        """What `encode` was given."""
+        one = np.uint64(1)
+        missed = (coded >> one) ^ (~(coded & one) + one)
+        words = missed + self._expected(len(coded))
+        self._learn(words)
+        return words
+
+    def _expected(self, count: int) -> Words:
+        if count != len(self._last):
+            self._last = self._step = np.zeros(count, dtype=np.uint64)
+        return self._last + self._step
+
+    def _learn(self, words: Words) -> None:
+        self._last, self._step = words, words - self._last
+
+
+def _plain(value: Any) -> int | float:
+    """A number of numpy's, which users may give for a population, as JSON knows it."""
+    if not isinstance(value, np.number):
+        raise InvalidValueError(f"a header must be of numbers and text, got {value!r}")
+    number: int | float = value.item()
+    return number
+
+
+def _actor_words(actors: Actors) -> Words:
+    integers = np.column_stack([actors.id, actors.label, actors.model, actors.color, actors.accent]).astype(np.int64)
+    floats = np.column_stack([actors.boxes.array, actors.velocity, actors.phase])
+    return np.hstack([integers.view(np.uint64), floats.view(np.uint64)]).ravel()
+
+
+def _agent_words(agents: Mapping[str, AgentBody]) -> Words:
+    poses = [body.world_SE3_base for body in agents.values()]
+    matrices = [np.column_stack([pose.rotation, pose.translation]).ravel() for pose in poses]
+    return np.concatenate([np.zeros(0), *matrices]).view(np.uint64)
+
+
+def _shuffled(words: Words) -> bytes:
+    """First bytes first, then second ones, ...: alike ones side by side."""
+    return words.astype("<u8").view(np.uint8).reshape(-1, 8).T.tobytes()
+
+
+def _unshuffled(payload: bytes, count: int) -> Words:
+    inflater = zlib.decompressobj()
+    data = inflater.decompress(payload, 8 * count + 1)  # never more, whatever the payload would become
+    if len(data) != 8 * count or not inflater.eof:
+        raise ValueError(f"its payload is not of {8 * count} bytes")
+    shuffled = np.frombuffer(data, dtype=np.uint8).reshape(8, -1).T
+    return np.ascontiguousarray(shuffled).reshape(-1).view("<u8").astype(np.uint64)
+
+
+def _checksum(place: tuple[int, int, int, int], payload: bytes) -> int:
+    return zlib.crc32(payload, zlib.crc32(struct.pack("<4I", *place)))

@@ -1,0 +1,183 @@
+"""Worlds that are recorded while they happen, and recorded worlds that happen again: the same traffic for everybody."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coopsim import __version__
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.support.checks import require_count, require_frame_time
+from coopsim.support.rng import require_seed
+from coopsim.world.models import make_models
+from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
+from coopsim.world.scenario import Place, Scenario, make_scenario
+from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
+from coopsim.world.source import WorldSource
+from coopsim.world.world import World
+
+
+def record(
+    scenario: str | Place,
+    path: str | Path,
+    *,
+    seed: int = 0,
+    max_cycles: int = 200,
+    dt_s: float = 0.1,
+    **numbers: Any,
+) -> Path:
+    """Let a world happen and record it, without sensing anything.
+
+    Args:
+        scenario: name of the scenario, as "crossing", or a place of one's own.
+        path: the file; an older one is replaced.
+        seed: decides everything that happens.
+        max_cycles: steps; the file has one frame more.
+        dt_s: time between two frames.
+        **numbers: of the scenario, fields of `Population`.
+
+    Raises:
+        UnknownNameError: no such scenario or number.
+        InvalidValueError: a value is not accepted, or the file cannot be written.
+    """
+    require_seed(seed)
+    require_count(1, max_cycles=max_cycles)
+    require_frame_time(dt_s)
+    place = make_scenario(scenario, **numbers)
+    world = RecordedWorld(World(place, seed), path, place, seed, dt_s)
+    for _ in range(max_cycles):
+        world.step(dt_s)
+    return Path(path)
+
+
+class RecordedWorld:
+    """A world whose every frame goes to a file, the present one first.
+
+    Args:
+        world: what happens.
+        path: the file; an older one is replaced.
+        scenario: the place and its population.
+        seed: of the world.
+        dt_s: time between two frames.
+
+    Raises:
+        InvalidValueError: the file cannot be written, or a step is not of `dt_s`.
+    """
+
+    def __init__(self, world: WorldSource, path: str | Path, scenario: Scenario, seed: int, dt_s: float) -> None:
+        self._world, self._dt_s = world, dt_s
+        self.models, self.static, self.map = world.models, world.static, world.map
+        bodies = world.agents()
+        header = EpisodeHeader(
+            scenario.name,
+            scenario.population.numbers,
+            int(seed),
+            float(dt_s),
+            tuple(EpisodeAgent(body.name, body.kind, body.actor_id, body.height_m) for body in bodies.values()),
+            _sizes(world.models),
+            place=_checksum(world.static),
+        )
+        self._writer = EpisodeWriter(path, header)
+        self._writer.append(world.actors(), bodies)
+
+    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+        """Advance the world and record where it got to."""
+        if dt_s != self._dt_s:
+            raise InvalidValueError(f"dt_s must be {self._dt_s}, as the recording began, got {dt_s!r}")
+        self._world.step(dt_s, maneuvers)
+        self._writer.append(self._world.actors(), self._world.agents())
+
+    def actors(self) -> Actors:
+        """The world's."""
+        return self._world.actors()
+
+    def agents(self) -> dict[str, AgentBody]:
+        """The world's."""
+        return self._world.agents()
+
+
+class PlayedWorld:
+    """A recorded episode, from its first frame.
+
+    Args:
+        episode: the recording.
+        scenario: the place that it was recorded in.
+
+    Raises:
+        RecordingError: it was recorded with other models or among other scenery than there are now, or there is no
+            frame left to step to.
+        InvalidValueError: a step is not of the recording's `dt_s`.
+    """
+
+    def __init__(self, episode: Episode, scenario: Scenario) -> None:
+        self.models, self.static, self.map = make_models(), scenario.layout.static, scenario.layout.road_map
+        if list(episode.header.models.items()) != list(_sizes(self.models).items()):
+            changed = _difference(episode.header.models, _sizes(self.models))
+            raise RecordingError(
+                f"{episode.path} was recorded (coopsim {episode.header.coopsim}) with other models than there are: "
+                f"{changed}; accepted: the same models in the same order"
+            )
+        if episode.header.place not in (None, _checksum(self.static)):
+            raise RecordingError(
+                f"{episode.path} was recorded (coopsim {episode.header.coopsim}) in another {scenario.name!r} than "
+                f"there is in coopsim {__version__}: what stands there has changed. Record it again from its scenario "
+                "and seed"
+            )
+        self._episode, self._frames = episode, iter(episode)
+        self._frame = next(self._frames)
+
+    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+        """Go on to the next frame; nobody can tell a recording where to drive."""
+        if dt_s != self._episode.header.dt_s:
+            raise InvalidValueError(f"dt_s must be {self._episode.header.dt_s}, as it was recorded, got {dt_s!r}")
+        frame = next(self._frames, None)
+        if frame is None:
+            raise RecordingError(f"{self._episode.path} ends after {self._episode.frames - 1} steps")
+        self._frame = frame
+
+    def actors(self) -> Actors:
+        """Everybody, as recorded."""
+        return self._frame.actors
+
+    def agents(self) -> dict[str, AgentBody]:
+        """The connected agents, as recorded."""
+        return dict(self._frame.agents)
+
+
+def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Scenario:
+    """The scenario that an episode was recorded in.
+
+    Args:
+        episode: the recording.
+        place: where that was; None: the registered scenario of the name that the recording has.
+
+    Raises:
+        RecordingError: there is no such scenario, or no such population.
+    """
+    header = episode.header
+    try:
+        return make_scenario(place or header.scenario, **header.population)
+    except (LookupError, ValueError) as error:
+        raise RecordingError(f"{episode.path} was recorded in a scenario that is not to be had: {error}") from error
+
+
+def _sizes(models: tuple[Model, ...]) -> dict[str, tuple[float, ...]]:
+    return {model.name: tuple(model.size_m.tolist()) for model in models}
+
+
+def _checksum(static: tuple[StaticPart, ...]) -> int:
+    """Of shapes to a millimetre, which is the same on all machines."""
+    shapes = [np.round(1000.0 * part.vertices).astype("<i8").tobytes() for part in static]
+    return zlib.crc32(b"".join(shapes))
+
+
+def _difference(recorded: Mapping[str, tuple[float, ...]], present: Mapping[str, tuple[float, ...]]) -> str:
+    """The first names that differ, in words."""
+    only = [f"{name} is missing" for name in recorded if name not in present]
+    only += [f"{name} is new" for name in present if name not in recorded]
+    only += [f"{name} has another size" for name in recorded if present.get(name, recorded[name]) != recorded[name]]
+    return ", ".join(only[:3]) or "their order"

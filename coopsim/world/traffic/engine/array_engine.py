@@ -1,0 +1,151 @@
+"""The engine over arrays: one step of everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+from coopsim.types.maneuvers import MANEUVERS
+from coopsim.world.places.layout import CLEARANCE_M, Road
+from coopsim.world.traffic.engine import town_driving
+from coopsim.world.traffic.engine.car_following import ACC_MAX, change_lane, follow, is_reachable
+from coopsim.world.traffic.engine.collisions import collide
+from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet, Vehicle, bodies_of
+from coopsim.world.traffic.engine.lanes import LaneArrays, Network
+from coopsim.world.traffic.engine.neighbours import LaneLists, list_along_lanes
+from coopsim.world.traffic.engine.right_of_way import GRANTED, grant, line_ahead
+from coopsim.world.traffic.engine.routes import follow_road, plan_ahead
+from coopsim.world.traffic.engine.vehicle_motion import SPEED_GAIN_1_S, move, steer
+from coopsim.world.traffic.highway_reference.junction import clearances, roles
+
+_LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
+    MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
+)
+
+
+class ArrayEngine:
+    """Steps a fleet on a road network.
+
+    Args:
+        network: the roads.
+        movements: roads over a junction; none where roads do not meet.
+        speeds_m_s: what a policy can choose from, evenly spaced.
+        priority: movements to which others give way.
+        clearance_m: see `coopsim.world.places.layout.Layout`.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        movements: Sequence[Road] = (),
+        speeds_m_s: Sequence[float] = (),
+        priority: Sequence[Road] = (),
+        clearance_m: float = CLEARANCE_M,
+    ) -> None:
+        self._network = network.arrays
+        self._speeds = np.array(speeds_m_s, dtype=np.float64)
+        self._movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
+        for k, road in enumerate(movements):
+            self._movement_of[network.road_number[road]] = k
+        clear_m = clearances(network.source, movements, clearance_m)
+        role = roles(clear_m, [road in priority for road in movements])
+        exits = self._network.roads["end"][[network.road_number[road] for road in movements]]
+        self._rule = clear_m, role, exits.astype(np.int64)
+
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
+        """Advance a fleet by `dt_s`.
+
+        Args:
+            fleet: changed in place.
+            people: (M,) `BODY`, whom vehicles see.
+            dt_s: time step.
+            told: numbers into `coopsim.types.maneuvers.MANEUVERS`, by row.
+        """
+        for row, maneuver in told.items():
+            _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
+        if len(self._rule[0]):
+            grant(self._network, fleet.rows, fleet.routes, self._movement_of, self._rule)
+        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movement_of)
+        move(self._network.lanes, fleet.rows, dt_s)
+        collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
+
+
+@njit(cache=True, nogil=True)
+def _obey(network: LaneArrays, rows: NDArray[Any], routes: Ints, row: int, maneuver: int, speeds: Floats) -> None:
+    """Choose a speed or a lane, as highway-env's `MDPVehicle` does when it is told."""
+    vehicle = rows[row]
+    if maneuver in (_FASTER, _SLOWER):
+        more = 1 if maneuver == _FASTER else -1
+        chosen = min(max(closest_speed(speeds, vehicle.speed) + more, 0), len(speeds) - 1)
+        vehicle.target_speed = speeds[chosen]
+    plan_ahead(network, vehicle, routes[row])
+    follow_road(network, vehicle, routes[row])
+    if maneuver in (_LANE_LEFT, _LANE_RIGHT):
+        lane = network.lanes[vehicle.target_lane]
+        road = network.roads[lane.road]
+        number = lane.number + (1 if maneuver == _LANE_RIGHT else -1)
+        wanted = road.first_lane + min(max(number, 0), road.lanes - 1)
+        if is_reachable(network.lanes[wanted], vehicle.x, vehicle.y):
+            vehicle.target_lane = wanted
+
+
+@njit(cache=True, nogil=True)
+def closest_speed(speeds: Floats, speed: float) -> int:
+    """Index of the one of evenly spaced `speeds` that is closest to `speed`, m/s."""
+    last = len(speeds) - 1
+    place = (speed - speeds[0]) / (speeds[last] - speeds[0]) * last
+    return min(max(int(np.rint(place)), 0), last)
+
+
+@njit(cache=True, nogil=True)
+def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movement_of: Ints) -> None:
+    """Everybody decides how to steer and accelerate."""
+    lists = list_along_lanes(network.lanes, bodies)
+    for me in range(len(rows)):
+        vehicle, route = rows[me], routes[me]
+        if vehicle.driver == CHAUFFEURED:
+            plan_ahead(network, vehicle, route)
+            follow_road(network, vehicle, route)
+            vehicle.acceleration = SPEED_GAIN_1_S * (vehicle.target_speed - vehicle.speed)
+        elif vehicle.crashed or vehicle.driver == PARKED:
+            continue
+        elif vehicle.driver == TOWN:
+            acceleration = _drive_in_town(network, vehicle, route, bodies, len(rows), lists, me, movement_of)
+            vehicle.acceleration = min(max(acceleration, -ACC_MAX), ACC_MAX)
+        else:
+            if vehicle.driver == HIGHWAY:
+                plan_ahead(network, vehicle, route)
+            follow_road(network, vehicle, route)
+            change_lane(network, rows, bodies, lists, routes, me)
+            acceleration = follow(network, rows, bodies, lists, me)
+            vehicle.acceleration = min(max(acceleration, -ACC_MAX), ACC_MAX)
+        vehicle.steering = steer(network.lanes[vehicle.target_lane], vehicle)
+
+
+@njit(cache=True, nogil=True)
+def _drive_in_town(
+    network: LaneArrays,
+    vehicle: Vehicle,
+    route: Ints,
+    bodies: NDArray[Any],
+    vehicles: int,
+    lists: LaneLists,
+    me: int,
+    movement_of: Ints,
+) -> float:
+    plan_ahead(network, vehicle, route)
+    leader, leader_m = town_driving.look_ahead(network, vehicle, route, bodies, vehicles, lists, me)
+    follow_road(network, vehicle, route)
+    plan_ahead(network, vehicle, route)
+    acceleration = town_driving.drive(network, vehicle, route, bodies, me, leader, leader_m)
+    if vehicle.ticket > GRANTED:
+        _, line_m = line_ahead(network, vehicle, route, movement_of)
+        if 0 < line_m < np.inf:
+            acceleration = min(acceleration, town_driving.stop_at(network, vehicle, route, bodies[me], line_m))
+    return acceleration

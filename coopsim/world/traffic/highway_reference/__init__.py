@@ -1,0 +1,1 @@
+"""highway-env's own objects step the traffic (`traffic="highway-env"`): the reference of the fast engine."""

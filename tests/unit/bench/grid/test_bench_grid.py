@@ -1,0 +1,219 @@
+"""Grids: their cells, and what is told of one that is not accepted, with the line where there is a file."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import coopsim
+from coopsim.bench.benchmark import check
+from coopsim.bench.grid.cell import Cell, Condition
+from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.grid.grid import Grid
+from coopsim.bench.grid.grid_file import PRESETS, find_grid
+from coopsim.comms.channel.channel_files import channel_config
+from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError
+from coopsim.support.checks import require_count
+
+TWO = ("no_fusion", "late_fusion")
+
+
+def test_cells_are_the_product() -> None:
+    grid = Grid(TWO, latencies_ms=(0, 300), losses=(0, 0.5), bandwidths_mbit_s=(0.1, math.inf), seeds=(3, 5), frames=7)
+    cells = grid.cells()
+    assert len(cells) == len(grid) == len(set(cells)) == 2 * 2 * 2 * 2 * 2
+    assert cells[0] == Cell("no_fusion", Condition("crossing", bandwidth_bit_s=1e5), 3, 7)
+    assert {cell.condition.latency_s for cell in cells} == {0.0, 0.3}
+
+
+def test_position_and_heading_go_together_or_not() -> None:
+    noises: dict[str, Any] = {"position_noises_m": (0, 0.2, 0.4), "heading_noises_deg": (0, 0.2, 0.2)}
+    together = Grid(TWO, **noises, pose="together")
+    assert [(each.position_noise_m, each.heading_noise_deg) for each in together.conditions()] == [
+        (0, 0),
+        (0.2, 0.2),
+        (0.4, 0.2),
+    ]
+    assert len(Grid(TWO, position_noises_m=(0, 1), heading_noises_deg=(0, 1, 2))) == 2 * 6
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"policies": "late_fusion"}, "policies must be a list of at least one"),
+        ({"policies": ()}, "policies must be a list of at least one"),
+        ({"policies": ("late_fusion", "late_fusion()")}, "policies must be distinct"),
+        ({"policies": (3,)}, "policies must be texts"),
+        ({"latencies_ms": (0, -1)}, "latencies_ms must be a finite number >= 0, got -1"),
+        ({"latencies_ms": ("0",)}, "latencies_ms must be"),
+        ({"latencies_ms": 0}, "latencies_ms must be a list"),
+        ({"losses": (2,)}, r"losses must be in \[0, 1\]"),
+        ({"bandwidths_mbit_s": (0,)}, "bandwidths_mbit_s must be"),
+        ({"seeds": (-1,)}, "seeds must be an integer"),
+        ({"seeds": (1, 1)}, "seeds must be distinct"),
+        ({"frames": 0}, "frames must be an integer"),
+        ({"pose": "together", "position_noises_m": (0, 1)}, "pose must be 'product'"),
+        ({"position_noises_m": (1, 1)}, "must be distinct"),
+        ({"options": {"latency_s": 1}}, "latency_s is none of the options: say it by latencies_ms"),
+        ({"options": {"detector": object()}}, "detector must be plain data"),
+        ({"options": [1]}, "options must be names and values"),
+    ],
+)
+def test_what_is_no_grid_is_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        Grid(**({"policies": TWO} | given))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("policies: [late_fusion]\nlatency_ms: [0]\n", ":2: unknown key 'latency_ms'. Did you mean 'latencies_ms'"),
+        ("policies: [late_fusion]\nlosses: [0, 2]\n", ":2: losses must be in [0, 1], got 2"),
+        ("policies: [late_fusion]\nseeds: [1]\nseeds: [2]\n", ":3: seeds is there twice"),
+        ("policies: [late_fusion\nseeds: 1", ":2: this is no YAML"),
+        ("- a\n", ":1: file: expected keys and values"),
+        (
+            "policies: [late_fusion]\n\noptions:\n  vehicles: 8\n  lidr: null\n",
+            ":5: unknown option 'lidr'. Did you mean",
+        ),
+        ("policies: [late_fusion]\noptions:\n  vehicles: -8\n", ":3: vehicles must be"),
+        ("seeds: [1]\npolicies: [late_fusoin]\n", ":2: unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
+        (
+            "policies: [late_fusion]\nscenarios: [crosing]\n",
+            ":2: unknown environment 'crosing'. Did you mean",
+        ),
+        (
+            "policies: [late_fusion]\nscenarios: [replay]\n",
+            ":2: scenarios must be simulated, got 'replay'",
+        ),
+        ("policies: [late_fusion]\nseeds: [2001-99-99]\n", ": cannot be read: month must be in 1..12"),
+        ("policies: [late_fusion]\n\noptions: {'a(': 1}\n", ":3: unknown option 'a('"),
+        ("policies: [late_fusion]\noptions: {weather: {rain: 1}}\n", ":2: unknown weather option 'rain'. Did you mean"),
+        ("policies: [late_fusion]\noptions: {channel: {loss: 1}}\n", ":2: channel must be without loss"),
+    ],
+)
+def test_a_file_is_told_where_it_is_wrong(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "grid.yaml"
+    path.write_text(text)
+    with pytest.raises(GridFileError, match=re.escape(str(path) + message)):
+        try_out(path)
+
+
+def try_out(path: Path) -> None:
+    """As the command does."""
+    source = find_grid(path=path)
+    try:
+        check(source.grid())
+    except CoopsimError as error:
+        raise source.blame(error) from error
+
+
+@pytest.mark.parametrize("own", ["channel: {range_m: 60}", "localization: {cav_0: {pose: {position_noise_m: 3}}}"])
+def test_a_scenario_says_nothing_beside_the_grids_conditions(own: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"scenario: crossing\noptions:\n  lidar: null\n  {own}\n")
+    with pytest.raises(InvalidValueError, match=f"scenarios must have no {own.partition(':')[0]} of their own"):
+        check(Grid(("late_fusion",), scenarios=(str(path),)))
+
+
+def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "grid.yaml"
+    path.write_text(
+        "policies: [late_fusion(late=replay)]\nlatencies_ms: [0, 100]\noptions: {vehicles: 8, lidar: null}\n"
+    )
+    grid = find_grid(path=path, more_policies=["no_fusion"], seeds=(4,), options={"vehicles": 9}).grid()
+    assert grid.policies == ("late_fusion(late=replay)", "no_fusion") and grid.latencies_ms == (0, 100)
+    assert grid.seeds == (4,) and grid.options == {"vehicles": 9, "lidar": None}
+    assert find_grid(path=path, policies=TWO).grid().policies == TWO
+    with pytest.raises(InvalidValueError, match=r"^losses must be"):  # not the file's fault
+        find_grid(path=path, losses=(3,)).grid()
+    path.write_text("policies: late_fusion\n")
+    with pytest.raises(GridFileError, match=":1: policies must be a list"):
+        find_grid(path=path, more_policies=["no_fusion"]).grid()
+    with pytest.raises(GridFileError, match="cannot be read"):
+        find_grid(path=tmp_path / "nowhere.yaml")
+    with pytest.raises(InvalidValueError, match="policies must be at least one"):
+        find_grid().grid()
+    with pytest.raises(InvalidValueError, match="one grid too many"):
+        find_grid("quick", path)
+    with pytest.raises(UnknownNameError, match="Did you mean 'quick'"):
+        find_grid("quik")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_can_be_run(name: str) -> None:
+    grid = find_grid(name, options={"vehicles": 6, "lidar": None}).grid()
+    require_count(6, policies=len(grid.policies))
+    check(grid)
+
+
+def test_presets_are_what_they_are_called() -> None:
+    assert set(PRESETS) == {"bandwidth", "latency", "loss", "pose", "quick"}
+    latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
+    assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
+    poses = [(each.position_noise_m, each.heading_noise_deg) for each in pose.conditions()]
+    assert (min(poses), max(poses)) == ((0, 0), (1, 1)) and all(position == heading for position, heading in poses)
+    assert (len(quick.latencies_ms), len(quick.seeds), quick.frames) == (4, 3, 100)
+
+
+def test_a_condition_becomes_options() -> None:
+    cell = Cell("late_fusion", Condition("crossing", 0.2, 0.1, 0.3, 0.5), 0, 50)
+    plain = environment_options(cell, {"vehicles": 8, "weather": {"rain_mm_h": 5}})
+    assert (plain["latency_s"], plain["loss"], plain["position_noise_m"]) == (0.2, 0.1, 0.3)
+    assert plain["heading_noise_rad"] == math.radians(0.5) and plain["max_cycles"] == 50
+    assert plain["weather"].rain_mm_h == 5 and "channel" not in plain
+
+
+def test_a_bandwidth_changes_nothing_else_of_the_channel() -> None:
+    """The whole channel that a limit needs has the latency, loss, jitter and range that the plain options make."""
+    given = {"latency_jitter_s": 0.02, "communication_range_m": 80.0}
+    narrow, free = (
+        environment_options(Cell("late_fusion", Condition("crossing", 0.2, 0.1, bandwidth_bit_s=rate)), given)
+        for rate in (1e5, math.inf)
+    )
+    limited = channel_config(narrow["channel"])
+    assert limited.bandwidth is not None and limited.bandwidth.rate_bit_s == 1e5
+    env = coopsim.parallel_env("crossing", **(free | {"vehicles": 4, "lidar": None}))
+    plain = env._options.channel_config
+    assert (limited.latency, limited.loss, limited.range_m) == (plain.latency, plain.loss, plain.range_m)
+
+
+def test_a_bandwidth_leaves_a_scenario_its_jitter_and_range(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    said = "communication_range_m: 80, latency_jitter_s: 0.02"
+    file.write_text(f"scenario: crossing\noptions: {{lidar: null, {said}}}\npopulation: {{vehicles: 4}}\n")
+    grid = Grid(("late_fusion",), scenarios=(str(file),), bandwidths_mbit_s=(0.1, math.inf), latencies_ms=(200,))
+    check(grid)
+    limited, free = (
+        coopsim.parallel_env(file, **environment_options(cell, grid.options))._options.channel_config
+        for cell in grid.cells()
+    )
+    assert limited.bandwidth is not None and (limited.range_m, limited.latency.jitter_s) == (80.0, 0.02)  # type: ignore[attr-defined]
+    assert (limited.latency, limited.loss, limited.range_m) == (free.latency, free.loss, free.range_m)
+    beside = environment_options(grid.cells()[0], {"communication_range_m": 60.0})
+    assert channel_config(beside["channel"]).range_m == 60.0
+
+
+def test_a_channel_may_be_a_file(tmp_path: Path) -> None:
+    (tmp_path / "radio.yaml").write_text("radio: {scene: urban}")
+    cell = Cell("late_fusion", Condition(latency_s=0.2))
+    made = environment_options(cell, {"channel": str(tmp_path / "radio.yaml")})
+    assert made["channel"] == environment_options(cell, {"channel": {"radio": {"scene": "urban"}}})["channel"]
+
+
+@pytest.mark.parametrize(
+    ("channel", "message"),
+    [
+        ("nowhere.yaml", "channel: cannot read nowhere.yaml"),
+        (3, "channel must be None, a mapping or the path of a YAML file"),
+        ({"latency": {"model": "gamma"}}, "channel must be without latency"),
+        ({"bandwidth": {"rate_bit_s": 1.0}}, "channel.bandwidth must be a mapping without rate_bit_s"),
+    ],
+)
+def test_a_channel_beside_the_grid_leaves_it_what_is_its(channel: Any, message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        environment_options(Cell("late_fusion", Condition()), {"channel": channel})

@@ -1,0 +1,128 @@
+"""Features, dense and sparse, and queries come back within their stated errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from codec_samples import some_features, some_queries
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from coopsim.comms.codecs.feature_codec import CONFIDENCE_ERROR, FeaturesCodec
+from coopsim.comms.codecs.feature_values import FEATURE_NUMBERS, FeatureNumber, feature_error
+from coopsim.comms.codecs.query_codec import QueriesCodec
+from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
+from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
+from coopsim.types import FeatureMap, InstanceQueries
+
+QUICK = settings(max_examples=60)
+BYTES = {"float32": 4, "float16": 2, "int8": 1}
+EVERY_NUMBER = pytest.mark.parametrize("number", FEATURE_NUMBERS)
+
+VALUES = st.one_of(st.floats(-60_000, 60_000, width=32), st.sampled_from([0.0, 1e-30, -1.0, 1e-44]))
+MAPS = st.tuples(st.integers(0, 4), st.integers(1, 5), st.integers(1, 5)).flatmap(
+    lambda shape: st.tuples(
+        arrays(np.float32, shape, elements=VALUES), arrays(np.float32, shape[1:], elements=st.floats(0, 1, width=32))
+    )
+)
+
+
+def by_row(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    return values.reshape(len(values), -1) if values.size else values.reshape(len(values), 0)
+
+
+@EVERY_NUMBER
+@QUICK
+@given(content=MAPS, stated=st.booleans())
+def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, content: Any, stated: bool) -> None:
+    values, confidence = content
+    sent = FeatureMap(values, confidence if stated else None)
+    payload = FeaturesCodec(number).encode(sent)
+    got = FeaturesCodec().decode(payload)
+    scales = 4 * len(values) if number == "int8" else 0
+    assert len(payload) == 8 + scales + BYTES[number] * values.size + stated * confidence.size
+    assert (np.abs(by_row(got.values) - by_row(values)) <= feature_error(by_row(values), number)).all()
+    assert (got.confidence is not None) == stated
+    if got.confidence is not None:
+        assert np.abs(got.confidence - confidence).max() <= CONFIDENCE_ERROR
+
+
+@EVERY_NUMBER
+@QUICK
+@given(content=MAPS, most=st.integers(0, 12), least=st.floats(0, 1))
+def test_of_sparse_maps_the_surest_cells_come_back(
+    number: FeatureNumber, content: Any, most: int, least: float
+) -> None:
+    sent, codec = FeatureMap(*content), SparseFeaturesCodec(most, least, number)
+    payload = codec.encode(sent)
+    got = SparseFeaturesCodec().decode(payload)
+    assert sent.confidence is not None and got.confidence is not None
+    sure = sent.confidence.ravel()
+    order = sorted(range(sure.size), key=lambda cell: (-sure[cell], cell))
+    cells = sorted(cell for cell in order[:most] if sure[cell] >= least)
+    np.testing.assert_array_equal(codec.chosen(sent), cells)
+    channels, rest = len(sent.values), np.setdiff1d(np.arange(sure.size), cells)
+    scales = 4 * channels if number == "int8" else 0
+    assert len(payload) == 11 + len(cells) * (5 + BYTES[number] * channels) + scales
+    assert not got.values.reshape(channels, sure.size)[:, rest].any() and not got.confidence.ravel()[rest].any()
+    kept = sent.values.reshape(channels, sure.size)[:, cells]
+    back = got.values.reshape(channels, sure.size)[:, cells]
+    assert (np.abs(back - kept) <= feature_error(kept, number)).all()
+    assert np.abs(got.confidence.ravel()[cells] - sure[cells]).max(initial=0) <= CONFIDENCE_ERROR
+
+
+@EVERY_NUMBER
+@pytest.mark.parametrize(("count", "width"), [(0, 8), (1, 1), (30, 256), (3, 0)])
+def test_queries_come_back_within_the_stated_errors(number: FeatureNumber, count: int, width: int) -> None:
+    sent = some_queries(count, width=width)
+    payload = QueriesCodec(number).encode(sent)
+    got = QueriesCodec().decode(payload)
+    scales = 4 * count if number == "int8" else 0
+    assert len(payload) == 5 + 33 * count + scales + BYTES[number] * count * width
+    assert (np.abs(got.feature - sent.feature) <= feature_error(sent.feature, number)).all()
+    np.testing.assert_allclose(got.boxes.array, sent.boxes.array, rtol=2.0**-24)
+    np.testing.assert_allclose(got.score, sent.score, rtol=2.0**-24)
+    np.testing.assert_array_equal(got.label, sent.label)
+
+
+def spoilt(values: float) -> FeatureMap:
+    features = some_features()
+    return replace(features, values=np.where(features.values == features.values[1, 2, 3], values, features.values))
+
+
+def queries_with(**changes: Any) -> InstanceQueries:
+    return replace(some_queries(2, width=4), **changes)
+
+
+@pytest.mark.parametrize(
+    ("codec", "content", "match"),
+    [
+        (FeaturesCodec("float32"), spoilt(np.nan), "features must be finite"),
+        (SparseFeaturesCodec(number="int8"), spoilt(np.inf), "features must be finite"),
+        (FeaturesCodec("float16"), spoilt(1e6), "features beyond 65504 are too large for float16"),
+        (FeaturesCodec(), FeatureMap(np.zeros((1, 1025, 1024)), None), r"no message has features \(1, 1025, 1024\)"),
+        (FeaturesCodec(), FeatureMap(np.zeros((70_000, 1, 1))), "at most 65535"),
+        (FeaturesCodec(), FeatureMap(np.zeros((1, 1, 1)), np.full((1, 1), 1.5)), r"confidences .* in \[0, 1\]"),
+        (SparseFeaturesCodec(), FeatureMap(np.zeros((1, 2, 2))), "only of features that have confidences"),
+        (QueriesCodec(), queries_with(score=[0.5, np.nan]), "query 1 cannot be sent"),
+        (QueriesCodec(), queries_with(label=[9, 0]), "query 0 cannot be sent"),
+        (QueriesCodec(), queries_with(feature=np.zeros((2, 70_000))), "got 2 x 70000"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused(codec: Any, content: Any, match: str) -> None:
+    with pytest.raises(CodecError, match=match):
+        codec.encode(content)
+
+
+def test_bad_settings_are_refused() -> None:
+    for codec in (FeaturesCodec, SparseFeaturesCodec, QueriesCodec):
+        with pytest.raises(UnknownNameError, match=r"unknown number 'int4'.*float16, float32, int8"):
+            codec(number="int4")
+    with pytest.raises(InvalidValueError, match="most_cells must be an integer >= 0"):
+        SparseFeaturesCodec(-1)
+    with pytest.raises(InvalidValueError, match=r"least_confidence must be in \[0, 1\]"):
+        SparseFeaturesCodec(5, 1.5)

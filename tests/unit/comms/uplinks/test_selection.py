@@ -1,0 +1,127 @@
+"""What is said first when not all fits, and that a message never grows beyond its budget."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import SMALL
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import coopsim
+from coopsim.comms.envelope import decode_detections, encode_message
+from coopsim.comms.uplinks.budget import WithinBudget
+from coopsim.comms.uplinks.selection import SELECTIONS
+from coopsim.comms.uplinks.uplink import ShareDetections, ShareTracks, Silence
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
+
+
+def boxes(x: object, score: object) -> Detections:
+    where = np.atleast_1d(np.asarray(x, dtype=float))
+    rows = np.column_stack([where, np.tile([0.0, 0.8, 4.5, 1.9, 1.6, 0.0], (len(where), 1))])
+    full = np.broadcast_to(np.asarray(score, dtype=float), len(where))
+    return Detections(Boxes3D.from_array(rows), full, np.zeros(len(where), dtype=int))
+
+
+def observe(found: Detections, *inbox: Message, x: float = 0.0, time_ns: int = 0) -> Observation:
+    pose = PoseEstimate(np.array([x, 0.0, 0.0, 0.0]))
+    return Observation(time_ns, pose, Odometry(np.zeros(4)), found, inbox=inbox)
+
+
+def within(budget_bytes: int, selection: str = "need") -> WithinBudget:
+    return WithinBudget(ShareDetections(), budget_bytes, SELECTIONS.get(selection)(np.random.default_rng(0)))
+
+
+def said(uplink: WithinBudget, observation: Observation, sender: str = "cav_0") -> list[float]:
+    """Where along x the objects of a message are, in the world frame, in order."""
+    message = uplink.message(sender, observation)
+    assert message is not None
+    found = decode_detections(message).boxes.transform(message.pose.world_SE3_base)
+    return sorted(found.center[:, 0].round(1).tolist())
+
+
+@settings(max_examples=30)
+@given(count=st.integers(0, 40), budget_bytes=st.integers(1, 2000), selection=st.sampled_from(SELECTIONS.names()))
+def test_as_many_as_fit_and_not_one_more(count: int, budget_bytes: int, selection: str) -> None:
+    observation = observe(boxes(np.arange(count) * 9.0, 0.5))
+    message = within(budget_bytes, selection).message("cav_0", observation)
+    assert message is not None
+    sent, size = len(decode_detections(message)), len(encode_message(message))
+    assert size <= budget_bytes or sent == 0
+    assert sent == count or size + 33 > budget_bytes
+
+
+def test_what_fits_is_sent_as_it_is() -> None:
+    observation = observe(boxes([30, 20, 10], [0.2, 0.9, 0.4]))
+    whole, same = ShareDetections().message("cav_0", observation), within(1000).message("cav_0", observation)
+    assert whole is not None and same is not None and whole.payload == same.payload
+
+
+def test_by_score_the_surest_are_sent() -> None:
+    assert said(within(150, "score"), observe(boxes([10, 20, 30, 40], [0.2, 0.9, 0.4, 0.8]))) == [20.0, 40.0]
+
+
+def test_by_need_what_is_close_to_another_agent_is_left_to_it() -> None:
+    uplink = within(150)
+    other = ShareDetections().message("cav_1", observe(Detections.empty(), x=60.0))
+    assert other is not None
+    found = boxes([10, 20, 50, 55], [0.5, 0.5, 0.6, 0.6])
+    assert said(uplink, observe(found)) == [50.0, 55.0]
+    uplink = within(150)
+    uplink.hear(observe(found, other))
+    assert said(uplink, observe(found)) == [10.0, 20.0]
+
+
+def test_of_two_who_see_an_object_the_surer_one_goes_on_reporting_it() -> None:
+    """The senders stand at the same place, so neither's distance decides."""
+    mine, theirs = boxes([90, 99], [0.5, 0.5]), boxes([90, 81], [0.6, 0.5])
+    uplinks, inbox = {"cav_0": within(110), "cav_1": within(110)}, dict.fromkeys(("cav_0", "cav_1"), ())
+    for k in range(6):
+        seen = {"cav_0": observe(mine, time_ns=k), "cav_1": observe(theirs, time_ns=k)}
+        sent = {name: uplinks[name].message(name, seen[name]) for name in uplinks}
+        inbox = {"cav_0": (sent["cav_1"],), "cav_1": (sent["cav_0"],)}
+        for name, uplink in uplinks.items():
+            uplink.hear(replace(seen[name], inbox=inbox[name]))
+    assert said(uplinks["cav_0"], observe(mine)) == [99.0]
+    assert said(uplinks["cav_1"], observe(theirs), "cav_1") == [90.0]
+
+
+def test_what_was_said_long_ago_or_cannot_be_read_binds_nobody() -> None:
+    uplink, found = within(110), boxes([10, 20], [0.5, 0.4])
+    theirs = ShareDetections().message("cav_1", observe(boxes([-390], 0.9), x=400.0))
+    assert theirs is not None
+    uplink.hear(observe(found, replace(theirs, payload=b"\x07nonsense")))
+    assert said(uplink, observe(found)) == [10.0]
+    uplink = within(110)
+    uplink.hear(observe(found, theirs))
+    assert said(uplink, observe(found)) == [20.0]
+    uplink = within(110)
+    uplink.hear(observe(found, theirs))
+    uplink.hear(observe(found, time_ns=2_000_000_000))
+    assert said(uplink, observe(found)) == [10.0]
+
+
+def test_what_is_not_accepted_is_named() -> None:
+    selection = SELECTIONS.get("score")(np.random.default_rng(0))
+    with pytest.raises(InvalidValueError, match=r"budget_bytes is for uplinks.*not for ShareTracks"):
+        WithinBudget(ShareTracks(), 100, selection)
+    with pytest.raises(InvalidValueError, match="budget_bytes must be an integer >= 1"):
+        coopsim.parallel_env("crossing", budget_bytes=0)
+    with pytest.raises(UnknownNameError, match="score"):
+        coopsim.parallel_env("crossing", budget_bytes=100, selection="scores")
+    with pytest.raises(InvalidValueError, match="not for ShareTracks"):
+        coopsim.parallel_env("crossing", budget_bytes=100, uplink="tracks")
+    assert WithinBudget(Silence(), 100, selection).message("cav_0", observe(boxes([1], 1))) is None
+
+
+@pytest.mark.parametrize("selection", SELECTIONS.names())
+def test_in_an_episode_no_agent_sends_more_than_its_budget(selection: str) -> None:
+    first, again = (
+        coopsim.evaluate("late_fusion", **SMALL, budget_bytes=150, selection=selection, seed=1).score for _ in "ab"
+    )
+    assert 0 < first["bytes_per_s"] <= 1500
+    assert first.values == again.values

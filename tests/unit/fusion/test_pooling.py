@@ -1,0 +1,91 @@
+"""Duplicates become one box, neighbours stay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coopsim.fusion.pooling import merge_duplicates, pool
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.types import Detections
+
+
+def found(*rows: tuple[float, float, int], z: float = 0.0) -> Detections:
+    """x, score, label of cars in a row."""
+    boxes = Boxes3D.from_array(np.array([[x, 0, z, 4, 2, 1.5, 0] for x, _, _ in rows]).reshape(-1, 7))
+    return Detections(boxes, np.array([s for _, s, _ in rows]), np.array([c for _, _, c in rows], dtype=int))
+
+
+def kept(detections: Detections, iou_threshold: float = 0.2) -> list[tuple[float, float]]:
+    merged = merge_duplicates(detections, iou_threshold)
+    return list(zip(merged.boxes.center[:, 0].tolist(), merged.score.tolist(), strict=True))
+
+
+def test_a_heap_becomes_its_weighted_mean_with_the_best_score() -> None:
+    (x, score), neighbour = kept(found((0.0, 0.5, 0), (0.3, 0.9, 0), (0.1, 0.2, 0), (10.0, 0.4, 0)))
+    assert x == pytest.approx((0.3 * 0.9 + 0.1 * 0.2) / 1.6) and score == 0.9
+    assert neighbour == (10.0, 0.4)
+
+
+def test_a_suppressed_box_suppresses_nobody() -> None:
+    """A chain of three: the middle one goes to the first, so the last has no rival left."""
+    (first, _), last = kept(found((0.0, 0.9, 0), (2.5, 0.8, 0), (5.0, 0.7, 0)))
+    assert first == pytest.approx(2.5 * 0.8 / 1.7) and last == (5.0, 0.7)
+
+
+def test_size_is_averaged_and_heading_is_the_best_ones() -> None:
+    """A detector that confuses front and back must not turn the merged box aside."""
+    rows = np.array([[0, 0, 0, 4, 2, 1.5, 0.1], [0, 0, 0, 5, 2, 1.5, 0.1 + np.pi]])
+    merged = merge_duplicates(Detections(Boxes3D.from_array(rows), np.array([0.6, 0.3]), np.zeros(2, dtype=int)), 0.2)
+    np.testing.assert_allclose(merged.boxes.array, [[0, 0, 0, 4 * 2 / 3 + 5 / 3, 2, 1.5, 0.1]])
+
+
+def test_scores_need_not_be_probabilities() -> None:
+    assert kept(found((0.0, -3.0, 0), (0.4, -1.0, 0))) == [(pytest.approx(0.2), -1.0)]
+    assert kept(found((0.0, -3.0, 0), (0.4, 5.0, 0)))[0][0] == pytest.approx(0.4, abs=1e-6)
+
+
+def test_boxes_without_duplicates_and_without_area_keep_their_bits() -> None:
+    rows = np.array([[0.1, 0, 0, 4, 2, 1.5, 0.3], [9.7, 0, 0, 0, 0, 0, 0], [30.3, 1, 0, 4, 2, 1.5, 7]])
+    score = np.array([0.7, 0.31, 0.13])
+    merged = merge_duplicates(Detections(Boxes3D.from_array(rows), score, np.zeros(3, dtype=int)), 0.2)
+    np.testing.assert_array_equal(merged.boxes.array, rows)
+
+
+def test_other_classes_are_no_rivals() -> None:
+    assert len(kept(found((0.0, 0.9, 0), (0.0, 0.8, 7)))) == 2
+
+
+def test_height_does_not_matter() -> None:
+    low, high = found((0.0, 0.9, 0)), found((0.0, 0.8, 0), z=1.4)
+    assert len(kept(Detections.concatenate([low, high]))) == 1
+
+
+def test_nothing_and_rubbish() -> None:
+    assert kept(Detections.empty()) == []
+    assert kept(found((np.nan, 0.9, 0), (1.0, 0.3, 0), (1.0, np.nan, 0))) == [(1.0, 0.3)]
+
+
+def test_the_best_one_with_an_embedding_lends_it_and_all_who_saw_it_are_named() -> None:
+    near = found((0.0, 0.9, 0), (20.0, 0.4, 0))
+    groups = [
+        replace(near, embedding=[[np.nan, np.nan], [1.0, 2.0]]),
+        replace(found((0.1, 0.5, 0)), embedding=[[3.0, 4.0]]),
+        found((0.2, 0.7, 0), (40.0, 0.3, 0)),
+    ]
+    merged = merge_duplicates(pool(groups), 0.2)
+    assert merged.boxes.center[1:, 0].tolist() == [20, 40]
+    np.testing.assert_array_equal(merged.embedding, [[3, 4], [1, 2], [np.nan, np.nan]])
+    np.testing.assert_array_equal(merged.seen_by, [[True] * 3, [True, False, False], [False, False, True]])
+
+
+def test_embeddings_of_another_width_than_the_first_are_none() -> None:
+    groups = [replace(found((x, 0.5, 0)), embedding=np.ones((1, width))) for x, width in ((0, 2), (20, 3), (40, 2))]
+    merged = merge_duplicates(pool([Detections.empty(), *groups]), 0.2)
+    np.testing.assert_array_equal(merged.embedding, [[1, 1], [np.nan, np.nan], [1, 1]])
+    assert merged.seen_by is not None and merged.seen_by.shape == (3, 4)
+
+
+def test_pooling_nobody() -> None:
+    for groups in ([], [Detections.empty()] * 2):
+        assert len(merge_duplicates(pool(groups), 0.2)) == 0

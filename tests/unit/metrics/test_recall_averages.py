@@ -1,0 +1,76 @@
+"""AB3DMOT's averages: where levels of recall are cut, and what they average."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_clear import tracks, truth
+
+from coopsim.metrics.clear import Clear
+from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.recall_averages import recall_thresholds
+from coopsim.metrics.score import summarize
+
+
+def authors_thresholds(scores: list[float], truth_count: int) -> tuple[list[float], list[float]]:
+    """AB3DMOT's procedure, followed step by step."""
+    ordered = sorted(scores, reverse=True)
+    level, levels, cuts = 0.0, [], []
+    for i, score in enumerate(ordered):
+        left = (i + 1) / truth_count
+        right = (i + 2) / truth_count if i < len(ordered) - 1 else left
+        if (right - level) < (level - left) and i < len(ordered) - 1:
+            continue
+        cuts.append(score)
+        levels.append(level)
+        level += 1 / 40.0
+    return levels[1:], cuts[1:]
+
+
+@pytest.mark.parametrize(("matches", "objects"), [(0, 5), (1, 1), (3, 7), (40, 40), (100, 130), (1000, 1000)])
+def test_thresholds_follow_the_authors(matches: int, objects: int) -> None:
+    scores = np.random.default_rng(matches).random(matches)
+    got = recall_thresholds(scores, objects)
+    levels, cuts = authors_thresholds(scores.tolist(), objects)
+    np.testing.assert_allclose([level for level, _ in got], levels)
+    np.testing.assert_allclose([cut for _, cut in got], cuts)
+    assert len(got) <= 40
+
+
+def test_a_perfect_tracker_gets_all_there_is() -> None:
+    evaluator = Evaluator()
+    for k in range(400):
+        evaluator.update(truth({k: 0}), tracks({k: 0}, scores={k: 1 - k / 1000}))
+    score = summarize([evaluator.log])
+    assert score["sAMOTA"] == pytest.approx(100, abs=0.5)
+    assert score["AMOTP"] == pytest.approx(100, abs=0.5)
+    # The mean of the levels themselves: (1 + 2 + ... + 40) / 40 / 40.
+    assert score["AMOTA"] == pytest.approx(51.25, abs=0.5)
+
+
+def test_sure_tracks_are_cut_last() -> None:
+    """False tracks with low scores cost nothing at the levels of recall that the good ones reach alone."""
+    evaluator = Evaluator()
+    for k in range(100):
+        evaluator.update(truth({k: 0}), tracks({k: 0, 1000 + k: 40}, scores={k: 0.9, 1000 + k: 0.1}))
+    score = summarize([evaluator.log])
+    assert score["FP"] == 0 and score["MOTA"] == 100
+    assert score.all_tracks["FP"] == 100 and score.all_tracks["MOTA"] == 0
+
+
+def test_scores_are_those_of_whole_tracks() -> None:
+    """A track is cut by its mean score, not frame by frame."""
+    evaluator = Evaluator()
+    for k in range(10):
+        evaluator.update(truth({1: 0}), tracks({9: 0}, scores={9: 0.1 if k % 2 else 0.9}))
+    points = summarize([evaluator.log]).sweep
+    assert points is not None
+    assert all(point.clear.tp == 10 for point in points.points)
+
+
+def test_scaled_mota_of_a_tracker_that_only_misses() -> None:
+    half = Clear(tp=50, fn=50, objects=1)
+    assert half.mota == 0.5
+    assert half.scaled_mota(0.5) == pytest.approx(1.0)
+    assert half.scaled_mota(1.0) == pytest.approx(0.5)
+    assert Clear(tp=10, fp=500, fn=90).scaled_mota(0.1) == 0.0

@@ -1,0 +1,45 @@
+"""Look-up by name, and the errors of those who mistype."""
+
+import pytest
+
+from coopsim.errors import DuplicateNameError, UnknownNameError
+from coopsim.support.registry import Registry
+
+
+@pytest.fixture
+def fruit() -> Registry[int]:
+    registry: Registry[int] = Registry("fruit")
+    registry.register("apple")(1)
+    registry.register("banana")(2)
+    return registry
+
+
+def test_get_returns_what_was_registered(fruit: Registry[int]) -> None:
+    assert fruit.get("apple") == 1
+    assert fruit.names() == ("apple", "banana")
+    assert "apple" in fruit
+    assert "kiwi" not in fruit
+
+
+def test_duplicate_raises_and_keeps_the_first(fruit: Registry[int]) -> None:
+    with pytest.raises(DuplicateNameError, match=r"fruit 'apple' is already registered"):
+        fruit.register("apple")(3)
+    assert fruit.get("apple") == 1
+
+
+def test_unknown_lists_close_and_accepted_names(fruit: Registry[int]) -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown fruit 'aple'. Did you mean 'apple'\?.*apple, banana"):
+        fruit.get("aple")
+
+
+def test_home_is_imported_at_first_lookup(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "orchard_home.py").write_text(
+        "import orchard_registry\norchard_registry.TREES.register('oak')('an oak')\n"
+    )
+    (tmp_path / "orchard_registry.py").write_text(
+        "from coopsim.support.registry import Registry\nTREES = Registry('tree', home='orchard_home')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    import orchard_registry  # type: ignore[import-not-found]
+
+    assert orchard_registry.TREES.get("oak") == "an oak"

@@ -1,0 +1,220 @@
+"""Found again by its looks: after a long occlusion, and across agents; and nothing of it without embeddings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from some_tracks import FRAME_NS, cars, tracks
+
+from coopsim.agents.dino_codt import NIMBLE, DinoCoDT
+from coopsim.errors import InvalidValueError
+from coopsim.fusion.pooling import pool
+from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.affinity.affinity import iou_3d
+from coopsim.tracking.affinity.appearance import Appearance
+from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.delayed import OWN, Measurement, RewindAndReplay
+from coopsim.tracking.lifecycle import HitsAndAge, Remembered, VelocityAdaptiveAge
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.tracker import Tracker
+from coopsim.types import Detections, Tracks
+
+RED, BLUE, GREEN = np.eye(3)
+NONE = np.zeros(3)
+
+
+def people(*objects: tuple[float, float, np.ndarray], score: float = 0.9) -> Detections:
+    """Pedestrians at (x, y) that look like something."""
+    rows = np.array([[x, y, 0.9, 0.6, 0.6, 1.7, 0.0] for x, y, _ in objects]).reshape(-1, 7)
+    looks = np.array([look for *_, look in objects]).reshape(-1, 3)
+    return Detections(Boxes3D.from_array(rows), np.full(len(rows), score), np.full(len(rows), 7), embedding=looks)
+
+
+def blind(found: Detections) -> Detections:
+    return replace(found, embedding=None)
+
+
+def run(tracker: TrackersByClass, frames: Sequence[Detections]) -> list[Tracks]:
+    return [tracker.step(found, k * FRAME_NS) for k, found in enumerate(frames)]
+
+
+def ids_from_left(report: Tracks) -> list[int]:
+    return report.id[np.argsort(report.boxes.center[:, 0])].tolist()
+
+
+def same(a: Sequence[Tracks], b: Sequence[Tracks]) -> bool:
+    return all(
+        np.array_equal(getattr(x, name), getattr(y, name))
+        for x, y in zip(a, b, strict=True)
+        for name in ("id", "velocity", "score", "label")
+    ) and all(np.array_equal(x.boxes.array, y.boxes.array) for x, y in zip(a, b, strict=True))
+
+
+def behind_a_van(hidden: int = 12) -> list[Detections]:
+    """Two people walk behind a van from either side, turn round there, and come out where they went in."""
+    walk = [people((0.14 * k, 0, RED), (5 - 0.14 * k, 0, BLUE)) for k in range(12)]
+    return walk + [people()] * hidden + walk[::-1]
+
+
+def test_after_a_long_occlusion_looks_bring_the_id_back() -> None:
+    """Boxes alone lose both people; told to wait for them, they take each for the other."""
+    frames = behind_a_van()
+    reports = run(DinoCoDT().make_tracker(), frames)
+    assert [len(report) for report in reports[13:24]] == [0] * 11, "what is only remembered is not reported"
+    lost = run(DinoCoDT().make_tracker(), [blind(each) for each in frames])
+    swapped = run(DinoCoDT(age=20).make_tracker(), [blind(each) for each in frames])
+    before = ids_from_left(reports[11])
+    assert len(before) == 2
+    assert ids_from_left(reports[-1]) == before
+    assert not set(ids_from_left(lost[-1])) & set(before)
+    assert ids_from_left(swapped[-1]) == before[::-1]
+
+
+def test_too_long_too_far_or_too_different_is_not_the_same() -> None:
+    frames = behind_a_van()
+    for setting in ({"frames": 8}, {"reach_m": 0.01}, {"similarity": 1.0}):
+        first, last = (ids_from_left(run(tracker(**setting), noisy(frames))[k]) for k in (11, -1))
+        assert not set(first) & set(last)
+    assert ids_from_left(run(tracker(), noisy(frames))[-1]) == ids_from_left(run(tracker(), noisy(frames))[11])
+
+
+def tracker(**appearance: float) -> TrackersByClass:
+    return DinoCoDT(appearance=Appearance(**appearance)).make_tracker()  # type: ignore[arg-type]
+
+
+def noisy(frames: list[Detections]) -> list[Detections]:
+    rng = np.random.default_rng(0)
+    return [replace(each, embedding=each.embedding + rng.normal(0, 0.05, (len(each), 3))) for each in frames]
+
+
+def test_without_embeddings_boxes_and_age_alone_decide() -> None:
+    rng = np.random.default_rng(3)
+    crowd = [cars(*(10 * np.arange(6) + 0.2 * k)[rng.random(6) < 0.7]) for k in range(40)]
+    rule = VelocityAdaptiveAge(3, 2, 0.2)
+    plain = Tracker(ConstantVelocity(), Cascade([Stage(iou_3d, hungarian, 0.01)]), rule)
+    expected = run(TrackersByClass(plain, {NIMBLE: ab3dmot()}), crowd)
+    assert len(expected[-1]) and same(run(DinoCoDT().make_tracker(), crowd), expected)
+
+
+def test_one_object_that_two_agents_place_apart_is_one_track() -> None:
+    """Pose noise moves the other agent's boxes by a metre: no overlap, but the same looks at the same time."""
+    for k, found in enumerate(([RED, RED], [RED, BLUE], [RED, NONE])):
+        frames = [pool([people((0.1 * t, 0, found[0])), people((0.1 * t, 1.0, found[1]))]) for t in range(6)]
+        assert len(run(DinoCoDT().make_tracker(), frames)[-1]) == (1 if k == 0 else 2)
+
+
+def test_two_objects_that_one_agent_sees_are_two_however_alike() -> None:
+    both = people((0, 0, RED), (2, 0, RED))
+    assert len(run(tracker(), [pool([both])] * 4)[-1]) == 2
+    assert len(run(tracker(), [pool([both, people((0, 1, RED))])] * 4)[-1]) == 2
+    between = pool([people((0, 0, RED), (0, 2, RED), score=0.9), people((0, 1, RED), score=0.95)])
+    assert len(run(tracker(), [between] * 4)[-1]) == 2
+
+
+def test_who_is_repeated() -> None:
+    rule = Appearance(cross_reach_m=5.0)
+    found = pool([people((0, 0, RED), (9, 0, BLUE), score=0.5), people((1, 0, RED), (20, 0, BLUE), score=0.9)])
+    nobody = np.zeros(0, dtype=np.int64)
+    assert rule.repeated(found, nobody).tolist() == [True, False, False, False]  # the surer stands, 11 m are too far
+    assert rule.repeated(found, np.array([0])).tolist() == [False, False, True, False]  # whatever has a track stands
+    assert not rule.repeated(found, np.arange(4)).any()
+    assert not rule.repeated(replace(found, seen_by=None), nobody).any()
+    assert not rule.repeated(replace(found, embedding=None), nobody).any()
+    assert rule.repeated(found[:0], nobody).shape == (0,)
+    endless = Appearance(cross_reach_m=np.inf)
+    assert endless.repeated(found, nobody).tolist() == [True, True, False, False]
+
+
+@given(st.integers(0, 2**31))
+def test_no_agents_view_is_lost_by_another_view_of_its_own(seed: int) -> None:
+    """Per agent, at most as many are repeated as others saw; one agent's alone never."""
+    rng = np.random.default_rng(seed)
+    groups = [people(*((*rng.uniform(0, 6, 2), rng.normal(size=3)) for _ in range(rng.integers(0, 5)))) for _ in "abc"]
+    rule, found = Appearance(cross_similarity=-1.0, cross_reach_m=np.inf), pool(groups)
+    repeated = rule.repeated(found, np.zeros(0, dtype=np.int64))
+    largest = max(len(group) for group in groups)
+    assert (~repeated).sum() >= largest
+    assert not rule.repeated(pool(groups[:1]), np.zeros(0, dtype=np.int64)).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rewind_and_replay_is_exact_with_embeddings(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = [[each[rng.random(len(each)) < 0.8] for _ in "ab"] for each in noisy(behind_a_van())]
+    on_time, late = (RewindAndReplay(DinoCoDT().make_tracker, DinoCoDT().fuse) for _ in "ab")
+    delayed: list[Measurement] = []
+    differed = False
+    for k, (mine, theirs) in enumerate(scene):
+        own, heard = Measurement(OWN, k * FRAME_NS, mine), Measurement("cav_1", k * FRAME_NS, theirs)
+        expected = on_time.step([own, heard], k * FRAME_NS)
+        arrived = [*delayed, own, heard] if k == len(scene) - 1 else [own, *delayed[: k % 3]]
+        got = late.step(arrived, k * FRAME_NS)
+        delayed = [*delayed[k % 3 :], heard]
+        differed |= not same([got], [expected])
+    assert differed, "nothing was late enough to matter"
+    assert same([got], [expected]) and len(got)
+
+
+def test_memory_is_that_of_the_tracks_alive_and_states_do_not_change() -> None:
+    rng = np.random.default_rng(0)
+    trackers = tracker(views=4)
+    for k in range(300):
+        crowd = people(*((x, 0, rng.normal(size=3)) for x in rng.uniform(-40, 40, 5)))
+        before = trackers.state
+        kept = [state.tracked.appearance.vectors.copy() for state in before]
+        trackers.step(crowd, k * FRAME_NS)
+        for state, vectors in zip(before, kept, strict=True):
+            np.testing.assert_array_equal(state.tracked.appearance.vectors, vectors)
+    alive = [state.tracked for state in trackers.state]
+    assert all(each.appearance.vectors.shape[:2] == (len(each), 4) for each in alive)
+    assert sum(map(len, alive)) < 5 * 30
+
+
+def test_the_first_width_stands_while_a_track_is_known_by_it() -> None:
+    wide = replace(people((0, 0, RED)), embedding=np.ones((1, 5)))
+    memory = EmbeddingMemory.blank(2, dim=0, window=3)
+    assert memory.ready_for(blind(wide)) is memory
+    ready = memory.ready_for(wide)
+    assert (ready.dim, len(ready), ready.known.tolist()) == (5, 2, [False, False])
+    assert ready.ready_for(people((0, 0, RED))).dim == 3
+    known = ready.update(np.array([0]), wide.embedding)
+    assert known.ready_for(people((0, 0, RED))) is known
+    assert np.isnan(known.readable(people((0, 0, RED)))).all()
+    assert np.isneginf(Appearance().affinity(tracks(0, 9, memory=known), people((0, 0, RED)))).all()
+
+
+def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
+    rule = Remembered(HitsAndAge(hits=3, age=2), hits=3, frames=10)
+    memory = EmbeddingMemory.blank(0, 3, 1).born([RED, RED, RED, NONE, RED])
+    known = tracks(*range(5), memory=memory, hits=[3, 3, 2, 3, 3], misses=[0, 5, 5, 5, 10])
+    assert rule.alive(known).tolist() == [True, True, False, False, False]
+    assert rule.reported(known, frame=50).tolist() == [True, False, False, False, False]
+    expected = tracks(*range(5), memory=memory, hits=3, misses=[1, 2, 3, 9, 6])
+    assert rule.in_sight(expected).tolist() == [True, True, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"views": 0}, "views must be an integer >= 1"),
+        ({"frames": 2.5}, "frames must be an integer >= 1"),
+        ({"similarity": 1.5}, r"similarity must be in \[-1, 1\]"),
+        ({"cross_similarity": float("nan")}, r"cross_similarity must be in \[-1, 1\]"),
+        ({"reach_m": 0}, r"reach_m must be > 0 \(inf: no limit\)"),
+        ({"cross_reach_m": "far"}, r"cross_reach_m must be > 0 \(inf: no limit\)"),
+    ],
+)
+def test_bad_settings(setting: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        Appearance(**setting)  # type: ignore[arg-type]
+    with pytest.raises(InvalidValueError, match=r"write Appearance\(\)"):
+        DinoCoDT(appearance=Appearance)  # type: ignore[arg-type]

@@ -1,0 +1,42 @@
+"""The card of the actors says what they are, and what it tells users to type works."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from coopsim.support.registry import Registry
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models import catalogue, make_models
+
+CARD = (Path(__file__).parents[4] / "docs" / "actors.md").read_text()
+
+
+def test_the_table_has_every_model_as_it_is() -> None:
+    rows = re.findall(r"^\| (\w+) \| (\w+) \| `(\w+)` \| (.*) \| (\d+) \| (\d+) \|$", CARD, flags=re.M)
+    expected = [
+        (
+            ObjectClass(model.label).title,
+            ObjectClass(model.label).superclass.title,
+            model.name,
+            " x ".join(f"{side:.2f}" for side in model.size_m),
+            str(len(model.faces)),
+            str(len(model.poses)),
+        )
+        for model in make_models()
+    ]
+    assert rows == expected
+
+
+def test_the_range_of_triangles_is_as_said() -> None:
+    counts = [len(model.faces) for model in make_models()]
+    assert f"the built-in models have {min(counts)} to {max(counts)}" in CARD
+
+
+def test_the_users_model_of_the_card_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "OWN_MODELS", Registry("model"))
+    (program,) = re.findall(r"```python\n(.*?)```", CARD, flags=re.S)
+    exec(program, {})
+    assert make_models()[-1].name == "delivery_robot"
