@@ -54,7 +54,7 @@ class CommonOptions:
     Attributes:
         uplink: what agents broadcast: "detections", "tracks" or "none"; a policy states what it needs.
         codec: how what they broadcast is encoded: name of a codec for it (for detections "compact" or "cpm",
-            see `docs/codecs.md`); None: by the one with the uplink's name.
+            see `docs/reference/codecs.md`); None: by the one with the uplink's name.
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].

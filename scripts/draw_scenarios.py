@@ -1,4 +1,4 @@
-"""Draw docs/scenarios/<name>.png: every scenario and the village from above, with a drone, after a few seconds."""
+"""Draw docs/reference/scenarios/<name>.png: every scenario and the village from above, with a drone."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ import coopsim
 from coopsim.viz.bev import BevRenderer
 from coopsim.world.scenario import SCENARIOS
 
-FOLDER = Path(__file__).parents[1] / "docs" / "scenarios"
+FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "scenarios"
 FRAMES = 40
 
 

@@ -3,7 +3,7 @@
     python scripts/fit_detector.py DATA [--out coopsim/detection/fitted/pointpillars_v2v4real.yaml]
 
 DATA has v2v4real/train with labels/ and detections/. Recording 0000 is left out: it is one of those for testing. The
-numbers are those of the car in whose frame the recordings are. What is fitted how, and what fits: docs/detector.md.
+numbers are those of the car in whose frame the recordings are. See docs/reference/detector.md.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def main() -> None:
 def fit_text(data: Path) -> str:
     """The preset's file."""
     folder = data / "v2v4real" / "train"
-    head = "# Written by scripts/fit_detector.py from V2V4Real's training recordings; docs/detector.md says how.\n"
+    head = "# Written by scripts/fit_detector.py from V2V4Real's training recordings; see docs/reference/detector.md.\n"
     return head + to_yaml(fit(*read_matches(folder, WITHOUT).values()))
 
 

@@ -33,7 +33,7 @@ class Score:
     MT, PT and ML at the level with the best MOTA, as AB3DMOT's tables give them. The counts beside them (TP, FP, FN,
     GT, IDS, FRAG, objects) are those they were made from, at the same level. `all_tracks` has the same names without
     any cut by score: plain CLEAR. All others (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported
-    and always count false positives; `docs/metrics.md` has each name.
+    and always count false positives; `docs/reference/metrics.md` has each name.
 
     Attributes:
         values: by metric name.

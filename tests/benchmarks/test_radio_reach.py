@@ -1,6 +1,6 @@
 """How far messages are received, by scene, sight, scheme and size.
 
-Run by `make bench`. Nothing here fails by its figures; they are printed, and stand in `docs/channel.md`.
+Run by `make bench`. Nothing here fails by its figures; they are printed, and stand in `docs/reference/channel.md`.
 """
 
 import numpy as np

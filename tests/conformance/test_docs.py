@@ -16,7 +16,9 @@ from coopsim.comms.channel.channel_files import channel_config
 from coopsim.localization.localization_files import localization_config
 
 ROOT = Path(__file__).parents[2]
-PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
+PAGES = {
+    path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md")))
+}
 
 NOT_RUN = {
     "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
@@ -61,3 +63,18 @@ def test_commands_parse() -> None:
     assert {words[0] for words in commands} >= {"demo", "bench", "compare", "replay", "leaderboard", "record"}
     for words in commands:
         make_parser().parse_args(words)
+
+
+def test_links_lead_somewhere() -> None:
+    broken = []
+    for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))):
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            path, _, anchor = target.partition("#")
+            if "://" in target:
+                continue
+            file = page if not path else (page.parent / path)
+            headings = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE) if file.suffix == ".md" else []
+            anchors = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+            if not file.exists() or (anchor and anchor not in anchors):
+                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    assert not broken

@@ -130,7 +130,7 @@ def test_a_written_channel_is_the_one_that_is_built(tmp_path: Path) -> None:
 
 
 def test_what_the_documentation_writes_can_be_read() -> None:
-    docs = Path(__file__).parents[2] / "docs"
+    docs = Path(__file__).parents[2] / "docs" / "reference"
     read = {"channel": channel_config, "localization": localization_config}
     for name, config in read.items():
         blocks = re.findall(r"```yaml\n(.*?)```", (docs / f"{name}.md").read_text(), re.DOTALL)

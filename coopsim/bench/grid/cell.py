@@ -67,7 +67,7 @@ class CellResult:
 
     Attributes:
         cell: which one.
-        values: by metric name (see `docs/metrics.md`), the mean over agents; empty for a cell that failed.
+        values: by metric name (see `docs/reference/metrics.md`), the mean over agents; empty for a cell that failed.
         agents: the same by agent.
         rewards: (F,) mean over agents, per frame.
         messages: counts of what became of the messages, by the names of `ChannelCounts`.

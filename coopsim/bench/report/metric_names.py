@@ -1,4 +1,4 @@
-"""What metrics mean, and in which less is better; `docs/metrics.md` has all of them."""
+"""What metrics mean, and in which less is better; `docs/reference/metrics.md` has all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ETSI's Collective Perception Message (TS 103 324), in its own encoding: a subset, see `cpm.asn` and `docs/codecs.md`.
+"""ETSI's Collective Perception Message (TS 103 324) in its own encoding: the subset of `docs/reference/codecs.md`.
 
 The world frame is taken for east, north and up around latitude 0, longitude 0, where a degree of either is as long:
 scenarios are no places. An episode begins when ETSI's time does, at 2004-01-01T00:00:00Z.

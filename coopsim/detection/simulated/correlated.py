@@ -2,7 +2,7 @@
 
 `SimulatedDetector` errs anew in every frame, which a filter averages away. This one errs about an object the same way
 for a while: see `coopsim.detection.simulated.persistence`. Its numbers are curves that a fit to recordings gives
-(`docs/detector.md`).
+(`docs/reference/detector.md`).
 """
 
 from __future__ import annotations

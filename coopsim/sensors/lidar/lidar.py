@@ -72,7 +72,7 @@ class LidarConfig:
         backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.cast.ray_grid`); "torch" does so on a GPU
         where there is one
             (`coopsim.sensors.lidar.cast.torch_grid`); "embree" casts each, as a reference.
-        threads: that share a sweep, with "grid"; they change nothing but the time (by how much is in `docs/speed.md`).
+        threads: that share a sweep, with "grid"; they change nothing but the time.
     """
 
     pattern: str | BeamPattern = "HDL-32E"

@@ -111,7 +111,7 @@ def test_where_there_are_few_cars_the_usual_number_of_connected_ones_is_no_reque
 
 
 def test_the_card_has_the_numbers_of_every_scenario() -> None:
-    card = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text()
+    card = (Path(__file__).parents[3] / "docs" / "reference" / "scenarios.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \|" + r" (\d+) \|" * 6 + "$", card, flags=re.M)
     expected = []
     for name in SCENARIOS:

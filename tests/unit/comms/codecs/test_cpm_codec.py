@@ -120,7 +120,7 @@ FOREIGN = bytes.fromhex(
     "bf3f21fc1c27e0ff897cb3e02d649c400030017e0c3ffe0c1cfff8016bffce0ffc23f06f82fc1053b4e20002800ecec1ffe4"
     "c507ffbfffffff017ffdf9fff09a5f843e0bf11f82540000"
 )
-"""A message by another implementation: pycrate 0.8.1's compiler, from ETSI's own modules (see `docs/codecs.md`)."""
+"""A message by another implementation: pycrate 0.8.1, from ETSI's own modules (see `docs/reference/codecs.md`)."""
 
 
 def test_a_message_of_another_implementation_is_read_and_written_alike() -> None:

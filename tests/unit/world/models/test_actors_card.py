@@ -11,7 +11,7 @@ from coopsim.support.registry import Registry
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import catalogue, make_models
 
-CARD = (Path(__file__).parents[4] / "docs" / "actors.md").read_text()
+CARD = (Path(__file__).parents[4] / "docs" / "reference" / "actors.md").read_text()
 
 
 def test_the_table_has_every_model_as_it_is() -> None:
