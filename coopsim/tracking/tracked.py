@@ -10,7 +10,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.motion.constant_velocity import Beliefs
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +29,7 @@ class Tracked:
         hits: (N,) frames with a detection so far.
         misses: (N,) frames since the last detection; 0 if detected in this one.
         age: (N,) frames since birth; 0 in the frame of birth.
+        foreign: (N,) bool, whether the last detection was another agent's alone, and not the receiver's own.
         appearance: what they looked like, as far as the tracker keeps it.
     """
 
@@ -43,6 +44,7 @@ class Tracked:
     hits: Ints
     misses: Ints
     age: Ints
+    foreign: Mask
     appearance: EmbeddingMemory
 
     def __len__(self) -> int:

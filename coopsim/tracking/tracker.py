@@ -10,7 +10,7 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.affinity.appearance import Appearance
+from coopsim.tracking.affinity.appearance import Appearance, seen_by_others
 from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.cascade import Cascade, Chooser, everyone
 from coopsim.tracking.lifecycle import Lifecycle
@@ -134,8 +134,13 @@ class Tracker:
                 tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
             rows, columns = turn.association.match(tracked, found)
             tracked = self._updated(tracked, rows, found[columns])
-            unmatched = found[self._unmatched(found, columns)]
-            new = unmatched[turn.born(unmatched)]
+            unmatched = np.setdiff1d(np.arange(len(found)), columns)
+            if self._appearance is not None:
+                shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
+                tracked = _refreshed(tracked, rows, columns, found, shown)
+                unmatched = unmatched[shown[unmatched] == unmatched]
+            new = found[unmatched]
+            new = new[turn.born(new)]
             if len(new):
                 tracked = tracked.join(self._begin(new, next_id, tracked.appearance))
                 next_id += len(new)
@@ -197,16 +202,13 @@ class Tracker:
         latest[rows] = found.score
         hits[rows] += misses[rows] > 0
         misses[rows] = 0
+        foreign = tracked.foreign.copy()
+        foreign[rows] = seen_by_others(found)
         memory = tracked.appearance
         if found.embedding is not None:
             memory = memory.update(rows, memory.readable(found))
-        updated = replace(tracked, score=score, latest=latest, hits=hits, misses=misses, appearance=memory)
-        return self._believing(updated, Beliefs(mean, covariance))
-
-    def _unmatched(self, found: Detections, matched: Ints) -> Ints:
-        """Of N detections those without a track, matched (K,) apart, and without another agent's that has one."""
-        rest = np.setdiff1d(np.arange(len(found)), matched)
-        return rest if self._appearance is None else rest[~self._appearance.repeated(found, matched)[rest]]
+        tracked = replace(tracked, score=score, latest=latest, hits=hits, misses=misses, foreign=foreign)
+        return self._believing(replace(tracked, appearance=memory), Beliefs(mean, covariance))
 
     def _begin(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
         count = len(found)
@@ -214,11 +216,46 @@ class Tracker:
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
-        return Tracked(beliefs, boxes, velocity, ids, found.label, score, found.score, score, ones, none, none, looks)
+        return Tracked(
+            beliefs,
+            boxes,
+            velocity,
+            ids,
+            found.label,
+            score,
+            found.score,
+            score,
+            ones,
+            none,
+            none,
+            seen_by_others(found),
+            looks,
+        )
 
     def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
+
+
+def _refreshed(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:
+    """Add to the memory of each matched track what its repeated detections look like.
+
+    Args:
+        tracked: the tracks.
+        rows: (K,) matched tracks.
+        columns: (K,) their detections.
+        found: N detections.
+        shown: (N,) as from `Appearance.repeats`.
+    """
+    row_of = np.full(len(found), -1)
+    row_of[columns] = rows
+    repeated = np.flatnonzero((shown != np.arange(len(found))) & (row_of[shown] >= 0))
+    memory = tracked.appearance
+    while len(repeated):  # once for each agent that saw the same object
+        at, first = np.unique(row_of[shown[repeated]], return_index=True)
+        memory = memory.update(at, memory.readable(found[repeated[first]]))
+        repeated = np.delete(repeated, first)
+    return replace(tracked, appearance=memory)
 
 
 FARTHEST_M = 10_000.0

@@ -51,5 +51,6 @@ def tracks(
         numbers(hits),
         numbers(misses),
         numbers(5),
+        np.zeros(count, dtype=bool),
         EmbeddingMemory.blank(count, dim=0, window=1) if memory is None else memory,
     )

@@ -18,6 +18,7 @@ from coopsim.geometry.assignment import greedy
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_number
 from coopsim.tracking.affinity.overlap import center_distance_bev
+from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.cascade import Stage
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
@@ -55,43 +56,70 @@ class Appearance:
         return Stage(self.affinity, greedy, self.similarity)
 
     def affinity(self, tracks: Tracked, found: Detections, /) -> Floats:
-        """Cosine similarity of N tracks and M detections, (N, M); -inf out of reach, and where either has no embedding.
+        """Return the cosine similarity of N tracks and M detections (N, M): the best over each track's memory (eq. 9).
+
+        It is -inf out of reach, and where either has no embedding. How far a box may lie from its predicted track
+        depends on whose box it is: one that the receiver saw itself, on a track that it saw itself, `reach_m` per
+        missed frame; one that reached either through another agent's pose at least `cross_reach_m`.
 
         Only a tracker that has an `Appearance` keeps embeddings of its tracks.
         """
         similarity = tracks.appearance.similarity(tracks.appearance.readable(found))
         distance_m = -center_distance_bev(tracks.boxes, found.boxes.array)
-        return np.where(distance_m <= self.reach_m * np.maximum(tracks.misses, 1)[:, None], similarity, -np.inf)
+        reach_m = self.reach_m * np.maximum(tracks.misses, 1)[:, None]
+        foreign = np.logical_or.outer(tracks.foreign, seen_by_others(found))
+        reach_m = np.where(foreign, np.maximum(reach_m, self.cross_reach_m), reach_m)
+        return np.where(distance_m <= reach_m, similarity, -np.inf)
 
-    def repeated(self, found: Detections, matched: Ints) -> Mask:
-        """Which of one moment's N detections show what another agent's shows already: (N,); they begin no track.
+    def repeats(self, found: Detections, matched: Ints, memory: EmbeddingMemory | None = None) -> Ints:
+        """Return for each of one moment's N detections the row (N,) of the one that shows its object already.
 
-        Whatever a track is matched to stays as it is. Of the others, those are repeated that look like another agent's
-        detection which has a track or, failing that, a better score. No agent sees an object twice, so two detections
-        of one agent are never taken for one.
+        A detection that no track was matched to repeats another agent's detection of its class, within
+        `cross_reach_m`, if it looks like it, or like the memory of the track that this one was matched to. It then
+        belongs to that track (the historical id supersedes) and begins none. Among detections without a track the one
+        with the best score stands for the others. No agent sees an object twice, so two detections of one agent are
+        never taken for one.
 
         Args:
             found: with `seen_by`; without it, none is repeated.
-            matched: (K,) those that a track is matched to.
-        """
-        repeated, unmatched = np.zeros(len(found), dtype=bool), np.setdiff1d(np.arange(len(found)), matched)
-        if found.embedding is None or found.seen_by is None or not len(unmatched):
-            return repeated
-        alike = self._alike_across_agents(found, found.embedding, found.seen_by)
-        _, again = greedy(alike[np.ix_(matched, unmatched)], self.cross_similarity)
-        repeated[unmatched[again]] = True
-        rest = unmatched[~repeated[unmatched]]
-        rest = rest[np.argsort(-found.score[rest], kind="stable")]
-        surer = np.triu(np.ones((len(rest), len(rest)), dtype=bool), k=1)
-        shown, again = greedy(np.where(surer, alike[np.ix_(rest, rest)], -np.inf), self.cross_similarity)
-        # What is itself repeated shows nothing: by way of it, two detections of one agent could become one.
-        repeated[rest[again[~np.isin(shown, again)]]] = True
-        return repeated
+            matched: (K,) rows that a track was matched to; they stand for themselves.
+            memory: of those K tracks, in that order; None: detections are only compared with each other.
 
-    def _alike_across_agents(self, found: Detections, embedding: Floats, seen_by: Mask) -> Floats:
-        """Cosine similarity (N, N) of detections of one class, within reach, that no agent saw both of; else -inf."""
+        Returns:
+            The row of the detection itself where it repeats none.
+        """
+        shown = np.arange(len(found))
+        rest = np.setdiff1d(shown, matched)
+        if found.embedding is None or found.seen_by is None or not len(rest):
+            return shown
+        alike, seen_by = self._alike(found, found.embedding, matched, memory), found.seen_by.copy()
+        standing, rest = matched, rest[np.argsort(-found.score[rest], kind="stable")]
+        while len(rest):
+            apart = seen_by @ seen_by.T
+            possible = np.where(apart, -np.inf, alike)
+            rows, columns = greedy(possible[np.ix_(standing, rest)], self.cross_similarity)
+            if len(rows):
+                shown[rest[columns]] = standing[rows]
+                seen_by[standing[rows]] |= seen_by[rest[columns]]
+                rest = np.delete(rest, columns)
+            else:  # whatever looks like no surer one stands for itself
+                surer = np.triu(possible[np.ix_(rest, rest)] >= self.cross_similarity, k=1)
+                first = ~surer.any(axis=0)
+                standing, rest = np.concatenate([standing, rest[first]]), rest[~first]
+        return shown
+
+    def _alike(self, found: Detections, embedding: Floats, matched: Ints, memory: EmbeddingMemory | None) -> Floats:
+        """Return the cosine similarity (N, N) of detections of one class within reach, else -inf; symmetric."""
         unit, present = directions(embedding)
-        possible = np.logical_and.outer(present, present) & (found.label[:, None] == found.label)
-        possible &= ~(seen_by @ seen_by.T)
-        possible &= center_distance_bev(found.boxes.array, found.boxes.array) >= -self.cross_reach_m
-        return np.where(possible, unit @ unit.T, -np.inf).astype(np.float64)
+        alike = np.where(np.logical_and.outer(present, present), unit @ unit.T, -np.inf).astype(np.float64)
+        if memory is not None:
+            remembered = memory.similarity(memory.readable(found))
+            alike[matched] = np.maximum(alike[matched], remembered)
+            alike[:, matched] = np.maximum(alike[:, matched], remembered.T)
+        near = center_distance_bev(found.boxes.array, found.boxes.array) >= -self.cross_reach_m
+        return np.where(near & (found.label[:, None] == found.label), alike, -np.inf)
+
+
+def seen_by_others(found: Detections) -> Mask:
+    """Return which detections (N,) the first agent, the receiver, did not see itself."""
+    return np.zeros(len(found), dtype=bool) if found.seen_by is None else ~found.seen_by[:, 0]

@@ -120,18 +120,67 @@ def test_two_objects_that_one_agent_sees_are_two_however_alike() -> None:
     assert len(run(tracker(), [between] * 4)[-1]) == 2
 
 
-def test_who_is_repeated() -> None:
+def repeated(rule: Appearance, found: Detections, *matched: int) -> list[bool]:
+    shown = rule.repeats(found, np.array(matched, dtype=np.int64))
+    return (shown != np.arange(len(found))).tolist()
+
+
+def test_which_detections_repeat_others() -> None:
     rule = Appearance(cross_reach_m=5.0)
     found = pool([people((0, 0, RED), (9, 0, BLUE), score=0.5), people((1, 0, RED), (20, 0, BLUE), score=0.9)])
-    nobody = np.zeros(0, dtype=np.int64)
-    assert rule.repeated(found, nobody).tolist() == [True, False, False, False]  # the surer stands, 11 m are too far
-    assert rule.repeated(found, np.array([0])).tolist() == [False, False, True, False]  # whatever has a track stands
-    assert not rule.repeated(found, np.arange(4)).any()
-    assert not rule.repeated(replace(found, seen_by=None), nobody).any()
-    assert not rule.repeated(replace(found, embedding=None), nobody).any()
-    assert rule.repeated(found[:0], nobody).shape == (0,)
-    endless = Appearance(cross_reach_m=np.inf)
-    assert endless.repeated(found, nobody).tolist() == [True, True, False, False]
+    assert repeated(rule, found) == [True, False, False, False]  # the surer stands, 11 m are too far
+    assert repeated(rule, found, 0) == [False, False, True, False]  # whatever has a track stands
+    assert repeated(rule, found, 0, 1, 2, 3) == [False] * 4
+    assert repeated(rule, replace(found, seen_by=None)) == [False] * 4
+    assert repeated(rule, replace(found, embedding=None)) == [False] * 4
+    assert repeated(rule, found[:0]) == []
+    assert repeated(Appearance(cross_reach_m=np.inf), found) == [True, True, False, False]
+
+
+@pytest.mark.parametrize("matched", [(), (0,), (1,)])
+def test_an_object_that_three_agents_see_is_one(matched: tuple[int, ...]) -> None:
+    found = pool([people((x, 0, RED)) for x in (0, 1, 2)])
+    assert sum(repeated(Appearance(), found, *matched)) == 2
+
+
+def test_the_id_lives_on_in_another_agents_boxes_however_they_are_placed() -> None:
+    """The receiver loses what it tracks; the same looks, 4.4 m off by the sender's pose, carry the id over."""
+    for first, then in (("own", "other"), ("other", "own")):
+        frames = []
+        for k in range(24):
+            seen = {first} if k < 12 else {then}
+            own, other = people((0.1 * k, 0, RED)), people((0.1 * k + 4.4, 0, RED))
+            frames.append(pool([own if "own" in seen else people(), other if "other" in seen else people()]))
+        reports = run(DinoCoDT().make_tracker(), frames)
+        assert [len(report) for report in reports[2:]] == [1] * 22
+        assert len({int(report.id[0]) for report in reports[2:]}) == 1, f"{first}, then {then}"
+
+
+def test_both_see_it_and_then_the_other_alone() -> None:
+    both = [pool([people((0.1 * k, 0, RED)), people((0.1 * k + 4.4, 0, RED))]) for k in range(12)]
+    alone = [pool([people(), people((0.1 * k + 4.4, 0, RED))]) for k in range(12, 24)]
+    reports = run(DinoCoDT().make_tracker(), both + alone)
+    assert reports[11].id.tolist() == reports[-1].id.tolist()
+
+
+def test_a_repeated_view_refreshes_the_memory() -> None:
+    """From its own side the other agent sees another colour; after one frame of both, the track is known by both."""
+    turned = 0.95 * RED + np.sqrt(1 - 0.95**2) * BLUE
+    both = [pool([people((0, 0, RED)), people((1, 0, turned))]) for _ in range(4)]
+    trackers = DinoCoDT().make_tracker()
+    run(trackers, both)
+    memory = trackers.state[1].tracked.appearance
+    assert len(memory) == 1
+    np.testing.assert_allclose(memory.similarity(np.array([RED, turned])), 1.0, atol=1e-6)
+
+
+def test_what_looks_like_the_memory_repeats_its_track_though_not_what_is_seen_of_it_now() -> None:
+    side = 0.6 * RED + 0.8 * BLUE
+    memory = EmbeddingMemory.blank(0, 3, 4).born([BLUE]).update(np.array([0]), np.array([side]))
+    found = pool([people((0, 0, side)), people((1, 0, BLUE))])
+    matched = np.array([0])
+    assert Appearance().repeats(found, matched).tolist() == [0, 1]
+    assert Appearance().repeats(found, matched, memory).tolist() == [0, 0]
 
 
 @given(st.integers(0, 2**31))
@@ -140,10 +189,9 @@ def test_no_agents_view_is_lost_by_another_view_of_its_own(seed: int) -> None:
     rng = np.random.default_rng(seed)
     groups = [people(*((*rng.uniform(0, 6, 2), rng.normal(size=3)) for _ in range(rng.integers(0, 5)))) for _ in "abc"]
     rule, found = Appearance(cross_similarity=-1.0, cross_reach_m=np.inf), pool(groups)
-    repeated = rule.repeated(found, np.zeros(0, dtype=np.int64))
     largest = max(len(group) for group in groups)
-    assert (~repeated).sum() >= largest
-    assert not rule.repeated(pool(groups[:1]), np.zeros(0, dtype=np.int64)).any()
+    assert repeated(rule, found).count(False) >= largest
+    assert not any(repeated(rule, pool(groups[:1])))
 
 
 @pytest.mark.parametrize("seed", range(3))
