@@ -23,7 +23,7 @@ from coopsim.sensors.visibility.lidar_visibility import Visibility, VisibilityPr
 from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
-from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Sweep, seconds_to_ns
+from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, LidarMounting, Observation, Sweep, seconds_to_ns
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
@@ -113,6 +113,9 @@ class Simulation(FrameSource):
                 body.actor_id is not None,
                 cameras={camera.name: camera.calibration(body.height_m) for camera in self._cameras[name]},
                 codec=self._codec,
+                lidars={
+                    sensor: _mounting(lidar.config, body.height_m) for sensor, lidar in self._lidars[body.kind].items()
+                },
             )
             for name, body in bodies.items()
         }
@@ -233,3 +236,9 @@ class Simulation(FrameSource):
 
     def _drives(self, body: AgentBody) -> bool:
         return self._options.control == "policy" and body.kind == "cav"
+
+
+def _mounting(config: LidarConfig, height_m: float) -> LidarMounting:
+    """Describe a LiDAR on an agent of this height."""
+    pose = config.base_SE3_sensor(height_m)
+    return LidarMounting(pose, config.max_range_m, config.columns, config.beams.elevation_rad)

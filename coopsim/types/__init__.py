@@ -1,4 +1,4 @@
-"""What flows between the parts: frozen structs of arrays.
+"""The data that flows between the parts, as frozen structs of arrays.
 
 Box order is x, y, z, l, w, h, yaw everywhere. Times are integer nanoseconds since the episode's start.
 Shapes are checked when an object is made; values (finite, positive) where they enter from outside.
@@ -10,8 +10,10 @@ from coopsim.types.messages import AgentSpec, Message, Observation
 from coopsim.types.sensing import (
     CameraCalibration,
     CameraImage,
+    LidarMounting,
     Odometry,
     PoseEstimate,
+    SensorView,
     Sweep,
     stack_xyz_yaw,
 )
@@ -29,6 +31,7 @@ __all__ = [
     "GroundTruth",
     "InstanceQueries",
     "Ints",
+    "LidarMounting",
     "Mask",
     "Message",
     "ObjectClass",
@@ -36,6 +39,7 @@ __all__ = [
     "Odometry",
     "PointCloud",
     "PoseEstimate",
+    "SensorView",
     "Sweep",
     "Tracks",
     "seconds_to_ns",

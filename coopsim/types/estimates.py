@@ -1,4 +1,4 @@
-"""What is estimated of objects, and what is true of them: detections, tracks, ground truth."""
+"""Objects as estimated and as they are: detections, tracks, ground truth."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Detections:
         boxes: N boxes.
         score: (N,) confidence; larger is surer. Simulated scores lie in [0, 1], recorded ones need not.
         label: (N,) int, an `ObjectClass`.
-        covariance: (N, 7, 7) of x, y, z, l, w, h, yaw, or None where the detector states none.
-        embedding: (N, D) appearance, or None. A row that is not finite, or all zeros, is none.
-        seen_by: (N, A) which of A agents saw each, where several agents' detections were put together, or None.
+        covariance: (N, 7, 7) of x, y, z, l, w, h, yaw; None: the detector states none.
+        embedding: (N, D) appearance, or None. A row that is not finite, or all zeros, means that it is unknown.
+        seen_by: (N, A) which of A agents detected each object, where several agents' detections were merged, or None.
     """
 
     boxes: Boxes3D
@@ -51,16 +51,16 @@ class Detections:
 
     @classmethod
     def empty(cls) -> Detections:
-        """No detections."""
+        """Return no detections."""
         return cls(Boxes3D.empty(), np.zeros(0), np.zeros(0, dtype=np.int64))
 
     @classmethod
     def concatenate(cls, parts: Iterable[Detections]) -> Detections:
-        """All detections in order.
+        """Concatenate detections in order.
 
         Covariances stay only where every non-empty part has them. Embeddings stay if any part has them, with NaN for
-        the detections of parts that have none, or of another width than the first, which nothing can be compared with.
-        Who saw what is not kept: the parts need not count the same agents.
+        the detections of parts without embeddings, or with embeddings of another length than the first part's.
+        `seen_by` is dropped: the parts need not count the same agents.
         """
         full = [part for part in parts if len(part)]
         if not full:
@@ -90,7 +90,7 @@ class Detections:
         )
 
     def transform(self, dst_SE3_src: SE3) -> Detections:
-        """The detections moved from src to dst (gravity-aligned)."""
+        """Move the detections from frame src to frame dst (gravity-aligned)."""
         covariance = self.covariance
         if covariance is not None:
             jacobian = np.eye(7)
@@ -101,7 +101,7 @@ class Detections:
 
 
 def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
-    """(N, D) of all parts, as `Detections.concatenate` says; None if no part has any."""
+    """Join embeddings as `Detections.concatenate` says: (N, D), or None if no part has any."""
     width = next((part.embedding.shape[1] for part in parts if part.embedding is not None), None)
     if width is None:
         return None
@@ -142,7 +142,7 @@ class Tracks:
 
     @classmethod
     def empty(cls) -> Tracks:
-        """No tracks."""
+        """Return no tracks."""
         none = np.zeros(0, dtype=np.int64)
         return cls(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)
 
@@ -153,12 +153,12 @@ class Tracks:
         return Tracks(self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index])
 
     def transform(self, dst_SE3_src: SE3) -> Tracks:
-        """The tracks moved from src to dst (gravity-aligned)."""
+        """Move the tracks from frame src to frame dst (gravity-aligned)."""
         velocity = dst_SE3_src.rotate_planar(self.velocity)
         return Tracks(self.id, self.boxes.transform(dst_SE3_src), velocity, self.score, self.label)
 
     def validate(self) -> None:
-        """Raise `InvalidValueError` on what cannot be scored: not finite, no size, twice the same id."""
+        """Raise `InvalidValueError` if a value is not finite, a size not positive, or an id not unique."""
         if not len(self):
             return
         self.boxes.validate("tracks")
@@ -192,7 +192,7 @@ class GroundTruth:
 
     @classmethod
     def empty(cls) -> GroundTruth:
-        """No objects."""
+        """Return no objects."""
         none = np.zeros(0, dtype=np.int64)
         return cls(none, Boxes3D.empty(), none)
 
@@ -200,6 +200,6 @@ class GroundTruth:
         return len(self.boxes)
 
     def validate(self) -> None:
-        """Raise `InvalidValueError` on what nothing can be scored against: not finite, no size, twice the same id."""
+        """Raise `InvalidValueError` if a box is not finite, a size not positive, or an id not unique."""
         self.boxes.validate("objects")
         require_identified(self.id, self.label, "object")

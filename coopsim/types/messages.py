@@ -1,4 +1,4 @@
-"""What goes in and out of a policy: messages, observations, and what is known of an agent beforehand."""
+"""What goes into a policy: messages, observations, and each agent's specification."""
 
 from __future__ import annotations
 
@@ -8,19 +8,27 @@ from typing import Literal
 
 from coopsim.errors import InvalidValueError
 from coopsim.types.estimates import Detections
-from coopsim.types.sensing import CameraCalibration, CameraImage, Odometry, PoseEstimate, Sweep
+from coopsim.types.sensing import (
+    CameraCalibration,
+    CameraImage,
+    LidarMounting,
+    Odometry,
+    PoseEstimate,
+    SensorView,
+    Sweep,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Message:
-    """What one agent broadcast.
+    """A broadcast of one agent.
 
     Attributes:
         sender: the agent's name, which is not empty.
         captured_ns: when the content was sensed (not when it was sent or arrived).
         pose: the sender's estimate of its own pose at that time.
         payload: the encoded content.
-        codec: the name of the codec that encoded it.
+        codec: name of the codec that encoded it.
     """
 
     sender: str
@@ -36,16 +44,18 @@ class Message:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """What one agent knows in one frame; everything but the inbox is in its own base frame, now.
+    """What one agent knows in one frame; all but the inbox is in its own base frame, now.
 
     Attributes:
-        time_ns: now.
+        time_ns: now, since the episode's start.
         pose: the global pose estimate.
         odometry: motion since the last observation.
         detections: the agent's own detections.
-        sweeps: by sensor name.
-        cameras: by sensor name; empty when cameras are off.
+        sweeps: by LiDAR name.
+        cameras: images by camera name; empty when cameras are off.
         inbox: messages that arrived since the last observation, oldest capture first.
+        sensed: whether sensors and detector ran in this frame; False only with the option `sense_every` > 1. Then there
+            are no points, images or detections.
     """
 
     time_ns: int
@@ -55,6 +65,23 @@ class Observation:
     sweeps: Mapping[str, Sweep] = field(default_factory=dict)
     cameras: Mapping[str, CameraImage] = field(default_factory=dict)
     inbox: tuple[Message, ...] = ()
+    sensed: bool = True
+
+    def view(self, spec: AgentSpec) -> SensorView:
+        """Return the sensor data alone, with calibrations and mountings, as a `Detector` sees it.
+
+        Args:
+            spec: the agent's, of the running episode.
+        """
+        return SensorView(
+            agent=spec.name,
+            time_ns=self.time_ns,
+            odometry=self.odometry,
+            sweeps={name: sweep.without_truth() for name, sweep in self.sweeps.items()},
+            images={name: image.without_truth() for name, image in self.cameras.items()},
+            cameras=spec.cameras,
+            lidars=spec.lidars,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +92,17 @@ class AgentSpec:
         name: as `cav_0`, `rsu_0` or `drone_0`.
         kind: "cav" (drives), "rsu" (stands) or "drone" (flies; its base frame is on the ground under it).
         dt_s: time between two observations.
-        uplink: what the environment lets agents broadcast ("none", "detections", "tracks").
+        uplink: the content that agents broadcast ("none", "detections", "tracks").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
-        is_object: others see it over the origin of its base frame, but it is not its own object. Not so for a mast, nor
-            for a recording, which does not say where its agents are.
-        frame_owner: whose base frame all agents' boxes are in, where that is one agent's, as in a recording; None: each
-            agent's are in its own.
-        cameras: of each of its cameras, by name; of the running episode, as cars are of different heights.
-        codec: by which codec agents encode what they broadcast; None: by the one with the uplink's name.
+        is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
+            mast, and for a recording, which does not say where its agents are.
+        frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
+            are in its own.
+        cameras: calibration of each of its cameras, by name; of the running episode, as cars differ in height.
+        codec: the codec of broadcasts; None: the one with the uplink's name.
+        lidars: mounting of each of its LiDARs, by name; of the running episode, as cars differ in height. Empty where
+            no rays are cast, as in a recording.
+        sense_every: sensors and detector run in every n-th frame, beginning with the first.
     """
 
     name: str
@@ -84,3 +114,5 @@ class AgentSpec:
     frame_owner: str | None = None
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict, compare=False)
     codec: str | None = None
+    lidars: Mapping[str, LidarMounting] = field(default_factory=dict, compare=False)
+    sense_every: int = 1

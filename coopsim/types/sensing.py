@@ -1,8 +1,9 @@
-"""What an agent's sensors give it in a frame: LiDAR sweeps, camera images, and its own motion."""
+"""What sensors give an agent in one frame: LiDAR sweeps, camera images, calibrations, pose and odometry."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,14 @@ from coopsim.types.units import Ints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One turn of one LiDAR, as points in the agent's base frame.
+    """One revolution of one LiDAR, as points in the agent's base frame.
 
     Attributes:
         points: (N, 3) m, float32.
         intensity: (N,) in [0, 1], float32.
         beam: (N,) row of the beam table, int64.
-        instance: (N,) id of the actor that was hit, 0 for the static scene and -1 for clutter; None in
-            what a policy sees. For training and tests.
+        instance: (N,) id of the actor that was hit, 0 for the static scene and -1 for clutter. For training and tests:
+            None in all that a policy or a `Detector` sees.
     """
 
     points: NDArray[np.float32]
@@ -39,13 +40,43 @@ class Sweep:
             instance = frozen(self.instance, (count,), np.int64, "instance")
             object.__setattr__(self, "instance", instance)
 
+    @classmethod
+    def empty(cls) -> Sweep:
+        """Return a sweep without points."""
+        return cls(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
+
     def __len__(self) -> int:
         return len(self.points)
+
+    def without_truth(self) -> Sweep:
+        """Return the sweep without instance ids."""
+        return Sweep(self.points, self.intensity, self.beam)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LidarMounting:
+    """A LiDAR's place on an agent and the rays that it casts.
+
+    Attributes:
+        base_SE3_lidar: pose of the LiDAR in the agent's base frame: rays start at its translation.
+        max_range_m: farthest return.
+        columns: firings per revolution, at equal steps of azimuth.
+        elevation_rad: (B,) elevation of each beam in the LiDAR's own frame, positive upwards.
+    """
+
+    base_SE3_lidar: SE3
+    max_range_m: float
+    columns: int
+    elevation_rad: Floats
+
+    def __post_init__(self) -> None:
+        elevation = frozen(self.elevation_rad, (None,), np.float64, "elevation_rad")
+        object.__setattr__(self, "elevation_rad", elevation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """What one camera saw, in the modes that were asked for; None in the others.
+    """The image of one camera, in the modes that were asked for; the others are None.
 
     Attributes:
         rgb: (H, W, 3) uint8.
@@ -70,18 +101,22 @@ class CameraImage:
                 object.__setattr__(self, name, pixels)
                 size = pixels.shape[:2]
 
+    def without_truth(self) -> CameraImage:
+        """Return the image without the modes that are truth."""
+        return CameraImage(self.rgb, self.depth)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCalibration:
-    """What is known of a camera on an agent.
+    """A camera's intrinsics and its place on an agent.
 
     Pixel (column u, row v) is centred on the point (u, v). Camera axes are OpenCV's: x right, y down, z forward.
 
     Attributes:
-        size: height and width of its pictures, pixels.
+        size: height and width of its images, pixels.
         matrix: (3, 3), OpenCV's K.
         distortion: (5,) k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order); zeros for a pinhole.
-        base_SE3_camera: where it is in the agent's base frame.
+        base_SE3_camera: pose of the camera in the agent's base frame.
     """
 
     size: tuple[int, int]
@@ -96,11 +131,11 @@ class CameraCalibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
-    """Where an agent believes it is: `world_SE3_base`, gravity-aligned, GNSS-like (noisy, no drift).
+    """An agent's estimate of its own pose, `world_SE3_base`: gravity-aligned and GNSS-like (noisy, no drift).
 
     Attributes:
         xyz_yaw: (4,): x, y, z m and heading rad, in the world frame.
-        covariance: (3, 3) of x, y and heading as the agent states it, which need not be right; None: it states none.
+        covariance: (3, 3) of x, y and heading as the agent states it, which need not be right; None: not stated.
     """
 
     xyz_yaw: Floats
@@ -120,7 +155,7 @@ class PoseEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """How an agent believes it moved since its last frame: `previous_SE3_current` (small drift).
+    """An agent's estimate of its motion since its last frame, `previous_SE3_current` (small drift).
 
     Attributes:
         xyz_yaw: (4,): x, y, z m and heading rad, in the base frame of the last observation.
@@ -137,8 +172,31 @@ class Odometry:
         return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorView:
+    """All that one agent's sensors give a detector in one frame; never truth, never instance ids.
+
+    Attributes:
+        agent: the agent's name.
+        time_ns: now, since the episode's start.
+        odometry: motion since the last frame.
+        sweeps: by LiDAR name, in the base frame; `instance` is None.
+        images: by camera name; `instance` and `semantic` are None.
+        cameras: calibration of each camera, by name.
+        lidars: mounting of each LiDAR, by name.
+    """
+
+    agent: str
+    time_ns: int
+    odometry: Odometry
+    sweeps: Mapping[str, Sweep] = field(default_factory=dict)
+    images: Mapping[str, CameraImage] = field(default_factory=dict)
+    cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
+    lidars: Mapping[str, LidarMounting] = field(default_factory=dict)
+
+
 def stack_xyz_yaw(pose: SE3) -> Floats:
-    """A gravity-aligned transform as (4,): x, y, z m and heading rad."""
+    """Return a gravity-aligned transform as (4,): x, y, z m and heading rad."""
     row = np.empty(4)
     row[:3], row[3] = pose.translation, pose.yaw
     return row

@@ -1,4 +1,4 @@
-"""Array types and units of time that all structs share."""
+"""Array types and units of time."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ NS_PER_S = 1_000_000_000
 
 
 def seconds_to_ns(seconds: float) -> int:
-    """Seconds as integer nanoseconds, rounded to the nearest."""
+    """Convert seconds to integer nanoseconds, rounded to the nearest."""
     return round(seconds * NS_PER_S)

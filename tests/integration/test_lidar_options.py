@@ -16,7 +16,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS
 from coopsim.sensors.weather import Weather
-from coopsim.types import Detections
+from coopsim.types import CameraImage, Detections, Observation, Odometry, PoseEstimate, Sweep
 
 Make = Callable[..., Any]
 
@@ -133,6 +133,42 @@ def test_a_turn_takes_time_for_agents_that_drive(name: str) -> None:
     flat = [points[np.abs(points[:, 2]) < 0.05] for points in sweeps]
     assert len(flat[0]) > 500 and len(flat[1]) == pytest.approx(len(flat[0]), rel=0.05)
     assert not np.array_equal(flat[0][:100], flat[1][:100])
+
+
+def test_mountings_in_the_specs_say_where_rays_start_and_point() -> None:
+    exact = {"range_noise_m": 0.0, "dropout_energy": 0.0}
+    lidars = {"roof": LidarConfig(columns=64, **exact), "bumper": LidarConfig("VLP-16", columns=32, x_m=2.9, **exact)}
+    env = coopsim.parallel_env("crossing", vehicles=10, lidar=lidars, drones=1)
+    observations, _ = env.reset(seed=3)
+    for agent, spec in env.agent_specs.items():
+        assert set(spec.lidars) == set(lidars)
+        for name, mounting in spec.lidars.items():
+            assert (mounting.columns, mounting.max_range_m) == (lidars[name].columns, lidars[name].max_range_m)
+            points = observations[agent]["sweeps"][name]
+            ray = mounting.base_SE3_lidar.inverse().apply(points[:, :3])
+            length = np.linalg.norm(ray, axis=1)
+            expected = mounting.elevation_rad[points[:, 4].astype(int)]
+            np.testing.assert_allclose(np.arcsin(ray[:, 2] / length), expected, atol=2e-4)
+            assert len(points) > 50 and length.max() <= mounting.max_range_m + 0.01
+    heights = {spec.kind: spec.lidars["roof"].base_SE3_lidar.translation[2] for spec in env.agent_specs.values()}
+    assert heights["cav"] < heights["rsu"] < heights["drone"]
+
+
+def test_a_view_has_what_sensors_give_and_no_truth() -> None:
+    env = coopsim.parallel_env("crossing", vehicles=10, lidar=ROOF)
+    env.reset(seed=3)
+    spec = env.agent_specs["cav_0"]
+    sweep = Sweep(np.ones((2, 3)), np.ones(2), np.zeros(2), instance=np.array([4, 5]))
+    image = CameraImage(depth=np.ones((2, 2)), instance=np.ones((2, 2), int), semantic=np.ones((2, 2), np.uint8))
+    observation = Observation(
+        5, PoseEstimate(np.zeros(4)), Odometry(np.ones(4)), Detections.empty(), {"lidar": sweep}, {"front": image}
+    )
+    view = observation.view(spec)
+    assert (view.agent, view.time_ns, view.odometry) == ("cav_0", 5, observation.odometry)
+    assert view.sweeps["lidar"].instance is None and view.images["front"].instance is None
+    assert view.images["front"].semantic is None
+    np.testing.assert_array_equal(view.sweeps["lidar"].points, sweep.points)
+    assert view.lidars is spec.lidars and view.cameras is spec.cameras
 
 
 class NeedsPoints(Detector):
