@@ -24,10 +24,11 @@ from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, LidarMounting, Observation, Sweep, seconds_to_ns
+from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import Scenario
-from coopsim.world.snapshot import Actors, AgentBody, Model
+from coopsim.world.snapshot import Actors, AgentBody
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 

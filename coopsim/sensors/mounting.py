@@ -10,7 +10,7 @@ from coopsim.sensors.lidar.cast.ray_grid import RayGrid
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import STATIC_ID, Triangles
-from coopsim.world.snapshot import Model
+from coopsim.world.models.model import Model
 
 _ALL_AROUND = RayGrid(BeamPattern("all around", np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0])), 16)
 

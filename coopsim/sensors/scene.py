@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
-from coopsim.world.snapshot import Actors, Model, StaticPart
+from coopsim.world.models.model import Model
+from coopsim.world.snapshot import Actors, StaticPart
 
 STATIC_ID = 0
 _CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1

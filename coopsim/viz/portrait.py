@@ -16,7 +16,8 @@ from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import FramePainter
 from coopsim.sensors.camera.renderers.renderers import RaycastRenderer
 from coopsim.sensors.scene import SceneGeometry
-from coopsim.world.snapshot import Actors, Model, StaticPart
+from coopsim.world.models.model import Model
+from coopsim.world.snapshot import Actors, StaticPart
 
 _FOV_RAD = np.radians(24.0)
 _HEADING_RAD, _PITCH_RAD = np.radians(218.0), np.radians(16.0)

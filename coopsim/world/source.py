@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
-from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
+from coopsim.world.models.model import Model
+from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 
 
 class WorldSource(Protocol):

@@ -13,10 +13,11 @@ from coopsim.support.rng import chances
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
+from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, NO_BODIES, People
 from coopsim.world.scenario import Scenario
-from coopsim.world.snapshot import Actors, AgentBody, Model, RoadMap, StaticPart
+from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1

@@ -16,7 +16,8 @@ from coopsim.sensors.camera.camera import Camera, CameraRig
 from coopsim.sensors.camera.rigs import named_rig
 from coopsim.sensors.scene import SceneGeometry, Triangles
 from coopsim.types import CameraImage
-from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
+from coopsim.world.models.model import Model
+from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 
 AGENTS = ("cav_0", "rsu_0", "driver", "ghost")
 CAR = (4.0, 2.0, 1.6)

@@ -1,16 +1,17 @@
-"""Cars and vans: one body from bumper to bumper, four wheels.
+"""Cars and vans: one body from bumper to bumper on four wheels, from a table of cross-sections.
 
-Sizes (length, width without mirrors, height) are about those of well-known vehicles of each kind: Toyota Corolla
-saloon, VW Golf, Volvo V60, Toyota RAV4, Fiat 500, Ford Ranger; Renault Kangoo, VW Transporter, Ford Transit, Chrysler
-Pacifica. Detectors' anchors, which are means of labelled boxes, are 4.61 x 1.95 x 1.72 m for nuScenes' cars and 5.03
-x 1.87 x 2.21 m for KITTI's vans.
+Sizes (length, width without mirrors, height) follow well-known vehicles of each kind: Toyota Corolla saloon, VW Golf,
+Volvo V60, Toyota RAV4, Fiat 500, Ford Ranger; Renault Kangoo, VW Transporter, Ford Transit, Chrysler Pacifica. For
+comparison, detectors' anchors (means of labelled boxes) are 4.61 x 1.95 x 1.72 m for nuScenes' cars and 5.03 x 1.87 x
+2.21 m for KITTI's vans.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 from coopsim.world.models.parts import (
     ACCENT,
     GLASS,
@@ -29,196 +30,119 @@ from coopsim.world.models.parts import (
     mirrored,
     wheel,
 )
-from coopsim.world.snapshot import Model
 
 _LEVELS = 3  # sill, belt, top
 _LOWER, _UPPER, _TOP = 0, 1, 2
 
 _Station = tuple[float, float, float, float, float]
-"""Where along the length, height of the belt, height of the top, width at the belt, width at the top; as shares."""
+"""A cross-section: place along the length, heights of belt and top, widths at belt and top; as shares of the size."""
 
-_Glass = Sequence[tuple[str, int]]
-"""What is glazed: "side" or "top", and the segment."""
+
+class _Shape(NamedTuple):
+    """A body.
+
+    Attributes:
+        name: of the model.
+        size_m: length, width, height.
+        stations: cross-sections from the rear to the front; segment k lies between stations k and k + 1.
+        glass_top: segments with a glazed top (rear window, windscreen).
+        glass_sides: segment with glazed sides.
+        cover: segment with a plastic cover on top (a pickup's bed).
+    """
+
+    name: str
+    size_m: tuple[float, float, float]
+    stations: tuple[_Station, ...]
+    glass_top: tuple[int, ...]
+    glass_sides: int
+    cover: int | None = None
+
+
+# fmt: off
+_NOSE: tuple[_Station, ...] = ((0.955, 0.50, 0.60, 0.97, 0.80), (1.0, 0.42, 0.51, 0.84, 0.66))
+_SNUB: tuple[_Station, ...] = ((0.96, 0.44, 0.54, 0.96, 0.84), (1.0, 0.36, 0.46, 0.86, 0.72))
+_TAIL: tuple[_Station, ...] = ((0.0, 0.46, 0.96, 0.97, 0.86), (0.03, 0.48, 0.98, 1.0, 0.9))
+
+_CARS = (
+    _Shape("sedan", (4.65, 1.80, 1.45), (
+        (0.0, 0.56, 0.66, 0.86, 0.70), (0.035, 0.58, 0.70, 0.97, 0.80), (0.15, 0.60, 0.71, 1.0, 0.84),
+        (0.30, 0.61, 0.98, 1.0, 0.68), (0.56, 0.61, 1.0, 1.0, 0.70), (0.76, 0.58, 0.69, 1.0, 0.86), *_NOSE,
+    ), (2, 4), 3),
+    _Shape("hatchback", (4.30, 1.79, 1.48), (
+        (0.0, 0.56, 0.64, 0.88, 0.78), (0.035, 0.60, 0.68, 0.98, 0.84), (0.12, 0.62, 0.96, 1.0, 0.68),
+        (0.52, 0.61, 1.0, 1.0, 0.70), (0.74, 0.58, 0.68, 1.0, 0.86), *_NOSE,
+    ), (1, 3), 2),
+    _Shape("estate", (4.75, 1.85, 1.47), (
+        (0.0, 0.56, 0.64, 0.88, 0.78), (0.03, 0.60, 0.68, 0.98, 0.84), (0.085, 0.61, 0.97, 1.0, 0.70),
+        (0.56, 0.60, 1.0, 1.0, 0.70), (0.77, 0.57, 0.68, 1.0, 0.86), *_NOSE,
+    ), (1, 3), 2),
+    _Shape("suv", (4.60, 1.86, 1.69), (
+        (0.0, 0.60, 0.68, 0.90, 0.80), (0.03, 0.62, 0.72, 0.98, 0.86), (0.075, 0.64, 0.97, 1.0, 0.74),
+        (0.55, 0.62, 1.0, 1.0, 0.74), (0.73, 0.60, 0.70, 1.0, 0.88), (0.96, 0.55, 0.65, 0.97, 0.84),
+        (1.0, 0.46, 0.56, 0.86, 0.74),
+    ), (1, 3), 2),
+    _Shape("city_car", (3.57, 1.63, 1.49), (
+        (0.0, 0.54, 0.62, 0.88, 0.78), (0.04, 0.58, 0.68, 0.98, 0.84), (0.16, 0.62, 0.95, 1.0, 0.68),
+        (0.50, 0.60, 1.0, 1.0, 0.72), (0.74, 0.57, 0.70, 1.0, 0.84), (0.95, 0.50, 0.62, 0.95, 0.78),
+        (1.0, 0.42, 0.54, 0.80, 0.60),
+    ), (1, 3), 2),
+    _Shape("pickup", (5.35, 1.92, 1.85), (
+        (0.0, 0.54, 0.61, 0.94, 0.88), (0.025, 0.55, 0.62, 0.99, 0.92), (0.34, 0.56, 0.63, 1.0, 0.93),
+        (0.365, 0.60, 0.98, 1.0, 0.76), (0.60, 0.60, 1.0, 1.0, 0.76), (0.74, 0.57, 0.67, 1.0, 0.90),
+        (0.965, 0.54, 0.64, 0.98, 0.86), (1.0, 0.46, 0.58, 0.88, 0.80),
+    ), (2, 4), 3, cover=1),
+)
+
+_VANS = (
+    _Shape("small_van", (4.49, 1.86, 1.84), (
+        *_TAIL, (0.45, 0.52, 1.0, 1.0, 0.88), (0.62, 0.52, 0.98, 1.0, 0.86), (0.80, 0.50, 0.60, 1.0, 0.88), *_SNUB,
+    ), (3,), 2),
+    _Shape("panel_van", (4.90, 1.90, 1.99), (
+        *_TAIL, (0.52, 0.50, 1.0, 1.0, 0.9), (0.70, 0.50, 0.98, 1.0, 0.88), (0.86, 0.48, 0.58, 1.0, 0.88), *_SNUB,
+    ), (3,), 2),
+    _Shape("high_roof_van", (5.98, 2.06, 2.55), (
+        *_TAIL, (0.60, 0.42, 1.0, 1.0, 0.90), (0.74, 0.42, 0.93, 1.0, 0.84), (0.87, 0.40, 0.47, 1.0, 0.88),
+        (0.97, 0.36, 0.43, 0.96, 0.84), (1.0, 0.29, 0.37, 0.88, 0.74),
+    ), (3,), 2),
+)
+
+_MINIVAN = _Shape("minivan", (5.17, 2.02, 1.78), (
+    (0.0, 0.54, 0.62, 0.90, 0.84), (0.03, 0.56, 0.68, 0.99, 0.88), (0.07, 0.57, 0.97, 1.0, 0.80),
+    (0.58, 0.56, 1.0, 1.0, 0.80), (0.80, 0.52, 0.61, 1.0, 0.88), *_SNUB,
+), (1, 3), 2)
+# fmt: on
 
 
 def make_cars() -> list[Model]:
-    """Six cars."""
-    nose: list[_Station] = [(0.955, 0.50, 0.60, 0.97, 0.80), (1.0, 0.42, 0.51, 0.84, 0.66)]
-    return [
-        _car(
-            "sedan",
-            (4.65, 1.80, 1.45),
-            [
-                (0.0, 0.56, 0.66, 0.86, 0.70),
-                (0.035, 0.58, 0.70, 0.97, 0.80),
-                (0.15, 0.60, 0.71, 1.0, 0.84),
-                (0.30, 0.61, 0.98, 1.0, 0.68),
-                (0.56, 0.61, 1.0, 1.0, 0.70),
-                (0.76, 0.58, 0.69, 1.0, 0.86),
-                *nose,
-            ],
-            [("top", 2), ("side", 3), ("top", 4)],
-        ),
-        _car(
-            "hatchback",
-            (4.30, 1.79, 1.48),
-            [
-                (0.0, 0.56, 0.64, 0.88, 0.78),
-                (0.035, 0.60, 0.68, 0.98, 0.84),
-                (0.12, 0.62, 0.96, 1.0, 0.68),
-                (0.52, 0.61, 1.0, 1.0, 0.70),
-                (0.74, 0.58, 0.68, 1.0, 0.86),
-                *nose,
-            ],
-            [("top", 1), ("side", 2), ("top", 3)],
-        ),
-        _car(
-            "estate",
-            (4.75, 1.85, 1.47),
-            [
-                (0.0, 0.56, 0.64, 0.88, 0.78),
-                (0.03, 0.60, 0.68, 0.98, 0.84),
-                (0.085, 0.61, 0.97, 1.0, 0.70),
-                (0.56, 0.60, 1.0, 1.0, 0.70),
-                (0.77, 0.57, 0.68, 1.0, 0.86),
-                *nose,
-            ],
-            [("top", 1), ("side", 2), ("top", 3)],
-        ),
-        _car(
-            "suv",
-            (4.60, 1.86, 1.69),
-            [
-                (0.0, 0.60, 0.68, 0.90, 0.80),
-                (0.03, 0.62, 0.72, 0.98, 0.86),
-                (0.075, 0.64, 0.97, 1.0, 0.74),
-                (0.55, 0.62, 1.0, 1.0, 0.74),
-                (0.73, 0.60, 0.70, 1.0, 0.88),
-                (0.96, 0.55, 0.65, 0.97, 0.84),
-                (1.0, 0.46, 0.56, 0.86, 0.74),
-            ],
-            [("top", 1), ("side", 2), ("top", 3)],
-        ),
-        _car(
-            "city_car",
-            (3.57, 1.63, 1.49),
-            [
-                (0.0, 0.54, 0.62, 0.88, 0.78),
-                (0.04, 0.58, 0.68, 0.98, 0.84),
-                (0.16, 0.62, 0.95, 1.0, 0.68),
-                (0.50, 0.60, 1.0, 1.0, 0.72),
-                (0.74, 0.57, 0.70, 1.0, 0.84),
-                (0.95, 0.50, 0.62, 0.95, 0.78),
-                (1.0, 0.42, 0.54, 0.80, 0.60),
-            ],
-            [("top", 1), ("side", 2), ("top", 3)],
-        ),
-        _car(
-            "pickup",
-            (5.35, 1.92, 1.85),
-            [
-                (0.0, 0.54, 0.61, 0.94, 0.88),
-                (0.025, 0.55, 0.62, 0.99, 0.92),
-                (0.34, 0.56, 0.63, 1.0, 0.93),
-                (0.365, 0.60, 0.98, 1.0, 0.76),
-                (0.60, 0.60, 1.0, 1.0, 0.76),
-                (0.74, 0.57, 0.67, 1.0, 0.90),
-                (0.965, 0.54, 0.64, 0.98, 0.86),
-                (1.0, 0.46, 0.58, 0.88, 0.80),
-            ],
-            [("top", 2), ("side", 3), ("top", 4)],
-            cover=1,
-        ),
-    ]
+    """Build six cars."""
+    return [_car(shape) for shape in _CARS]
 
 
 def make_vans() -> list[Model]:
-    """Four vans: for parcels, for goods, with a high roof, and for people."""
-    snub: list[_Station] = [(0.96, 0.44, 0.54, 0.96, 0.84), (1.0, 0.36, 0.46, 0.86, 0.72)]
-    tail: list[_Station] = [(0.0, 0.46, 0.96, 0.97, 0.86), (0.03, 0.48, 0.98, 1.0, 0.9)]
-    cargo = [("side", 2), ("top", 3)]
-    return [
-        _van(
-            "small_van",
-            (4.49, 1.86, 1.84),
-            [*tail, (0.45, 0.52, 1.0, 1.0, 0.88), (0.62, 0.52, 0.98, 1.0, 0.86), (0.80, 0.50, 0.60, 1.0, 0.88), *snub],
-            cargo,
-        ),
-        _van(
-            "panel_van",
-            (4.90, 1.90, 1.99),
-            [*tail, (0.52, 0.50, 1.0, 1.0, 0.9), (0.70, 0.50, 0.98, 1.0, 0.88), (0.86, 0.48, 0.58, 1.0, 0.88), *snub],
-            cargo,
-        ),
-        _van(
-            "high_roof_van",
-            (5.98, 2.06, 2.55),
-            [
-                *tail,
-                (0.60, 0.42, 1.0, 1.0, 0.90),
-                (0.74, 0.42, 0.93, 1.0, 0.84),
-                (0.87, 0.40, 0.47, 1.0, 0.88),
-                (0.97, 0.36, 0.43, 0.96, 0.84),
-                (1.0, 0.29, 0.37, 0.88, 0.74),
-            ],
-            cargo,
-        ),
-        _car(
-            "minivan",
-            (5.17, 2.02, 1.78),
-            [
-                (0.0, 0.54, 0.62, 0.90, 0.84),
-                (0.03, 0.56, 0.68, 0.99, 0.88),
-                (0.07, 0.57, 0.97, 1.0, 0.80),
-                (0.58, 0.56, 1.0, 1.0, 0.80),
-                (0.80, 0.52, 0.61, 1.0, 0.88),
-                *snub,
-            ],
-            [("top", 1), ("side", 2), ("top", 3)],
-            label=ObjectClass.VAN,
-        ),
-    ]
+    """Build four vans: for parcels, for goods, with a high roof, and for people."""
+    return [*(_van(shape) for shape in _VANS), _car(_MINIVAN, ObjectClass.VAN)]
 
 
-def _car(
-    name: str,
-    size_m: tuple[float, float, float],
-    stations: list[_Station],
-    glass: _Glass,
-    *,
-    label: ObjectClass = ObjectClass.CAR,
-    cover: int | None = None,
-) -> Model:
-    """A car, whose roof may have another colour; `cover` is a segment whose top is a cover of plastic."""
-    roof = max(segment for kind, segment in glass if kind == "side")
-    dress: dict[tuple[int, int], Surface | Window] = {(roof, _TOP): ACCENT}
-    if cover is not None:
-        dress[cover, _TOP] = PLASTIC
-    return _vehicle(name, label, size_m, stations, glass, dress)
+def _car(shape: _Shape, label: ObjectClass = ObjectClass.CAR) -> Model:
+    """Build a car; its roof may have another colour."""
+    dress: dict[tuple[int, int], Surface | Window] = {(shape.glass_sides, _TOP): ACCENT}
+    if shape.cover is not None:
+        dress[shape.cover, _TOP] = PLASTIC
+    return _vehicle(shape, label, dress)
 
 
-def _van(name: str, size_m: tuple[float, float, float], stations: list[_Station], glass: _Glass) -> Model:
-    """A van; its sides may have another colour below the belt."""
-    first = min(segment for _, segment in glass)
-    below = {(segment, side): ACCENT for segment in range(1, first + 2) for side in mirrored(_LEVELS, _LOWER)}
-    return _vehicle(name, ObjectClass.VAN, size_m, stations, glass, below)
+def _van(shape: _Shape) -> Model:
+    """Build a van; its sides may have another colour below the belt."""
+    segments = range(1, shape.glass_sides + 2)
+    below = {(segment, side): ACCENT for segment in segments for side in mirrored(_LEVELS, _LOWER)}
+    return _vehicle(shape, ObjectClass.VAN, below)
 
 
-def _vehicle(
-    name: str,
-    label: ObjectClass,
-    size_m: tuple[float, float, float],
-    stations: list[_Station],
-    glass: _Glass,
-    dress: Dress,
-) -> Model:
-    length, width, height = size_m
+def _vehicle(shape: _Shape, label: ObjectClass, dress: Dress) -> Model:
+    (length, width, height), stations = shape.size_m, shape.stations
     last = len(stations) - 2
-    panes = {
-        (segment, side): GLASS
-        for kind, segment in glass
-        for side in ((_TOP,) if kind == "top" else mirrored(_LEVELS, _UPPER))
-    }
+    panes = {(segment, _TOP): GLASS for segment in shape.glass_top}
+    panes |= {(shape.glass_sides, side): GLASS for side in mirrored(_LEVELS, _UPPER)}
     lamps = {
         (segment, side): lamp
         for segment, lamp in ((0, TAILLIGHT), (last, HEADLIGHT))
@@ -235,7 +159,7 @@ def _vehicle(
     body = loft(outlines, PAINT, {**dress, **panes, **lamps})
     belt = stations[-1][1] * height
     grille = block((length - 0.05, length + 0.01), 0.28 * width, (clearance + 0.12, belt - 0.04), PLASTIC)
-    return assemble(name, label, [[body, grille, *_wheels(length, width, 0.19 * height + 0.04)]], size_m)
+    return assemble(shape.name, label, [[body, grille, *_wheels(length, width, 0.19 * height + 0.04)]], shape.size_m)
 
 
 def _wheels(length: float, width: float, radius: float) -> list[Part]:

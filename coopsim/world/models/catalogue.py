@@ -1,4 +1,4 @@
-"""Which models there are."""
+"""The catalogue of models: the built-in ones, and those that users register."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.support.registry import Registry
 from coopsim.world.models.cars import make_cars, make_vans
 from coopsim.world.models.heavy import make_buses, make_trucks
+from coopsim.world.models.model import Model
 from coopsim.world.models.pedestrians import make_adults, make_children
 from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
-from coopsim.world.snapshot import Model
 
-OWN_MODELS: Registry[Model] = Registry("model")
-"""What users have added."""
+CUSTOM_MODELS: Registry[Model] = Registry("model")
+"""Models that users have registered."""
 
 
 def make_models() -> tuple[Model, ...]:
-    """All models: the built-in ones by class, then users' own by name."""
-    return (*_built_in(), *(OWN_MODELS.get(name) for name in OWN_MODELS))
+    """Return all models: the built-in ones by class, then custom ones by name."""
+    return (*_built_in(), *(CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS))
 
 
 def register_model(model: Model) -> Model:
-    """Let worlds that are made from now on choose `model` for actors of its class, next to those that are built in.
+    """Let worlds that are made from now on choose `model` for actors of its class, next to the built-in ones.
 
     Raises:
-        DuplicateNameError: there is a model of that name.
-        InvalidValueError: it is no model.
+        DuplicateNameError: a model of that name exists.
+        InvalidValueError: `model` is not a `Model`.
     """
     if not isinstance(model, Model):
         raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
     if any(model.name == other.name for other in _built_in()):
         raise DuplicateNameError(f"model {model.name!r} is built in")
-    return OWN_MODELS.register(model.name)(model)
+    return CUSTOM_MODELS.register(model.name)(model)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The human figure: where its joints are in a pose, and the parts that hang on them.
+"""The human figure: its joints in a pose, and the parts along them.
 
 Lengths of the limbs are shares of the body's height after Drillis and Contini (1966), as in Winter, "Biomechanics and
 Motor Control of Human Movement" (2009), figure 4.1.
@@ -26,24 +26,24 @@ JEANS = Surface(0.0, 0.4, (46, 56, 84))
 LEATHER = Surface(0.0, 0.25, (36, 34, 34))
 
 SIDES = np.array([1.0, -1.0])
-"""Left, right."""
+"""Sign of y: left, right."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Of a person.
+    """Appearance of a person.
 
     Attributes:
         skin: colour.
-        hair: colour, or that of a helmet.
-        top: what the trunk and the upper arms wear.
-        bottom: what the legs wear.
+        hair: colour of the hair or helmet.
+        top: surface of the trunk and the upper arms.
+        bottom: surface of the legs.
         bare_forearms: short sleeves.
-        helmet: it covers the face, too.
-        coat: down to the knees, if it has one.
-        backpack: its surface, if it has one.
+        helmet: wears one, which covers the face, too.
+        coat: wears one down to the knees.
+        backpack: its surface, if any.
         girth: of trunk and limbs, 1 is usual.
-        head: its size, 1 is an adult's.
+        head: relative size, 1 is an adult's.
     """
 
     skin: RGB = (196, 152, 124)
@@ -60,7 +60,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joints:
-    """A pose; the first axis of limbs is left, right.
+    """Joint positions of a pose; the first axis of limbs is left, right.
 
     Attributes:
         trunk: (2, 3) m, between the hips, between the shoulders.
@@ -74,9 +74,9 @@ class Joints:
 
 
 def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: ArrayLike) -> Floats:
-    """(2, 2, 3) the middle joint and the end of two limbs of two links each that reach from `start` to `end` (2, 3).
+    """Return the middle joints and ends (2, 2, 3) of two limbs of two links each that reach from `start` to `end`.
 
-    What is too far is reached for in vain: the limb is stretched out, and ends short of it.
+    A limb that is too short is stretched out and ends before its target.
 
     Args:
         start: (2, 3) m.
@@ -97,7 +97,7 @@ def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: Arra
 
 
 def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, feet: ArrayLike) -> Joints:
-    """A pose by where the hips (3,), the hands and the ankles (2, 3) are, and how far the trunk leans forward."""
+    """Return the pose with given hips (3,), hands and ankles (2, 3), and forward lean of the trunk."""
     middle = np.asarray(hips, dtype=np.float64)
     up = np.array([np.sin(lean_rad), 0.0, np.cos(lean_rad)])
     neck = middle + TRUNK * height * up
@@ -114,7 +114,7 @@ def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, fe
 
 
 def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
-    """The parts of a person in a pose; how many, and of what faces, depends on the look alone."""
+    """Return the parts of a person in a pose; their number and faces depend on the look alone."""
     skin = Surface(0.0, 0.45, look.skin)
     parts = [_trunk(joints.trunk, height, look), _head(joints.trunk, height, look, skin)]
     for shoulder_to_hand in joints.arms:
@@ -133,7 +133,7 @@ def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
 
 
 def _trunk(ends: Floats, height: float, look: Look) -> Part:
-    """Six-sided, from the hips, or from the knees under a coat, to the neck."""
+    """Build a six-sided trunk from the hips, or from the knees under a coat, to the neck."""
     hips, neck = ends
     up = (neck - hips) / np.linalg.norm(neck - hips)
     levels = [(-0.03, 0.062, 0.092), (0.22, 0.072, 0.120), (0.30, 0.055, 0.108), (0.335, 0.03, 0.035)]
@@ -151,7 +151,7 @@ def _trunk(ends: Floats, height: float, look: Look) -> Part:
 
 
 def _head(ends: Floats, height: float, look: Look, skin: Surface) -> Part:
-    """Five-sided, upright; the face looks forward."""
+    """Build a five-sided, upright head; the face looks forward."""
     hips, neck = ends
     middle = neck + np.array([0.02 * height + 0.06 * (neck[0] - hips[0]), 0.0, 0.0])
     size = look.head * height

@@ -1,4 +1,4 @@
-"""Models that users bring: from a mesh of theirs, or a file."""
+"""Custom models: from a trimesh object or a mesh file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, frozen, require_finite
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.snapshot import Model
+from coopsim.world.models.model import Model
 
-_FARTHEST = 1e9  # in whatever units: farther out, numbers are too coarse for a shape, and merging vertices overflows
+_FARTHEST = 1e9  # in the mesh's units: beyond, numbers are too coarse for a shape, and merging vertices overflows
 
 
 def model_from_mesh(
@@ -30,24 +30,24 @@ def model_from_mesh(
     tint: ArrayLike = 1.0,
     reflectivity: ArrayLike = 0.5,
 ) -> Model:
-    """A rigid model from a mesh with x forward, y left and z up; wherever that stands, its middle becomes the origin.
+    """Make a rigid model from a mesh with x forward, y left and z up; its middle becomes the origin.
 
-    A mesh with holes is accepted with a warning: LiDAR and cameras take every surface from both sides, so a ray that
-    goes in through a hole ends on the inside. Bodies that are inside out are turned.
+    A mesh with holes is accepted with a warning: LiDAR and cameras see every surface from both sides, so a ray that
+    enters through a hole ends on the inside. Bodies that are inside out are turned.
 
     Args:
-        mesh: a trimesh object, which stays as it is, or the path of a file that trimesh can load (OBJ, PLY, STL, GLB).
+        mesh: a trimesh object, which is not changed, or the path of a file that trimesh can load (OBJ, PLY, STL, GLB).
         name: of the model.
         label: its class.
-        size_m: (3,) length, width and height to which it is scaled; None leaves the mesh's own, in metres.
-        tint: how much of an actor's paint the faces take, one number or (F,), in [0, 1]; the rest of a face's colour is
-            the mesh's own, where it has colours by face or vertex.
+        size_m: (3,) length, width and height to scale to; None: the mesh's own, in metres.
+        tint: share of an actor's paint in the faces' colour, one number or (F,), in [0, 1]; the rest is the mesh's own
+            colour, where it has colours by face or vertex.
         reflectivity: at the LiDAR's wavelength, one number or (F,), in [0, 1].
 
     Raises:
-        InvalidValueError: there is no such file, or no mesh in it; no faces; faces of vertices that are not there, or
-            that look different ways; a vertex that is not finite, or beyond 1e9; a mesh that is flat; a size or share
-            out of range, so also more than 100 m, as a mesh in millimetres has without `size_m`.
+        InvalidValueError: the file or its mesh is missing; no faces; faces with vertices that do not exist, or with
+            inconsistent winding; a vertex that is not finite, or beyond 1e9; a flat mesh; a size or share out of
+            range, so also more than 100 m, as a mesh in millimetres has without `size_m`.
     """
     of = f"of model {name!r}"
     solid = _loaded(mesh, of)
@@ -71,7 +71,7 @@ def model_from_mesh(
 
 
 def _loaded(mesh: trimesh.Trimesh | str | Path, of: str) -> trimesh.Trimesh:
-    """A checked copy, in which vertices at the same place are one."""
+    """Return a checked copy, with vertices at the same place merged."""
     if isinstance(mesh, (str, Path)):
         mesh = _read(Path(mesh), of)
     if not isinstance(mesh, trimesh.Trimesh):
@@ -96,12 +96,12 @@ def _read(path: Path, of: str) -> trimesh.Trimesh:
     try:
         return trimesh.load_mesh(path)
     except Exception as error:
-        # Every format has a reader of its own, which raises errors of its own kind.
+        # Each format's reader raises its own kind of errors.
         raise InvalidValueError(f"the mesh {of} cannot be read from {path}: {error}") from error
 
 
 def _per_face(value: ArrayLike, count: int, what: str) -> Floats:
-    """(F,) of one number for all faces, or of one for each."""
+    """Return values (F,) from one number for all faces, or one for each."""
     numbers = as_numbers(value, np.float64, what)
     if numbers.shape not in ((), (count,)):
         raise InvalidValueError(f"{what} must be one number or {count}, got {numbers.size}")
@@ -109,7 +109,7 @@ def _per_face(value: ArrayLike, count: int, what: str) -> Floats:
 
 
 def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
-    """(F, 3), or none where the mesh has no colours by face or vertex."""
+    """Return the colours (F, 3), or (0, 3) where the mesh has none by face or vertex."""
     visual = mesh.visual
     if isinstance(visual, trimesh.visual.ColorVisuals) and visual.kind in ("face", "vertex"):
         return np.asarray(visual.face_colors[:, :3], dtype=np.uint8)
@@ -117,7 +117,7 @@ def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
 
 
 def _facing_outwards(mesh: trimesh.Trimesh, of: str) -> Ints:
-    """The faces (F, 3), counter-clockwise from outside as far as there is an inside."""
+    """Return the faces (F, 3), counter-clockwise from outside where the mesh encloses a volume."""
     if not mesh.is_winding_consistent:
         raise InvalidValueError(
             f"faces {of} must all look outwards, but neighbours look different ways: mesh.fix_normals() may repair them"

@@ -1,8 +1,8 @@
 """Trucks and buses: levels stacked from the floor to the roof, wheels below.
 
-Directive 96/53/EC allows a length of 12 m (a bus of two axles 13.5 m), a width of 2.55 m without mirrors and a height
-of 4 m. The city bus is as large as a Mercedes-Benz Citaro (11.95 x 2.55 x 3.08 m), the coach as a Setra S 515 HD; the
-others are usual sizes of their kind. nuScenes' anchors, means of labelled boxes, are 6.93 x 2.51 x 2.84 m for trucks
+Directive 96/53/EC allows a length of 12 m (a bus with two axles 13.5 m), a width of 2.55 m without mirrors and a height
+of 4 m. The city bus has the size of a Mercedes-Benz Citaro (11.95 x 2.55 x 3.08 m), the coach of a Setra S 515 HD; the
+others have usual sizes. For comparison, nuScenes' anchors (means of labelled boxes) are 6.93 x 2.51 x 2.84 m for trucks
 and 11.19 x 2.94 x 3.47 m for buses.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 from coopsim.world.models.parts import (
     ACCENT,
     FRONT,
@@ -32,18 +33,17 @@ from coopsim.world.models.parts import (
     loft,
     wheel,
 )
-from coopsim.world.snapshot import Model
 
 _Size = tuple[float, float, float]
 
 
 def make_trucks() -> list[Model]:
-    """Three rigid trucks; the whole box turns with the cab."""
+    """Build three rigid trucks; the whole box turns with the cab."""
     return [_box_truck("box_truck", (7.5, 2.4, 3.1), 2), _box_truck("heavy_truck", (9.6, 2.5, 3.6), 3), _tipper()]
 
 
 def make_buses() -> list[Model]:
-    """A small one, one for the city and one to travel in."""
+    """Build a small bus, a city bus and a coach."""
     return [
         _bus("midibus", (8.9, 2.45, 2.95), (0.24, 0.76), belt=0.42),
         _bus("city_bus", (11.95, 2.55, 3.08), (0.27, 0.77), belt=0.38),
@@ -52,7 +52,7 @@ def make_buses() -> list[Model]:
 
 
 def _box_truck(name: str, size_m: _Size, axles: int) -> Model:
-    """Cab, and a box for goods, which is what may have another colour."""
+    """Build a cab and a cargo box, which may have another colour."""
     length, width, height = size_m
     cab_m, floor = 1.95, 1.05
     cargo = block((0.0, length - cab_m - 0.25), width / 2, (floor, height), ACCENT)
@@ -73,7 +73,7 @@ def _box_truck(name: str, size_m: _Size, axles: int) -> Model:
 
 
 def _tipper() -> Model:
-    """Cab, and an open body with sloping walls, loaded."""
+    """Build a cab and a loaded open body with sloping walls."""
     length, width, height = size_m = (8.3, 2.5, 3.2)
     cab_m, floor = 2.0, 1.2
     end = length - cab_m - 0.2
@@ -94,7 +94,7 @@ def _tipper() -> Model:
 
 
 def _cab(length: float, width: float, cab_m: float, height: float) -> list[Part]:
-    """A cab over the front axle: bumper, lights, grille, windows to three sides."""
+    """Build a cab over the front axle: bumper, lights, grille, windows to three sides."""
     half, rear = 0.48 * width, length - cab_m
     levels = [
         level(0.45, (rear, length), half),
@@ -123,7 +123,7 @@ def _chassis(length: float, floor: float) -> list[Part]:
 
 
 def _bus(name: str, size_m: _Size, axles: Sequence[float], belt: float) -> Model:
-    """A bus: skirt in the second colour, a band of windows from `belt` up, a pane before the driver."""
+    """Build a bus: skirt in the second colour, a band of windows from `belt` up, a windscreen."""
     length, width, height = size_m
     half = width / 2
     levels = [

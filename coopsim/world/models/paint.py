@@ -1,6 +1,6 @@
-"""Who wears what: paint of vehicles, clothes of people, drawn for each actor by its id.
+"""Paint of vehicles and clothes of people, drawn for each actor by its id.
 
-An actor's colours depend on the seed, its id and its class alone: who else is there, or came before, changes nobody's.
+An actor's colours depend on the seed, its id and its class alone, and on no other actor.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PAINTS: dict[RGB, float] = {
     (214, 172, 44): 1,
     (34, 84, 58): 1,
 }
-"""Paints of new cars in per cent: white, black, grey, silver, blue, red, brown or beige, yellow or gold, green; by
+"""Paints of new cars in per cent: white, black, grey, silver, blue, red, brown or beige, yellow or gold, green; from
 Axalta's Global Automotive Color Popularity Report 2021. The shades are ours."""
 
 LIVERIES: dict[RGB, float] = {
@@ -42,7 +42,7 @@ LIVERIES: dict[RGB, float] = {
     (236, 124, 32): 7,
     (96, 100, 106): 10,
 }
-"""Of what carries goods and passengers, in per cent. Ours: white, and colours by which firms are known."""
+"""Liveries of vans, trucks and buses in per cent. Ours: white, and usual colours of firms."""
 
 CLOTHES: dict[RGB, float] = {
     (34, 36, 42): 22,
@@ -56,12 +56,12 @@ CLOTHES: dict[RGB, float] = {
     (216, 170, 46): 4,
     (188, 96, 132): 3,
 }
-"""Of people, in per cent. Ours: mostly dark and plain."""
+"""Clothes in per cent. Ours: mostly dark and plain."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Wardrobe:
-    """What a class wears: its first and second colours, and how often the second is the first again."""
+    """The colours of a class: first and second ones with their weights, and how often the second equals the first."""
 
     color: dict[RGB, float]
     accent: dict[RGB, float]
@@ -86,12 +86,12 @@ _WARDROBES = {
 }
 
 _DARKER, _LIGHTER, _FADED = 0.10, 0.05, 12.0
-"""Paints of one name differ: each is darker or lighter by up to these shares, a quarter as much in each channel, and
-has up to so much white in it (of 255), as black has little of what could be darker."""
+"""Shades of one paint differ: each is darker or lighter by up to these shares, a quarter as much in each channel, and
+has up to so much white in it (of 255), because black has little to darken."""
 
 
 def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
-    """The first and second colours, each (N, 3), of actors by id (N,) and class (N,)."""
+    """Return the first and second colours, each (N, 3), of actors with ids (N,) and classes (N,)."""
     draw = chances(seed, "appearance", ids, 13)
     color, accent = (np.zeros((len(ids), 3)) for _ in range(2))
     for cls, wardrobe in _WARDROBES.items():
@@ -106,14 +106,14 @@ def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
 
 
 def _pick(colors: dict[RGB, float], draw: Floats) -> Floats:
-    """(N, 3) of the colours, by their weights, for draws (N,)."""
+    """Return weighted choices (N, 3) of the colours for uniform draws (N,)."""
     limits = np.cumsum(list(colors.values()))
     chosen: Floats = np.array(list(colors), dtype=np.float64)[np.searchsorted(limits, draw * limits[-1], side="right")]
     return chosen
 
 
 def _shaded(color: Floats, draw: Floats) -> Floats:
-    """Colours (N, 3), each lighter or darker and a little off its hue, by draws (N, 5)."""
+    """Return colours (N, 3), each lighter or darker and a little off its hue, by uniform draws (N, 5)."""
     off = draw[:, :4] * (_DARKER + _LIGHTER) - _DARKER
     shaded: Floats = color * (1 + off[:, :1] + off[:, 1:] / 4) + _FADED * draw[:, 4:]
     return np.minimum(shaded, 255.0)

@@ -1,6 +1,6 @@
-"""What models are put together from: closed solids, every one of them a loft through a few outlines.
+"""Building blocks of models: closed solids, each a loft through a few outlines.
 
-Frames: x forward, y left, z up, metres. A model is built anywhere along x and z, and put into its box last.
+Frames: x forward, y left, z up, metres. Parts lie anywhere along x and z; `assemble` puts them into the model's box.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from numpy.typing import ArrayLike
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.snapshot import Model
+from coopsim.world.models.model import DARK, Model
 
 RGB = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """What a face is made of.
+    """Material of a face.
 
     Attributes:
         tint: share of the actor's paint in its colour.
         reflectivity: at 905 nm.
-        color: its own.
-        accented: it takes the actor's second colour.
+        color: the face's own.
+        accented: the face takes the actor's second colour.
     """
 
     tint: float
     reflectivity: float
-    color: RGB = (24, 28, 34)
+    color: RGB = DARK
     accented: bool = False
 
 
@@ -45,8 +45,8 @@ PLASTIC = Surface(0.0, 0.15, (44, 46, 50))
 METAL = Surface(0.0, 0.45, (120, 123, 128))
 HEADLIGHT = Surface(0.0, 0.8, (236, 238, 232))
 TAILLIGHT = Surface(0.0, 0.9, (170, 22, 24))
-"""Reflectivities are round numbers: of the order of what is measured on cars, where glass and rubber return little, and
-rear lights, which have reflectors in them, much."""
+"""Reflectivities are round numbers of the order of measured ones: glass and rubber return little, rear lights, which
+contain reflectors, much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +65,7 @@ class Window:
 
 
 Dress = Mapping[tuple[int, int], Surface | Window]
+"""Surfaces by segment and side of a loft."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,19 +85,20 @@ class Part:
 
 @dataclass(slots=True)
 class _Faces:
-    """Quads and fans collected one by one."""
+    """A solid in the making: quads and fans, added one by one."""
 
     vertices: list[Floats]
     faces: list[tuple[int, int, int]] = field(default_factory=list)
     surfaces: list[Surface] = field(default_factory=list)
 
     def fan(self, ring: Sequence[int], surface: Surface) -> None:
+        """Add a convex polygon."""
         for k in range(1, len(ring) - 1):
             self.faces.append((ring[0], ring[k], ring[k + 1]))
             self.surfaces.append(surface)
 
     def pane(self, ring: Sequence[int], frame: Surface, window: Window) -> None:
-        """The quad `ring`, whose first side runs along the loft, with a window in it."""
+        """Add the quad `ring`, whose first side runs along the loft, with a window in it."""
         a, b, c, d = (self.vertices[k] for k in ring)
         inner = []
         for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
@@ -117,14 +119,14 @@ def loft(
     *,
     ring: bool = False,
 ) -> Part:
-    """A solid through S outlines of P points each.
+    """Build a solid through S outlines of P points each.
 
     Args:
-        outlines: (S, P, 3) m; each convex, all the same way round.
-        surface: of everything that has none of its own.
+        outlines: (S, P, 3) m; each convex, all in the same sense.
+        surface: default of all faces.
         dress: surfaces by segment (from outline i to i + 1) and side (from point j to j + 1).
         ends: surfaces of the first and last outline.
-        ring: the last outline leads back to the first.
+        ring: whether the last outline leads back to the first.
     """
     points = np.asarray(outlines, dtype=np.float64)
     count, sides = points.shape[:2]
@@ -147,7 +149,7 @@ def loft(
 
 
 def _outwards(built: _Faces) -> Part:
-    """The solid, turned inside out if its faces look inwards."""
+    """Return the solid, turned inside out if its faces look inwards."""
     vertices, faces = np.array(built.vertices), np.array(built.faces, dtype=np.int64)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     if np.einsum("ij,ij->", a, np.cross(b, c)) < 0:
@@ -156,18 +158,21 @@ def _outwards(built: _Faces) -> Part:
 
 
 def across(x: float, levels: Sequence[tuple[float, float]]) -> Floats:
-    """(2 L, 3) outline across the car at `x`, from L (height, half width) from below; see `mirrored` for its sides."""
+    """Return an outline (2 L, 3) across the car at `x`, from L (height, half width) from below; see `mirrored`."""
     left = [(x, half, z) for z, half in levels]
     return np.array([*left, *((x, -half, z) for z, half in reversed(levels))])
 
 
 def mirrored(levels: int, side: int) -> tuple[int, int]:
-    """Level `side` to the next on the left, and on the right; the top is side `levels` - 1, the floor the last."""
+    """Return the sides of an `across` outline from level `side` to the next, left and right.
+
+    The top is side `levels` - 1, the floor the last.
+    """
     return side, 2 * levels - 2 - side
 
 
 def level(z: float, x: tuple[float, float], half_width: float, front_half_width: float | None = None) -> Floats:
-    """(4, 3) level outline at height `z`; its sides are left, rear, right, front."""
+    """Return a level outline (4, 3) at height `z`; its sides are left, rear, right, front."""
     front = half_width if front_half_width is None else front_half_width
     return np.array([(x[1], front, z), (x[0], half_width, z), (x[0], -half_width, z), (x[1], -front, z)])
 
@@ -176,25 +181,25 @@ LEFT, REAR, RIGHT, FRONT = range(4)
 
 
 def block(x: tuple[float, float], half_width: float, z: tuple[float, float], surface: Surface, y: float = 0.0) -> Part:
-    """A box, `y` to the left."""
+    """Build a box, `y` to the left."""
     aside = np.array([0.0, y, 0.0])
     return loft([level(z[0], x, half_width) + aside, level(z[1], x, half_width) + aside], surface)
 
 
 def wheel(x: float, y: float, radius: float, width: float, sides: int = 8) -> Part:
-    """A wheel on the ground at `x`; its outer face is at `y`, the inner one nearer to the middle or past it."""
+    """Build a wheel on the ground at `x`; its outer face is at `y`, the inner one nearer to the middle or past it."""
     turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides  # stands on a flat side
     ring = np.stack([x + radius * np.cos(turn), np.zeros(sides), radius * np.sin(turn)], axis=1)
     ring[:, 2] -= ring[:, 2].min()
     inner = y - width * np.sign(y)
-    past = np.sign(inner) != np.sign(y)  # of a two-wheeler: both faces can be seen
+    past = np.sign(inner) != np.sign(y)  # as on two-wheelers, where both faces are visible
     return loft([ring + np.array([0.0, side, 0.0]) for side in (inner, y)], TYRE, ends=(RIM if past else TYRE, RIM))
 
 
 def tube(
     path: ArrayLike, radius: Sequence[float], surface: Surface, sides: int = 4, dress: Dress | None = None
 ) -> Part:
-    """A limb or bar through (S, 3) points with S radii; `dress` as for `loft`."""
+    """Build a limb or bar through points (S, 3) with S radii; `dress` as for `loft`."""
     points = np.asarray(path, dtype=np.float64)
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -220,8 +225,8 @@ def assemble(
     Args:
         name: of the model.
         label: its class.
-        poses: the parts in each pose; the same faces in each.
-        size_m: (3,) of the box; None takes the parts' own size to the centimetre.
+        poses: the parts in each pose; with the same faces in each.
+        size_m: (3,) of the box; None: the parts' own size, rounded to a centimetre.
         cycle_m: distance travelled in a cycle of poses.
     """
     parts = poses[0]

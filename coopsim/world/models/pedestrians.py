@@ -1,4 +1,4 @@
-"""People on foot, who walk: adults and children.
+"""Walking people: adults and children.
 
 Heights are about the means of the United States: 1.75 m for men and 1.61 m for women (NCHS, Vital and Health
 Statistics 3(46), 2021), 1.02 m at four years, 1.22 m at seven and 1.38 m at ten (CDC growth charts, 2000). Children's
@@ -27,11 +27,11 @@ from coopsim.world.models.figure import (
     Look,
     dressed,
 )
+from coopsim.world.models.model import Model
 from coopsim.world.models.parts import Surface, assemble
-from coopsim.world.snapshot import Model
 
 POSES = 8
-"""In a cycle of two steps."""
+"""Number of poses in a cycle of two steps."""
 
 _LEG_SWING_RAD = np.radians(18.0)
 _ARM_SWING_RAD = np.radians(16.0)
@@ -40,7 +40,7 @@ _ELBOW_RAD = np.radians(20.0)
 
 
 def make_adults() -> list[Model]:
-    """Four adults."""
+    """Build four adults."""
     return [
         _walker("man", 1.78, Look(girth=1.05, hair=(58, 44, 36))),
         _walker("woman", 1.63, Look(girth=0.95, hair=(96, 66, 40), coat=True, skin=(214, 172, 146))),
@@ -50,7 +50,7 @@ def make_adults() -> list[Model]:
 
 
 def make_children() -> list[Model]:
-    """Three children."""
+    """Build three children."""
     satchel = Surface(0.0, 0.6, (214, 96, 34))
     return [
         _walker("child_of_4", 1.02, Look(girth=1.2, head=1.45, hair=(150, 112, 70)), ObjectClass.CHILD),
@@ -63,13 +63,13 @@ def make_children() -> list[Model]:
 
 def _walker(name: str, height: float, look: Look, label: ObjectClass = ObjectClass.PEDESTRIAN) -> Model:
     poses = [dressed(walking(height, k / POSES), height, look) for k in range(POSES)]
-    # What a foot on the ground goes back by in half a cycle, the body goes forward.
+    # In half a cycle the body moves forward by as much as the foot on the ground moves back relative to it.
     step_m = 2 * (THIGH + SHANK) * height * np.sin(_LEG_SWING_RAD)
     return assemble(name, label, poses, cycle_m=round(2 * step_m, 2))
 
 
 def walking(height: float, share: float) -> Joints:
-    """The pose after a share of the cycle, which begins with the left leg in front.
+    """Return the pose after a share of the cycle, which begins with the left leg in front.
 
     Thighs and arms swing as pendulums; a knee bends while its foot is in the air.
     """
@@ -95,10 +95,10 @@ def walking(height: float, share: float) -> Joints:
 
 
 def _hanging(angle_rad: Floats) -> Floats:
-    """(2, 3) unit vectors down, swung forward by an angle."""
+    """Return unit vectors (2, 3) that point down, swung forward by an angle."""
     return np.stack([np.sin(angle_rad), np.zeros(2), -np.cos(angle_rad)], axis=1)
 
 
 def _ahead(angle_rad: Floats) -> Floats:
-    """(2, 3) unit vectors forward, raised by an angle."""
+    """Return unit vectors (2, 3) that point forward, raised by an angle."""
     return np.stack([np.cos(angle_rad), np.zeros(2), np.sin(angle_rad)], axis=1)

@@ -1,8 +1,8 @@
-"""Two-wheelers with who rides them: motorcycles, bicycles, scooters.
+"""Two-wheelers with their riders: motorcycles, bicycles, scooters.
 
 Sizes follow from the machines (a motorcycle has a wheelbase of about 1.4 m and wheels of 0.62 m, a bicycle 1.06 m and
-0.68 m, an electric kick scooter 0.95 m and 0.25 m) and from their riders. nuScenes' anchors, means of labelled boxes,
-many without a rider, are 2.11 x 0.77 x 1.47 m for motorcycles and 1.68 x 0.60 x 1.27 m for bicycles.
+0.68 m, an electric kick scooter 0.95 m and 0.25 m) and from their riders. For comparison, nuScenes' anchors (means of
+labelled boxes, many without a rider) are 2.11 x 0.77 x 1.47 m for motorcycles and 1.68 x 0.60 x 1.27 m for bicycles.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.figure import JEANS, LEATHER, Look, dressed, seated
+from coopsim.world.models.model import Model
 from coopsim.world.models.parts import (
     GLASS,
     HEADLIGHT,
@@ -29,18 +30,17 @@ from coopsim.world.models.parts import (
     tube,
     wheel,
 )
-from coopsim.world.snapshot import Model
 
 PEDAL_POSES = 8
 DEVELOPMENT_M = 5.0
-"""What a bicycle goes in one turn of the pedals, in a middle gear."""
+"""Distance that a bicycle travels in one turn of the pedals, in a middle gear."""
 
 _CRANK_M = 0.17
 _PAIR = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def make_motorcycles() -> list[Model]:
-    """A roadster, a sports machine that is leant over, and a tourer with a screen and cases."""
+    """Build a roadster, a sports machine with a leaning rider, and a tourer with a screen and cases."""
     return [
         _motorcycle("roadster", 1.78, 0.25, (250, 250, 246), screen=False, cases=False),
         _motorcycle("sports_bike", 1.75, 0.75, (30, 30, 34), screen=True, cases=False),
@@ -49,7 +49,7 @@ def make_motorcycles() -> list[Model]:
 
 
 def make_bicycles() -> list[Model]:
-    """For the city, for sport, and for a child of about twelve."""
+    """Build a city bicycle, a racing bicycle, and one for a child of about twelve."""
     return [
         _bicycle("city_bicycle", 1.68, 0.42, (36, 66, 52), 1.0, Look(hair=(92, 62, 40))),
         _bicycle(
@@ -60,7 +60,7 @@ def make_bicycles() -> list[Model]:
 
 
 def make_scooters() -> list[Model]:
-    """Two electric kick scooters, as those of V2X-Real's campus, and a motor scooter."""
+    """Build two electric kick scooters, like those on V2X-Real's campus, and a motor scooter."""
     return [
         _kick_scooter("kick_scooter", 1.75, Look(hair=(40, 34, 30), backpack=Surface(0.0, 0.3, (52, 54, 58)))),
         _kick_scooter(
@@ -121,7 +121,7 @@ def _bicycle(name: str, height: float, lean_rad: float, paint: RGB, scale: float
 
 
 def _bicycle_frame(paint: Surface, scale: float) -> list[Part]:
-    """Two hoops and the tubes between them; light passes through the wheels as it does between spokes."""
+    """Build two hoops and the tubes between them; light passes through the wheels as it does between spokes."""
     rear, front, crank, seat, head = (
         scale * np.array([x, 0.0, z]) for x, z in ((0.0, 0.34), (1.06, 0.34), (0.42, 0.28), (0.26, 0.80), (0.84, 0.86))
     )
@@ -137,7 +137,7 @@ def _bicycle_frame(paint: Surface, scale: float) -> list[Part]:
 
 
 def _hoop(hub: np.ndarray[tuple[int], np.dtype[np.float64]], radius: float, sides: int = 12) -> Part:
-    """A tyre of three-sided outline, without spokes."""
+    """Build a tyre of triangular section, without spokes."""
     turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
     spoke = np.stack([np.cos(turn), np.zeros(sides), np.sin(turn)], axis=1)
     rings = [

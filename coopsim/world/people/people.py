@@ -17,10 +17,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.models_by_class import models_of
+from coopsim.world.models.model import Model, models_of
 from coopsim.world.people.social_force import is_blocked, push_apart
 from coopsim.world.places.layout import Footways
-from coopsim.world.snapshot import Model
 from coopsim.world.traffic.engine.fleet import BODY, Fleet
 
 GAP_S = 4.0

@@ -14,9 +14,10 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count, require_frame_time
 from coopsim.support.rng import require_seed
 from coopsim.world.models import make_models
+from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.world.scenario import Place, Scenario, make_scenario
-from coopsim.world.snapshot import Actors, AgentBody, Model, StaticPart
+from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
 

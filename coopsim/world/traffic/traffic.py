@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.models_by_class import models_of
+from coopsim.world.models.model import Model, models_of
 from coopsim.world.places.layout import LANE_M, LaneIndex, Layout, Slot
 from coopsim.world.population import Population
-from coopsim.world.snapshot import Model
 from coopsim.world.traffic.engine.array_engine import ArrayEngine, closest_speed
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
 from coopsim.world.traffic.engine.lanes import Network

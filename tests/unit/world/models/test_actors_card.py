@@ -36,7 +36,7 @@ def test_the_range_of_triangles_is_as_said() -> None:
 
 
 def test_the_users_model_of_the_card_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "OWN_MODELS", Registry("model"))
+    monkeypatch.setattr(catalogue, "CUSTOM_MODELS", Registry("model"))
     (program,) = re.findall(r"```python\n(.*?)```", CARD, flags=re.S)
     exec(program, {})
     assert make_models()[-1].name == "delivery_robot"

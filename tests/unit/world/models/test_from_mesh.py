@@ -24,7 +24,7 @@ BOX = trimesh.creation.box((4.0, 2.0, 1.5))
 @pytest.fixture
 def _own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Models that are registered in a test stay there."""
-    monkeypatch.setattr(catalogue, "OWN_MODELS", Registry("model"))
+    monkeypatch.setattr(catalogue, "CUSTOM_MODELS", Registry("model"))
 
 
 def with_changes(vertices: Any = None, faces: Any = None) -> trimesh.Trimesh:

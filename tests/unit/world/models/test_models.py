@@ -9,8 +9,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.figure import reach
+from coopsim.world.models.model import Model
 from coopsim.world.scenario import SCENARIOS, make_scenario
-from coopsim.world.snapshot import Model
 
 MODELS = make_models()
 MOVING = [model for model in MODELS if len(model.poses) > 1]

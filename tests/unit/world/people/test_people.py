@@ -15,13 +15,12 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.iou import iou_bev
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.models_by_class import models_of
+from coopsim.world.models.model import Model, models_of
 from coopsim.world.people import people
 from coopsim.world.people.people import MANNERS, People
 from coopsim.world.people.social_force import is_blocked, push_apart
 from coopsim.world.places.layout import Footways
 from coopsim.world.scenario import make_scenario
-from coopsim.world.snapshot import Model
 from coopsim.world.traffic.engine.fleet import BODY, VEHICLE, Fleet
 
 DT_S = 0.1
