@@ -14,7 +14,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.shutter import between
+from coopsim.sensors.lidar.revolution import interpolate
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather
@@ -84,14 +84,14 @@ class CastSweeps(LidarSensing):
             sweeps = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._sensors}
             return Sensed(count_returns(sweeps, actors.id), sweeps)
 
-        sensed = run_all([partial(sense_one, body) for body in bodies.values()], self._threads, "agents")
+        sensed = run_all([partial(sense_one, body) for body in bodies.values()], self._threads)
         self._before = {name: body.world_SE3_base for name, body in bodies.items()}
         return dict(zip(bodies, sensed, strict=True))
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
         """A sweep that ends now, of an agent that was at `before` a frame ago."""
         lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._rngs[body.name, sensor]
-        start = between(before, now, 1.0 - lidar.config.turn_s / self._dt_s)
+        start = interpolate(before, now, 1.0 - lidar.config.turn_s / self._dt_s)
         return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
 
     def _back(self, actors: Actors, body: AgentBody) -> SE3:

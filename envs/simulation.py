@@ -16,7 +16,7 @@ from coopsim.localization.localizer import Localizer
 from coopsim.sensors.camera.camera import CameraRig
 from coopsim.sensors.camera.rigs import agent_rigs
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.mounting import require_above_ground, require_free_mount
+from coopsim.sensors.lidar.mounting import require_above_ground, require_free_mount
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.visibility.lidar_visibility import Visibility, VisibilityProbe

@@ -14,6 +14,8 @@ from coopsim.types import Ints, Mask
 from coopsim.world.models.model import Model
 from coopsim.world.snapshot import Actors, StaticPart
 
+Singles = NDArray[np.float32]
+
 STATIC_ID = 0
 _CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1
 

@@ -12,14 +12,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numba import njit
 
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.cast.atomics import Counters, add, wait_for
 from coopsim.sensors.lidar.cast.ray_grid import RayGrid
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
+from coopsim.sensors.lidar.patterns import PATTERNS
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry, Triangles
 from coopsim.sensors.weather import Weather
@@ -29,7 +27,6 @@ from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 
 DT_S = 0.1
-_APART = 64  # counters in different lines of the cache
 
 
 def crossing() -> World:
@@ -40,25 +37,17 @@ def crossing() -> World:
     return world
 
 
-def nothing() -> None:
-    pass
-
-
-def least_ms(
-    *acts: Callable[[], object], times: int = 30, in_a_row: int = 1, before: Callable[[], object] = nothing
-) -> list[float]:
-    """The least time of each of `acts`, which take turns; what is done before each call is not counted."""
+def least_ms(*acts: Callable[[], object], times: int = 30) -> list[float]:
+    """Return the least time of each of `acts`, which take turns."""
     for act in acts:
         act()  # the first call pays for loading and compiling
-    spent = np.empty((times, len(acts), in_a_row))
+    spent = np.empty((times, len(acts)))
     for round_ in range(times):
         for k, act in enumerate(acts):
-            for call in range(in_a_row):
-                before()
-                began = time.perf_counter()
-                act()
-                spent[round_, k, call] = time.perf_counter() - began
-    return (1e3 * spent.min(axis=(0, 2))).tolist()
+            began = time.perf_counter()
+            act()
+            spent[round_, k] = time.perf_counter() - began
+    return (1e3 * spent.min(axis=0)).tolist()
 
 
 def on_a_roof() -> tuple[World, SE3, Triangles]:
@@ -73,7 +62,7 @@ def on_a_roof() -> tuple[World, SE3, Triangles]:
 def test_grid_against_embree(name: str) -> None:
     """All rays of a sweep of 1024 columns, once the triangles are placed; embree also builds its scene for a frame."""
     (_, pose, triangles), pattern = on_a_roof(), PATTERNS.get(name)
-    grid, scene = RayGrid(pattern, 1024), RayScene(triangles)
+    grid, scene = RayGrid(pattern.elevation_rad, pattern.offset_rad, 1024), RayScene(triangles)
     rays = pose.rotate(pattern.directions(1024))
     embree_ms, build_ms, one_ms = least_ms(
         lambda: scene.cast(pose.translation, rays),
@@ -93,68 +82,15 @@ def test_grid_against_embree(name: str) -> None:
     print(f"ranges to {1e3 * error_m.max():.3f} mm")
 
 
-@njit(nogil=True)
-def toss(ball: Counters, thrower: bool, times: int) -> bool:
-    """Two threads that add to a counter each in turn; whether the other was there all the time."""
-    for k in range(1, times + 1):
-        if thrower:
-            add(ball, 0, 1)
-        if not wait_for(ball, _APART if thrower else 0, k, 1000):
-            return False
-        if not thrower:
-            add(ball, _APART, 1)
-    return True
-
-
-def round_trip_ns(times: int = 5_000) -> float:
-    """How long it takes two threads to see a change of each other's; infinite if they do not run at the same time."""
-    best = np.inf
-    for _ in range(5):
-        ball, began = np.zeros(2 * _APART, np.int64), time.perf_counter()
-        pair = [partial(toss, ball, thrower, times) for thrower in (True, False)]
-        if all(run_all(pair, 2, "toss")):
-            best = min(best, 1e9 * (time.perf_counter() - began) / times)
-    return best
-
-
-def test_one_sweep_by_two_threads() -> None:
-    """Sweep after sweep, so that the helper is awake, and each after other work, so that it must be woken.
-
-    Two cores, and these near each other, are what the machine has at some moments only, if others use it or it is a
-    virtual one. So this looks how it is, many times, and sorts.
-    """
-    (_, pose, triangles), grid = on_a_roof(), RayGrid(PATTERNS.get("HDL-64E"), 1024)
-    acts = [partial(grid.cast, triangles, pose, threads) for threads in (1, 2)]
-    found: dict[str, list[list[float]]] = {"near": [], "far apart": []}
-    for _ in range(60):
-        trip_ns = round_trip_ns()
-        if trip_ns < 1000:
-            spent_ms = least_ms(*acts, in_a_row=5) + least_ms(*acts, before=partial(time.sleep, 0.005))
-            found["near" if trip_ns < 300 else "far apart"].append([trip_ns, *spent_ms])
-    for place, moments in found.items():
-        print(f"\none sweep, cores {place}: {len(moments)} of 60 moments")
-        if moments:
-            trip_ns, *spent_ms = np.min(moments, axis=0)
-            print(f"  there and back {trip_ns:.0f} ns")
-            for state, (one_ms, two_ms) in (("hot", spent_ms[:2]), ("cold", spent_ms[2:])):
-                print(f"  {state:4s} {one_ms:.3f} ms, 2 threads {two_ms:.3f} ms: {one_ms / two_ms:.2f} times as fast")
-
-
 def test_cost_of_rays() -> None:
     """From 16 thousand to a million rays."""
     _, pose, triangles = on_a_roof()
     print(f"\ngrid, {len(triangles.faces)} triangles")
     for beams, columns in ((16, 1024), (64, 1024), (128, 1024), (128, 2048), (128, 4096), (128, 8192)):
-        grid = RayGrid(BeamPattern("even", np.radians(np.linspace(10.0, -30.0, beams))), columns)
-        one_ms, two_ms = least_ms(
-            lambda grid=grid: grid.cast(triangles, pose), lambda grid=grid: grid.cast(triangles, pose, threads=2)
-        )
+        grid = RayGrid(np.radians(np.linspace(10.0, -30.0, beams)), np.zeros(beams), columns)
+        (cast_ms,) = least_ms(lambda grid=grid: grid.cast(triangles, pose))
         rays = beams * columns
-        print(
-            f"  {rays:8d} rays: {one_ms:6.2f} ms, {1e6 * one_ms / rays:5.1f} ns a ray; 2 threads {two_ms:6.2f} ms, ",
-            end="",
-        )
-        print(f"{one_ms / two_ms:.2f} times as fast")
+        print(f"  {rays:8d} rays: {cast_ms:6.2f} ms, {1e6 * cast_ms / rays:5.1f} ns a ray")
 
 
 @pytest.mark.parametrize("pattern", ["HDL-32E", "HDL-64E"])
@@ -179,7 +115,7 @@ def test_sweeps_of_a_frame() -> None:
         partial(lidar.sense, scene, body.world_SE3_base, body.height_m, body.actor_id, stream(0, "lidar", name))
         for name, body in world.agents().items()
     ]
-    one_ms, two_ms = least_ms(lambda: run_all(acts, 1, "agents"), lambda: run_all(acts, 2, "agents"))
+    one_ms, two_ms = least_ms(lambda: run_all(acts, 1), lambda: run_all(acts, 2))
     print(
         f"\n{len(acts)} agents' sweeps: {one_ms:.2f} ms; 2 threads {two_ms:.2f} ms, {one_ms / two_ms:.2f} times as fast"
     )

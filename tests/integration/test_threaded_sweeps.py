@@ -14,7 +14,7 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather
 
 TWO = {
-    "roof": LidarConfig("VLP-16", columns=256, threads=2),
+    "roof": LidarConfig("VLP-16", columns=256),
     "above": LidarConfig("VLP-16", columns=256, turn_s=0.1, yaw_rad=0.5, above_m=0.5),
 }
 

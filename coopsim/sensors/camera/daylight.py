@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.lidar.returns import under_water
-from coopsim.sensors.weather import Weather
+from coopsim.sensors.weather import Weather, wet_albedo
 from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.support.registry import Registry
@@ -96,7 +95,7 @@ class Illumination:
         """Light (F, 3), linear, that comes from matt faces of these colours and outward unit normals, each (F, 3)."""
         facing = np.maximum(normals @ self._towards_sun, 0.0)[:, None]
         albedo = (color / 255.0) ** GAMMA
-        albedo += self._wet * (under_water(albedo) - albedo)
+        albedo += self._wet * (wet_albedo(albedo) - albedo)
         light: NDArray[np.float32] = (albedo * (self._ambient + facing * self._sun)).astype(np.float32)
         return light
 

@@ -1,8 +1,9 @@
-"""Beams that are wide: an edge within one gives a point between both sides, or only one of them.
+"""Wide beams: an edge within a beam gives a point between both sides, or only one of them.
 
 A beam is five rays: its middle and four around it. Echoes closer together than the pulse is long merge into one, at
-their mean range by energy; of those that stay apart, the strongest is reported. So what fills a part of a beam returns
-a part of its light, and at an edge between surfaces near each other lie the mixed pixels known of real sensors.
+their mean range by energy; of those that stay apart, the strongest is reported. So a surface that fills a part of a
+beam returns a part of its light, and at an edge between surfaces near each other lie the mixed pixels known of real
+sensors.
 """
 
 from __future__ import annotations
@@ -10,19 +11,20 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from coopsim.sensors.lidar.cast.triangle_setup import Singles
+from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.patterns import BeamPattern
+from coopsim.sensors.scene import Singles
 from coopsim.types import Ints
 
-_AROUND = 0.35
-"""Where the four rays are, in divergences from the middle: half of a uniform beam's light is within."""
+_OFFSET = 0.35
+"""Offset of the four rays from the middle, in divergences: half of a uniform beam's light is within."""
 
 
-def rays_of(pattern: BeamPattern, divergence_rad: float) -> list[BeamPattern]:
-    """The beam table itself and, if beams diverge, four more: for rays above, below, to the left and right of it."""
+def footprint_patterns(pattern: BeamPattern, divergence_rad: float) -> list[BeamPattern]:
+    """Return the beam table and, if beams diverge, four more: rays above, below, to the left and right of it."""
     if divergence_rad == 0:
         return [pattern]
-    elevation, azimuth, aside = pattern.elevation_rad, pattern.offset_rad, _AROUND * divergence_rad
+    elevation, azimuth, aside = pattern.elevation_rad, pattern.offset_rad, _OFFSET * divergence_rad
     steepest = np.pi / 2 - 1e-6
     around = [(elevation + up, azimuth) for up in (aside, -aside)]
     around += [(elevation, azimuth + left / np.cos(elevation)) for left in (aside, -aside)]
@@ -32,13 +34,14 @@ def rays_of(pattern: BeamPattern, divergence_rad: float) -> list[BeamPattern]:
     ]
 
 
-def _wrapped(angle_rad: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return np.arctan2(np.sin(angle_rad), np.cos(angle_rad))
+def _wrapped(angle_rad: Floats) -> Floats:
+    wrapped: Floats = np.arctan2(np.sin(angle_rad), np.cos(angle_rad))
+    return wrapped
 
 
 @njit(cache=True, nogil=True)
-def merge(range_m: Singles, bounced: Singles, face: Ints, pulse_m: float) -> tuple[Singles, Singles, Ints]:
-    """One echo per beam, of the echoes (K, R) of its rays.
+def merge_echoes(range_m: Singles, bounced: Singles, face: Ints, pulse_m: float) -> tuple[Singles, Singles, Ints]:
+    """Merge the echoes (K, R) of K rays per beam into one echo per beam.
 
     Args:
         range_m: (K, R) inf where nothing was hit.

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.cast.ray_grid import GridHits, RayGrid
-from coopsim.sensors.lidar.cast.triangle_setup import Singles
-from coopsim.sensors.lidar.footprint import merge, rays_of
+from coopsim.sensors.lidar.footprint import footprint_patterns, merge_echoes
 from coopsim.sensors.lidar.pattern_files import find_pattern
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.lidar.returns import Echoes, Optics, receive, reflect
-from coopsim.sensors.lidar.shutter import SECTORS, Turn
+from coopsim.sensors.lidar.revolution import Revolution
 from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, MOST_RAYS
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.weather import Clutter, Weather
+from coopsim.sensors.scene import Singles
+from coopsim.sensors.weather import Weather, WeatherClutter
 from coopsim.support.checks import (
     require_between,
     require_choice,
@@ -29,50 +29,46 @@ from coopsim.support.checks import (
 )
 from coopsim.types import Ints, Sweep
 
-if TYPE_CHECKING:
-    from coopsim.sensors.lidar.cast.torch_grid import TorchGrid
-
 MOST_COLUMNS = 16384
-"""No sensor fires more often per turn; what is more than this is a slip that would fill the memory."""
+"""Most firings per revolution. No sensor has more; a larger number is a slip that would fill the memory."""
 
-BACKENDS = ("grid", "torch", "embree")
+BACKENDS = ("grid", "embree")
 _NOBODY = -2  # an instance that no face has
 
 
 @dataclass(frozen=True, slots=True)
 class LidarConfig:
-    """A LiDAR and where it is.
+    """A LiDAR and its mounting.
 
-    The energy of a return follows the LiDAR equation for a surface larger than the beam: proportional to
+    The energy of a return follows the LiDAR equation for a surface larger than the beam: it is proportional to
     reflectivity * cos(incidence) / range^2. A return is lost with probability exp(-energy / `dropout_energy`), where
-    energy is 1 for a white surface met head-on at `reference_range_m`. So what is dark or met aslant is seen less far.
-    Default energies, ranges and noise are ours: half of the returns of an albedo of 0.1 are left at 134 m.
+    energy is 1 for a white surface met head-on at `reference_range_m`. So dark surfaces, and surfaces met at grazing
+    incidence, are seen less far. Default energies, ranges and noise are ours: at 134 m, half of the returns of an
+    albedo of 0.1 are left.
 
     Attributes:
-        pattern: name of a beam table, path of one (see `load_pattern`), or a table of one's own.
-        columns: firings per turn; times the beams, at most 8,388,608 rays.
+        pattern: name of a beam table, path of a file with one (see `load_pattern`), or a `BeamPattern`.
+        columns: firings per revolution; times the beams, at most 8,388,608 rays.
         min_range_m: nearest return (HDL-32E manual: about 1).
-        max_range_m: farthest return, at most 10 km (the same: 100).
+        max_range_m: farthest return, at most 10 km (HDL-32E manual: 100).
         range_noise_m: standard deviation along the ray.
-        reference_range_m: where the energy of a white surface is 1.
+        reference_range_m: range at which the energy of a white surface is 1.
         dropout_energy: energy at which 37 % of the returns are lost; 0 loses none.
         above_m: height of the sensor over the agent's body; negative below its top. This and the next two are in
             [-100, 100].
-        x_m: how far ahead of the middle of the agent.
-        y_m: how far to its left.
-        roll_rad: turn about the agent's x axis, first.
-        pitch_rad: turn about its y axis, second: looking down is positive.
-        yaw_rad: turn about its z axis, last: looking to the left is positive.
+        x_m: distance ahead of the agent's middle.
+        y_m: distance to the left of it.
+        roll_rad: rotation about the agent's x axis, applied first.
+        pitch_rad: rotation about its y axis, applied second: positive looks down.
+        yaw_rad: rotation about its z axis, applied last: positive looks to the left.
         divergence_rad: full angle of the beams' cones, 0 for none: mixed pixels at edges, at five times the rays (a
             Velodyne's is 0.003 to the sides, and half of it up and down).
         pulse_m: echoes within one beam that are closer together than this merge: half the way of light in the pulse's
             time, 5 ns by default.
-        turn_s: time of a turn, over which the agent and all others move; 0: all rays at one time. Points are where the
-            moving agent would have them at the end of the turn.
-        backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.cast.ray_grid`); "torch" does so on a GPU
-        where there is one
-            (`coopsim.sensors.lidar.cast.torch_grid`); "embree" casts each, as a reference.
-        threads: that share a sweep, with "grid"; they change nothing but the time.
+        turn_s: time of a revolution, over which the agent and all others move; 0: all rays at one time. Points are
+            where the moving agent would have them at the end of the revolution.
+        backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.cast.ray_grid`); "embree" casts them one by
+            one, as a reference.
     """
 
     pattern: str | BeamPattern = "HDL-32E"
@@ -91,12 +87,10 @@ class LidarConfig:
     divergence_rad: float = 0.0
     pulse_m: float = 0.75
     turn_s: float = 0.0
-    backend: Literal["grid", "torch", "embree"] = "grid"
-    threads: int = 1
+    backend: Literal["grid", "embree"] = "grid"
 
     def __post_init__(self) -> None:
         require_count(1, MOST_COLUMNS, columns=self.columns)
-        require_count(1, threads=self.threads)
         require_non_negative(
             min_range_m=self.min_range_m,
             range_noise_m=self.range_noise_m,
@@ -125,56 +119,67 @@ class LidarConfig:
         """The beam table."""
         return self.pattern if isinstance(self.pattern, BeamPattern) else find_pattern(self.pattern)
 
-    def base_SE3_sensor(self, mount_height_m: float) -> SE3:
-        """Where the sensor is on an agent whose body is that high."""
-        at = np.array([self.x_m, self.y_m, mount_height_m + self.above_m])
-        return SE3(_turn(2, self.yaw_rad) @ _turn(1, self.pitch_rad) @ _turn(0, self.roll_rad), at)
+    def base_SE3_sensor(self, body_height_m: float) -> SE3:
+        """Return the sensor's pose on an agent whose body is `body_height_m` high."""
+        at = np.array([self.x_m, self.y_m, body_height_m + self.above_m])
+        return SE3(_rotation(2, self.yaw_rad) @ _rotation(1, self.pitch_rad) @ _rotation(0, self.roll_rad), at)
 
 
 class Lidar:
-    """Makes sweeps; one object serves any number of agents.
+    """Makes sweeps; one object serves any number of agents, from any number of threads (with the backend "grid").
 
     Args:
         config: the sensor.
-        weather: around it.
+        weather: around it; None is dry and clear.
     """
 
     def __init__(self, config: LidarConfig, weather: Weather | None = None) -> None:
         self.config, self._weather = config, weather or Weather()
         beams = config.beams
         self._shape = len(beams.elevation_rad), config.columns
-        self._tables = rays_of(beams, config.divergence_rad)
-        make_grid = _torch_grid() if config.backend == "torch" else RayGrid
-        self._grids = [make_grid(table, config.columns) for table in self._tables]
+        self._patterns = footprint_patterns(beams, config.divergence_rad)
+        self._grids = [RayGrid(rays.elevation_rad, rays.offset_rad, config.columns) for rays in self._patterns]
         self._directions = beams.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
-        self._clutter: Clutter | None = None
+        self._clutter: WeatherClutter | None = None
         if self._weather.has_clutter:
-            clutter = self._weather, config.reference_range_m, config.dropout_energy, config.max_range_m
-            self._clutter = Clutter(*clutter)
+            self._clutter = WeatherClutter(
+                self._weather, config.reference_range_m, config.dropout_energy, config.max_range_m
+            )
+        self._optics = Optics(
+            config.min_range_m,
+            config.max_range_m,
+            config.range_noise_m,
+            config.reference_range_m,
+            config.dropout_energy,
+            self._weather.extinction_per_m,
+            self._weather.range_noise_per_m,
+        )
 
     def sense(
         self,
         scene: RayScene,
         world_SE3_base: SE3,
-        mount_height_m: float,
+        body_height_m: float,
         own_id: int | None,
         rng: np.random.Generator,
         start: SE3 | None = None,
     ) -> Sweep:
-        """One sweep, in the agent's base frame, with instance ids.
+        """Make one sweep, in the agent's base frame, with instance ids.
 
         Args:
-            scene: what there is.
-            world_SE3_base: the agent's true pose, at the end of the turn.
-            mount_height_m: height of the agent's body, on which the sensor stands.
+            scene: the frame's triangles.
+            world_SE3_base: the agent's true pose, at the end of the revolution.
+            body_height_m: height of the agent's body, on which the sensor stands.
             own_id: the actor that carries the sensor: rays that end on it give no return.
-            rng: the agent's stream. Takes the same number of draws for every sweep.
-            start: the agent's true pose at the start of the turn, which took `turn_s`; None: it stood still.
+            rng: the agent's stream. Every sweep takes the same number of draws.
+            start: the agent's true pose at the start of the revolution, `turn_s` ago; None: it stood still.
         """
-        base_SE3_sensor = self.config.base_SE3_sensor(mount_height_m)
-        turn = self._turn(world_SE3_base, start, base_SE3_sensor)
-        range_m, bounced, face = self._echoes(scene, turn)
-        # For all rays, hit or not: what one ray meets must not shift the noise of the next.
+        base_SE3_sensor = self.config.base_SE3_sensor(body_height_m)
+        revolution = Revolution(
+            start or world_SE3_base, world_SE3_base, base_SE3_sensor, self.config.turn_s, self.config.columns
+        )
+        range_m, bounced, face = self._echoes(scene, revolution)
+        # For all rays, hit or not: what one ray hits must not shift the noise of the next.
         draws = rng.standard_normal(face.size, np.float32), rng.standard_exponential(face.size, np.float32)
         none = np.zeros(0, np.float32)
         clutter = (none, none) if self._clutter is None else self._clutter.draw(face.size, rng)
@@ -185,75 +190,38 @@ class Lidar:
             _NOBODY if own_id is None else own_id,
             draws,
             self._directions,
-            turn.poses(world_SE3_base),
+            revolution.sensor_poses(world_SE3_base),
         )
         return Sweep(points, intensity, beam, instance)
 
-    @property
-    def _optics(self) -> Optics:
-        config, weather = self.config, self._weather
-        return Optics(
-            config.min_range_m,
-            config.max_range_m,
-            config.range_noise_m,
-            config.reference_range_m,
-            config.dropout_energy,
-            weather.extinction_per_m,
-            weather.range_noise_per_m,
-        )
-
-    def _turn(self, world_SE3_base: SE3, start: SE3 | None, base_SE3_sensor: SE3) -> Turn:
-        blocks = self._grids[0].blocks
-        sectors = min(SECTORS, blocks) if self.config.turn_s > 0 else 1
-        return Turn(
-            start or world_SE3_base,
-            world_SE3_base,
-            base_SE3_sensor,
-            self.config.turn_s,
-            sectors,
-            self._shape[1],
-            blocks,
-        )
-
-    def _echoes(self, scene: RayScene, turn: Turn) -> tuple[Singles, Singles, Ints]:
-        """What each beam meets: range (m), share of its light that is thrown back, and face; (R,) each."""
+    def _echoes(self, scene: RayScene, revolution: Revolution) -> tuple[Singles, Singles, Ints]:
+        """Return each beam's range (m), share of its light that is thrown back, and face; (R,) each."""
         echoes = []
-        for k in range(len(self._grids)):
-            hits = self._cast(scene, turn, k)
+        for pattern, grid in zip(self._patterns, self._grids, strict=True):
+            if self.config.backend == "grid":
+                hits = revolution.cast(grid, scene.triangles)
+            else:
+                hits = self._cast_by_embree(scene, revolution.world_SE3_sensor[0], pattern)
             face, cosine = hits.face.reshape(-1), hits.cosine.reshape(-1)
             bounced = reflect(face, cosine, scene.triangles.reflectivity, self._weather.wetness)
             echoes.append((hits.range_m.reshape(-1), bounced, face))
         if len(echoes) == 1:
             return echoes[0]
-        range_m, bounced, face = (np.stack(parts) for parts in zip(*echoes, strict=True))
-        return merge(range_m, bounced, face, self.config.pulse_m)
+        range_m, bounced, face = (np.stack(rows) for rows in zip(*echoes, strict=True))
+        return merge_echoes(range_m, bounced, face, self.config.pulse_m)
 
-    def _cast(self, scene: RayScene, turn: Turn, k: int) -> GridHits:
-        """The hits of the `k`-th ray of every beam."""
-        if self.config.backend != "embree":
-            return turn.cast(self._grids[k], scene.triangles, self.config.threads)
-        pose = turn.world_SE3_sensor(0)
-        toward = pose.rotate(self._tables[k].directions(self.config.columns))
-        hits = scene.cast(pose.translation, toward)
+    def _cast_by_embree(self, scene: RayScene, world_SE3_sensor: SE3, pattern: BeamPattern) -> GridHits:
+        toward = world_SE3_sensor.rotate(pattern.directions(self.config.columns))
+        hits, shape = scene.cast(world_SE3_sensor.translation, toward), self._shape
         cosine = np.abs(np.einsum("ij,ij->i", scene.normals[hits.face], toward)).astype(np.float32)
-        shape = self._shape
         return GridHits(hits.range_m.reshape(shape), hits.face.reshape(shape), cosine.reshape(shape))
 
 
-def _torch_grid() -> type[TorchGrid]:
-    """Torch is imported by who uses it only: that takes seconds."""
-    try:
-        from coopsim.sensors.lidar.cast.torch_grid import TorchGrid
-    except ImportError as missing:
-        raise InvalidValueError("the LiDAR backend torch needs torch: pip install 'coopsim[learn]'") from missing
-    return TorchGrid
-
-
-def _turn(axis: int, angle_rad: float) -> Floats:
-    """(3, 3) rotation about x (0), y (1) or z (2)."""
-    turn = np.eye(3)
+def _rotation(axis: int, angle_rad: float) -> Floats:
+    """Return the rotation (3, 3) about x (0), y (1) or z (2)."""
+    rotation = np.eye(3)
     a, b = (axis + 1) % 3, (axis + 2) % 3
-    turn[a, a] = turn[b, b] = np.cos(angle_rad)
-    turn[b, a] = np.sin(angle_rad)
-    turn[a, b] = -turn[b, a]
-    return turn
+    rotation[a, a] = rotation[b, b] = np.cos(angle_rad)
+    rotation[b, a] = np.sin(angle_rad)
+    rotation[a, b] = -rotation[b, a]
+    return rotation

@@ -13,18 +13,16 @@ import numpy as np
 from numba import njit
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.lidar.cast.triangle_setup import Singles
+from coopsim.sensors.scene import Singles
+from coopsim.sensors.weather import WATER_INDEX, wet_albedo
 from coopsim.types import Ints
-
-WATER_INDEX = 1.33
-"""Refractive index of water."""
 
 CLUTTER_ID = -1
 """Instance of a return from rain or fog."""
 
 
 class Optics(NamedTuple):
-    """Numbers of a sensor and of the air; see `LidarConfig` and `Air`."""
+    """Numbers of a sensor and of the air; see `LidarConfig` and `Weather`."""
 
     min_range_m: float
     max_range_m: float
@@ -54,22 +52,10 @@ class Echoes(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def under_water(albedo: Floats) -> Floats:
-    """Albedo, in [0, 1], of a matt surface under a film of water, from its dry one.
-
-    The film throws light that the surface threw back down again from its inside, so that an albedo A becomes
-    A / (n^2 (1 - A) + A) (Angstrom 1925, as in Lekner and Dorf, "Why some things are darker when wet", 1988).
-    """
-    square = WATER_INDEX**2
-    wet: Floats = albedo / (square * (1.0 - albedo) + albedo)
-    return wet
-
-
-@njit(cache=True, nogil=True)
 def reflect(face: Ints, cosine: Singles, reflectivity: Floats, wetness: float) -> Singles:
     """Reflectivity times cosine of incidence, (R,), of rays on faces (R,), whose reflectivity is given (F,).
 
-    A film of water darkens (see `under_water`) and mirrors away what falls on it aslant, in both directions (Fresnel,
+    A film of water darkens (see `wet_albedo`) and mirrors away what falls on it aslant, in both directions (Fresnel,
     by the approximation of Schlick 1994): wet is dark, and more so far away. `wetness` is the share of surfaces under
     water.
     """
@@ -82,7 +68,7 @@ def reflect(face: Ints, cosine: Singles, reflectivity: Floats, wetness: float) -
         if wetness > 0.0:
             slant = 1.0 - cosine[ray]
             let_in = (1.0 - mirrored) * (1.0 - slant * slant * slant * slant * slant)
-            wet = under_water(albedo) * let_in * let_in
+            wet = wet_albedo(albedo) * let_in * let_in
             albedo += wetness * (wet - albedo)
         bounced[ray] = albedo * cosine[ray]
     return bounced

@@ -13,9 +13,9 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.returns import CLUTTER_ID, reflect, under_water
+from coopsim.sensors.lidar.returns import CLUTTER_ID, reflect
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.weather import Clutter, Weather
+from coopsim.sensors.weather import Weather, WeatherClutter, wet_albedo
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
 
@@ -92,14 +92,14 @@ def range_of_energy(energy: float, weather: Weather) -> float:
 def test_half_of_the_returns_are_lost_where_the_lidar_equation_says(weather: Weather) -> None:
     """But for beams in which a drop outshines the wall, whose energy is there below that of any drop one can tell."""
     sweep = wall_returns(weather, range_of_energy(0.02 * np.log(2), weather))
-    drops = Clutter(weather, 50.0, 0.02, 1000.0).mean_drops
+    drops = WeatherClutter(weather, 50.0, 0.02, 1000.0).mean_drops
     assert real(sweep).sum() / 4000 == pytest.approx(0.5 * np.exp(-drops), abs=0.03)
 
 
 @pytest.mark.parametrize("visibility_m", [20.0, 30.0, 50.0])
 def test_thick_fog_outshines_what_is_about_as_far_as_one_sees(visibility_m: float) -> None:
     weather = Weather(fog_visibility_m=visibility_m)
-    _, energy = Clutter(weather, 50.0, 0.02, 120.0).draw(1, np.random.default_rng(0))
+    _, energy = WeatherClutter(weather, 50.0, 0.02, 120.0).draw(1, np.random.default_rng(0))
     reach_m = range_of_energy(float(energy[0]), weather)
     assert 0.5 * visibility_m < reach_m < visibility_m
     assert real(wall_returns(weather, 0.97 * reach_m)).all() and not real(wall_returns(weather, 1.03 * reach_m)).any()
@@ -139,13 +139,13 @@ def test_light_haze_returns_nothing_itself() -> None:
 
 
 def test_drops_are_a_poisson_process_of_what_can_be_told() -> None:
-    clutter = Clutter(Weather(rain_mm_h=30.0), 50.0, 0.02, 120.0)
+    clutter = WeatherClutter(Weather(rain_mm_h=30.0), 50.0, 0.02, 120.0)
     range_m, energy = clutter.draw(200_000, np.random.default_rng(0))
     expected = clutter.mean_drops
     assert np.isfinite(range_m).mean() == pytest.approx(-np.expm1(-expected), abs=0.005)
     assert (energy[np.isfinite(range_m)] >= 0.02 - 1e-6).all() and (energy[np.isinf(range_m)] == 0).all()
-    fewer = Clutter(Weather(rain_mm_h=3.0), 50.0, 0.02, 120.0).mean_drops
-    blunt = Clutter(Weather(rain_mm_h=30.0), 50.0, 0.2, 120.0).mean_drops
+    fewer = WeatherClutter(Weather(rain_mm_h=3.0), 50.0, 0.02, 120.0).mean_drops
+    blunt = WeatherClutter(Weather(rain_mm_h=30.0), 50.0, 0.2, 120.0).mean_drops
     assert expected > 1.5 * fewer and expected > 2 * blunt
 
 
@@ -164,7 +164,7 @@ def test_wet_is_darker_and_more_so_aslant() -> None:
     dry, damp, wet = (reflect(face, cosine, albedo, wetness) for wetness in (0.0, 0.5, 1.0))
     np.testing.assert_allclose(dry, 0.3 * cosine, rtol=1e-6)
     np.testing.assert_allclose(damp, (dry + wet) / 2, rtol=1e-5)
-    assert under_water(albedo) == pytest.approx(0.3 / (1.33**2 * 0.7 + 0.3))
+    assert wet_albedo(albedo) == pytest.approx(0.3 / (1.33**2 * 0.7 + 0.3))
     head_on = 0.3 / (1.33**2 * 0.7 + 0.3) * (1 - (0.33 / 2.33) ** 2) ** 2
     assert wet[-1] == pytest.approx(head_on, rel=1e-5)
     assert (np.diff(wet / dry) > -1e-6).all() and wet[0] / dry[0] < 0.1 * wet[-1] / dry[-1]

@@ -1,1 +1,1 @@
-"""Casting a LiDAR's rays."""
+"""Casting the rays of a spinning LiDAR."""

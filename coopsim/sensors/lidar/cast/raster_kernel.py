@@ -1,4 +1,4 @@
-"""Triangles drawn into the grid of a spinning LiDAR's rays, as a rasterizer draws them into an image.
+"""Draws triangles into the grid of a spinning LiDAR's rays, as a rasterizer draws them into an image.
 
 All rays start in one point, so a ray d hits the triangle (v0, v1, v2) exactly if d lies on the inner side of the three
 planes through the sensor and an edge: d . (v0 x v1), d . (v1 x v2) and d . (v2 x v0) have one sign (the edge functions
@@ -18,14 +18,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.lidar.cast.triangle_setup import Shapes, Singles
+from coopsim.sensors.lidar.cast.triangle_setup import Shapes
+from coopsim.sensors.scene import Singles
 from coopsim.types import Ints
 
 LANES = 16
 """Columns that are tested together: the grid's width in memory is a multiple of it."""
 
 _AZIMUTH_SLACK_RAD = 2e-5  # twice the error of the shapes' azimuths
-_NEVER = 1e-12  # 1/m: what is drawn is nearer than that
+_LEAST_NEARNESS_PER_M = 1e-12
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
@@ -38,8 +39,8 @@ class Beams(NamedTuple):
         cos: (C',) of the columns' azimuth, where C' is C rounded up to a multiple of `LANES`.
         sin: (C',) of the columns' azimuth.
         columns: C.
-        order: (B,) each row's place in the beam table.
-        exact: tangent (B,), cos and sin of shift_rad (B,), cos and sin of the columns' azimuth (C,), in float64.
+        order: (B,) each row's index in the beam table.
+        exact: tangent (B,), cos and sin of shift_rad (B,), cos and sin of the columns' azimuth (C',), in float64.
     """
 
     tangent: Singles
@@ -52,7 +53,7 @@ class Beams(NamedTuple):
 
 
 class Canvas(NamedTuple):
-    """What is nearest to the sensor along the rays of B beams, in W or more blocks of `LANES` columns.
+    """The nearest shape along the rays of B beams, in W blocks of `LANES` columns.
 
     Attributes:
         nearness: (B, W * LANES) inverse of the horizontal distance, 1/m; 0 where nothing is.
@@ -65,32 +66,27 @@ class Canvas(NamedTuple):
 
 # Contracted to fused multiply-adds, which are as exactly opposite for opposite edges as products are.
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def draw(
-    starts: Ints, shapes: Shapes, beams: Beams, blocks: tuple[int, int], band: tuple[int, int], canvas: Canvas
-) -> None:
-    """Draw shapes into a band of evenly spaced rows; calls for distinct ones may run at once.
+def draw(starts: Ints, shapes: Shapes, beams: Beams, blocks: tuple[int, int], canvas: Canvas) -> None:
+    """Draw shapes into some blocks of columns.
 
     Args:
         starts: (P + 1,) where the parts' shapes begin.
-        shapes: as `set_up` made them; of two that are equally near, the first stays.
+        shapes: from `set_up`; of two that are equally near, the first stays.
         beams: the rays.
         blocks: of `LANES` columns, from the first to before the last.
-        band: its first row, and how far apart its rows are.
-        canvas: of which the band's rows are written, from the first of the blocks on.
+        canvas: of these blocks, out.
     """
-    # Names for the arrays: taking them out of a tuple in a loop counts references, in turn with all other threads.
+    # Local names for the arrays: taking them out of a tuple inside the loop costs reference counting.
     counts, edges, plane, azimuth, rows = shapes.counts, shapes.edges, shapes.plane, shapes.azimuth, shapes.rows
     tangents, shifts, cos, sin, columns = beams.tangent, beams.shift_rad, beams.cos, beams.sin, beams.columns
     nearness, owner = canvas.nearness, canvas.owner
-    for row in range(band[0], len(tangents), band[1]):
-        nearness[row], owner[row] = _ZERO, np.int32(-1)
+    nearness[:], owner[:] = _ZERO, np.int32(-1)
     for part in range(len(starts) - 1):
         for n in range(starts[part], starts[part] + counts[part]):
             shape = np.int32(n)
-            top = rows[n, 0]
-            for row in range(top + (band[0] - top) % band[1], rows[n, 1], band[1]):
+            for row in range(rows[n, 0], rows[n, 1]):
                 tangent, shift = tangents[row], shifts[row]
-                runs = _runs(azimuth[n, 0] - shift, azimuth[n, 1] - shift, columns)
+                runs = _block_runs(azimuth[n, 0] - shift, azimuth[n, 1] - shift, columns)
                 turn = (_ONE, _ZERO)
                 if shift != _ZERO:
                     turn = (np.float32(math.cos(shift)), np.float32(math.sin(shift)))
@@ -102,12 +98,9 @@ def draw(
                 )
                 for start, end in runs:
                     for block in range(max(start, blocks[0]), min(end, blocks[1])):
-                        # Unsigned, as an index that may be negative keeps this from being vectorized.
-                        table, place, line = (
-                            np.uint64(block * LANES),
-                            np.uint64((block - blocks[0]) * LANES),
-                            np.uint64(row),
-                        )
+                        # Unsigned: an index that may be negative prevents vectorization.
+                        table, place = np.uint64(block * LANES), np.uint64((block - blocks[0]) * LANES)
+                        line = np.uint64(row)
                         for lane in range(np.uint64(LANES)):
                             x, y, old = cos[table + lane], sin[table + lane], nearness[line, place + lane]
                             inside = (a0 * x + (b0 * y + c0) >= _ZERO) & (a1 * x + (b1 * y + c1) >= _ZERO)
@@ -121,14 +114,14 @@ def draw(
 def _along(
     x: np.float32, y: np.float32, z: np.float32, turn: tuple[np.float32, np.float32], tangent: np.float32
 ) -> tuple[np.float32, np.float32, np.float32]:
-    """Coefficients of (cos a, sin a, 1) for the rays of a beam, whose azimuth is a plus the angle of `turn`."""
+    """Return coefficients of (cos a, sin a, 1) for the rays of a beam whose azimuth is a plus the angle of `turn`."""
     cos, sin = turn
     return x * cos + y * sin, y * cos - x * sin, z * tangent
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _runs(first_rad: float, last_rad: float, columns: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Blocks with columns between two azimuths, up to and beyond the seam: first and behind the last, of each."""
+def _block_runs(first_rad: float, last_rad: float, columns: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the blocks with columns between two azimuths as two half-open runs, before and beyond the seam."""
     per_rad = columns / (2 * math.pi)
     slack = _AZIMUTH_SLACK_RAD * per_rad
     first, last = math.ceil(first_rad * per_rad - slack), math.floor(last_rad * per_rad + slack)
@@ -144,20 +137,18 @@ def _runs(first_rad: float, last_rad: float, columns: int) -> tuple[tuple[int, i
 def resolve(
     shapes: Shapes,
     beams: Beams,
-    row: int,
     blocks: tuple[int, int],
     owner: NDArray[np.int32],
     hits: tuple[Singles, Ints, Singles],
 ) -> None:
-    """From what was drawn in a row to `hits`; calls for distinct ones may run at once.
+    """Write range, face and cosine of the shapes that were drawn.
 
-    Who is nearest was found in float32; how near is computed once more, as far away and at grazing incidence that would
-    be some millimetres off.
+    The nearest shape was found in float32; its range is computed again in float64, as far away and at grazing
+    incidence float32 would be off by some millimetres.
 
     Args:
         shapes: that were drawn.
         beams: the rays.
-        row: which.
         blocks: of `LANES` columns, from the first to before the last.
         owner: of the canvas that was drawn on.
         hits: range (m, inf where nothing was hit), face (-1) and cosine of incidence (0), each (B, C) in the order of
@@ -166,15 +157,16 @@ def resolve(
     range_m, face, cosine = hits
     plane, offset_m, faces = shapes.plane, shapes.offset_m, shapes.face
     tangents, shift_cos, shift_sin, cos, sin = beams.exact
-    beam, tangent, c, s = beams.order[row], tangents[row], shift_cos[row], shift_sin[row]
-    stretch = math.sqrt(1.0 + tangent * tangent)
     first = blocks[0] * LANES
-    for column in range(first, min(blocks[1] * LANES, beams.columns)):
-        n = owner[row, column - first]
-        if n < 0:
-            range_m[beam, column], face[beam, column], cosine[beam, column] = np.inf, -1, 0.0
-            continue
-        x, y = cos[column] * c - sin[column] * s, sin[column] * c + cos[column] * s
-        near = max(plane[n, 0] * x + plane[n, 1] * y + plane[n, 2] * tangent, _NEVER)
-        range_m[beam, column], face[beam, column] = stretch / near, faces[n]
-        cosine[beam, column] = min(offset_m[n] * near / stretch, 1.0)
+    for row in range(len(tangents)):
+        beam, tangent, c, s = beams.order[row], tangents[row], shift_cos[row], shift_sin[row]
+        stretch = math.sqrt(1.0 + tangent * tangent)
+        for column in range(first, min(blocks[1] * LANES, beams.columns)):
+            n = owner[row, column - first]
+            if n < 0:
+                range_m[beam, column], face[beam, column], cosine[beam, column] = np.inf, -1, 0.0
+                continue
+            x, y = cos[column] * c - sin[column] * s, sin[column] * c + cos[column] * s
+            near = max(plane[n, 0] * x + plane[n, 1] * y + plane[n, 2] * tangent, _LEAST_NEARNESS_PER_M)
+            range_m[beam, column], face[beam, column] = stretch / near, faces[n]
+            cosine[beam, column] = min(offset_m[n] * near / stretch, 1.0)

@@ -1,31 +1,24 @@
-"""A LiDAR's sweep as a picture: all rays of a spinning sensor at once, by drawing every triangle into their grid.
+"""A LiDAR's sweep as a picture: every triangle is drawn into the grid of a spinning sensor's rays.
 
-The grid is the sensor's own, so any mounting is as good as a level one. There is nothing to build when things move.
-Embree (`coopsim.sensors.raycast`) casts any rays, one by one; here they must be those of a beam table.
+The grid is the sensor's own, so any mounting costs the same, and nothing has to be built when things move. Embree
+(`coopsim.sensors.raycast`) casts arbitrary rays one by one; here they must be those of a beam table.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
+from numba import njit
 
-from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.cast.grid_job import BANDS_DRAWN, Job, follow, lead
-from coopsim.sensors.lidar.cast.grid_room import Rooms, aligned
-from coopsim.sensors.lidar.cast.raster_kernel import LANES, Beams
-from coopsim.sensors.lidar.cast.triangle_setup import Scene, Singles
-from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.scene import Parts, Triangles
-from coopsim.support.threads import work_together
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.lidar.cast.raster_kernel import LANES, Beams, Canvas, draw, resolve
+from coopsim.sensors.lidar.cast.triangle_setup import Corners, Scene, Shapes, set_up
+from coopsim.sensors.scene import Parts, Singles, Triangles
 from coopsim.types import Ints
 
-_RUNS = 16
-"""In how many pieces threads that share a sweep set up the scene."""
-
-_ROOMS = Rooms()
+_SECTOR_SLACK_RAD = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +28,7 @@ class GridHits:
     Attributes:
         range_m: (B, C) float32, inf where nothing was hit.
         face: (B, C) int, index of the face, -1 where nothing was hit.
-        cosine: (B, C) float32, of the angle between ray and surface normal, in [0, 1]; 0 where nothing was hit.
+        cosine: (B, C) float32, cosine of the angle between ray and surface normal, in [0, 1]; 0 where nothing was hit.
     """
 
     range_m: Singles
@@ -43,87 +36,87 @@ class GridHits:
     cosine: Singles
 
 
-class Grid(ABC):
-    """The rays of a beam table, ready to be cast, all at one time or by sectors.
+class RayGrid:
+    """The rays of a beam table, cast all at one time or by sectors.
+
+    Closed parts (see `Parts`) are hit from outside only. Of open parts, and where the sensor is in the box around a
+    closed one, both sides of a triangle are hit. Of two triangles that are equally near, the first is hit.
 
     Args:
-        pattern: the beams.
-        columns: firings per turn.
+        elevation_rad: (B,) of the beams, in any order.
+        azimuth_rad: (B,) how far each beam points to the left of its column.
+        columns: firings per revolution, C.
     """
 
-    def __init__(self, pattern: BeamPattern, columns: int) -> None:
-        self._shape = len(pattern.elevation_rad), columns
-
-    def cast(self, triangles: Triangles, world_SE3_sensor: SE3, threads: int = 1) -> GridHits:
-        """Cast all rays, at one time.
-
-        Args:
-            triangles: the scene.
-            world_SE3_sensor: the sensor's pose, any roll and pitch.
-            threads: that share the work; the result does not depend on it.
-        """
-        hits = self.room()
-        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits, threads)
-        return hits
-
-    def room(self) -> GridHits:
-        """Room for the hits of all rays."""
-        return GridHits(
-            np.empty(self._shape, np.float32), np.empty(self._shape, np.int64), np.empty(self._shape, np.float32)
-        )
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of `LANES` columns (the last may be shorter), of which sectors are made."""
-        return -(-self._shape[1] // LANES)
-
-    @abstractmethod
-    def cast_sector(
-        self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
-    ) -> None:
-        """Cast the rays of some blocks of columns, from the first to before the last of `blocks`, into `hits`."""
-
-
-class RayGrid(Grid):
-    """The grid of compiled kernels, whose work is shared by one thread for each beam at most.
-
-    Closed parts (see `Parts`) are seen from outside; where the sensor is in the box around one, and for open ones, both
-    sides of a triangle are. Where two triangles are equally near, the first is hit.
-    """
-
-    def __init__(self, pattern: BeamPattern, columns: int) -> None:
-        super().__init__(pattern, columns)
-        order = np.argsort(-pattern.elevation_rad, kind="stable")
-        tangent, shift_rad = np.tan(pattern.elevation_rad[order]), pattern.offset_rad[order]
+    def __init__(self, elevation_rad: Floats, azimuth_rad: Floats, columns: int) -> None:
+        self._shape = len(elevation_rad), columns
+        order = np.argsort(-elevation_rad, kind="stable")
+        tangent, shift_rad = np.tan(elevation_rad[order]), azimuth_rad[order]
         azimuth = np.arange(self.blocks * LANES) * (2 * np.pi / columns)
         cos, sin = np.cos(azimuth), np.sin(azimuth)
-        table = aligned(2 * len(azimuth), np.float32).reshape(2, -1)
-        table[:] = cos, sin
         self._beams = Beams(
             tangent.astype(np.float32),
             shift_rad.astype(np.float32),
-            table[0],
-            table[1],
+            cos.astype(np.float32),
+            sin.astype(np.float32),
             columns,
             order,
             (tangent, np.cos(shift_rad), np.sin(shift_rad), cos, sin),
         )
 
-    def cast_sector(
-        self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits, threads: int = 1
-    ) -> None:
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of `LANES` columns, of which sectors are made; the last may be shorter."""
+        return -(-self._shape[1] // LANES)
+
+    def empty_hits(self) -> GridHits:
+        """Return uninitialized hits of all rays, to be filled sector by sector."""
+        single, face = (np.empty(self._shape, np.float32) for _ in range(2)), np.empty(self._shape, np.int64)
+        return GridHits(next(single), face, next(single))
+
+    def cast(self, triangles: Triangles, world_SE3_sensor: SE3) -> GridHits:
+        """Cast all rays at one time, from a sensor's pose with any roll and pitch."""
+        hits = self.empty_hits()
+        self.cast_sector(triangles, world_SE3_sensor, (0, self.blocks), hits)
+        return hits
+
+    def cast_sector(self, triangles: Triangles, world_SE3_sensor: SE3, blocks: tuple[int, int], hits: GridHits) -> None:
+        """Cast the rays of the blocks of columns from the first to before the last of `blocks`, into `hits`."""
         rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
         parts = triangles.parts or _one_part(triangles)
         scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
-        rows, columns = len(self._beams.order), (blocks[1] - blocks[0]) * LANES
-        room, out = _ROOMS.take(scene, rows * columns), (hits.range_m, hits.face, hits.cosine)
-        threads = min(threads, rows)
-        canvas, pieces = room.canvas_of(rows, columns), (1, 1) if threads == 1 else (_RUNS, threads)
-        progress = np.zeros(BANDS_DRAWN + pieces[1], np.int64)
-        job = Job(scene, self._beams, blocks, room.corners, room.shapes, canvas, out, pieces, progress)
-        work_together(partial(lead, job), partial(follow, job), threads)
-        _ROOMS.give_back(room)
+        _sweep(scene, self._beams, blocks, (hits.range_m, hits.face, hits.cosine))
 
 
 def _one_part(triangles: Triangles) -> Parts:
     return Parts(np.array([0, len(triangles.faces)]), np.array([0, len(triangles.vertices)]), np.zeros(1, np.bool_))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sweep(scene: Scene, beams: Beams, blocks: tuple[int, int], hits: tuple[Singles, Ints, Singles]) -> None:
+    """Set the scene up for the sensor, draw it, and write the hits (B, C) of the blocks' columns."""
+    vertices, faces, parts = len(scene.vertices), len(scene.faces), len(scene.parts.closed)
+    corners = Corners(np.empty((vertices, 3)), np.empty(vertices, np.float32), np.empty(vertices, np.float32))
+    shapes = Shapes(
+        np.empty(parts, np.int64),
+        np.empty((faces, 9), np.float32),
+        np.empty((faces, 3)),
+        np.empty(faces, np.float32),
+        np.empty((faces, 2), np.float32),
+        np.empty((faces, 2), np.int32),
+        np.empty(faces, np.int64),
+    )
+    rays = len(beams.tangent), (blocks[1] - blocks[0]) * LANES
+    canvas = Canvas(np.empty(rays, np.float32), np.empty(rays, np.int32))
+    set_up(scene, beams.tangent, _sector(beams, blocks), corners, shapes)
+    draw(scene.parts.face_start, shapes, beams, blocks, canvas)
+    resolve(shapes, beams, blocks, canvas.owner, hits)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sector(beams: Beams, blocks: tuple[int, int]) -> tuple[float, float]:
+    """Return the middle and half width (rad) of the azimuths of the rays in some blocks of columns."""
+    step_rad = 2 * math.pi / beams.columns
+    start = blocks[0] * LANES * step_rad + float(beams.shift_rad.min())
+    end = blocks[1] * LANES * step_rad + float(beams.shift_rad.max())
+    return (start + end) / 2, (end - start) / 2 + _SECTOR_SLACK_RAD

@@ -1,6 +1,4 @@
-"""Which triangles may meet a ray of a spinning LiDAR, and what `coopsim.sensors.lidar.cast.raster_kernel` needs to
-draw them.
-"""
+"""Selects the triangles that rays of a spinning LiDAR may hit, and prepares them for `raster_kernel`."""
 
 from __future__ import annotations
 
@@ -12,10 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.scene import Parts
+from coopsim.sensors.scene import Parts, Singles
 from coopsim.types import Ints
 
-Singles = NDArray[np.float32]
 _Vector = tuple[float, float, float]
 
 _WIDEST_RAD = np.float32(3.1)  # a triangle beside the axis spans less than half a turn; what is near that may be on it
@@ -93,15 +90,15 @@ def _azimuth(x: np.float32, y: np.float32) -> np.float32:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place(scene: Scene, first: int, last: int, corners: Corners) -> None:
-    """Vertices `first` to `last` as the sensor sees them."""
+def _place(scene: Scene, corners: Corners) -> None:
+    """Write the vertices as the sensor sees them into `corners`."""
     vertices, rotation, origin = scene.vertices, scene.rotation, scene.origin
     local, azimuth, slope = corners.local, corners.azimuth, corners.slope
-    for v in range(first, last):
+    for v in range(len(vertices)):
         x, y, z = vertices[v, 0] - origin[0], vertices[v, 1] - origin[1], vertices[v, 2] - origin[2]
         for axis in range(3):
             local[v, axis] = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
-    for v in range(first, last):
+    for v in range(len(vertices)):
         x32, y32 = np.float32(local[v, 0]), np.float32(local[v, 1])
         azimuth[v] = _azimuth(x32, y32)
         slope[v] = np.float32(local[v, 2]) / max(np.sqrt(x32 * x32 + y32 * y32), np.float32(1e-6))
@@ -198,25 +195,22 @@ def _span(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def set_up(
-    scene: Scene, run: tuple[int, int], tangent: Singles, sector: tuple[float, float], corners: Corners, shapes: Shapes
-) -> None:
-    """What `draw` needs of some parts' triangles that may meet a ray; calls for distinct parts may run at once.
+def set_up(scene: Scene, tangent: Singles, sector: tuple[float, float], corners: Corners, shapes: Shapes) -> None:
+    """Compute what `draw` needs of the triangles that may hit a ray.
 
     Args:
         scene: the triangles.
-        run: of parts, the first and the one behind the last.
         tangent: (B,) of the beams' elevation, falling.
-        sector: azimuths of the rays, rad: their middle, and how far they reach to either side.
-        corners: room, of which these parts' share is written.
-        shapes: likewise.
+        sector: middle and half width (rad) of the rays' azimuths.
+        corners: out, uninitialized.
+        shapes: out, uninitialized.
     """
     faces, parts = scene.faces, scene.parts
     local, azimuth, slope = corners.local, corners.azimuth, corners.slope
     edges, plane, offset_m = shapes.edges, shapes.plane, shapes.offset_m
     bounds, rows, owner = shapes.azimuth, shapes.rows, shapes.face
-    _place(scene, parts.vertex_start[run[0]], parts.vertex_start[run[1]], corners)
-    for part in range(run[0], run[1]):
+    _place(scene, corners)
+    for part in range(len(parts.closed)):
         n = parts.face_start[part]
         shapes.counts[part] = 0
         surrounds, middle, half = _outline(local, parts.vertex_start[part], parts.vertex_start[part + 1])

@@ -10,7 +10,7 @@ from sensor_scenes import box_part, ground, triangles
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.footprint import merge, rays_of
+from coopsim.sensors.lidar.footprint import footprint_patterns, merge_echoes
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
@@ -62,21 +62,23 @@ def test_what_fills_a_part_of_a_beam_returns_a_part_of_its_light() -> None:
 def test_merging_by_hand() -> None:
     inf, range_m = np.inf, np.array([[10.0, 10.0, 10.0, 30.0], [10.4, 30.0, np.inf, 10.0]], dtype=np.float32)
     bounced = np.array([[0.4, 0.9, 0.5, 0.9], [0.4, 0.9, 0.0, 0.05]], dtype=np.float32)
-    near, light, face = merge(range_m, bounced, np.array([[0, 0, 0, 0], [1, 1, -1, 1]]), 0.75)
+    near, light, face = merge_echoes(range_m, bounced, np.array([[0, 0, 0, 0], [1, 1, -1, 1]]), 0.75)
     np.testing.assert_allclose(near, [10.192, 10.0, 10.0, 30.0], atol=1e-3)
     np.testing.assert_allclose(light, [0.4, 0.45, 0.25, 0.45], atol=1e-6)
     assert face.tolist() == [0, 0, 0, 0]
-    nothing = merge(np.full((2, 1), inf, np.float32), np.zeros((2, 1), np.float32), np.full((2, 1), -1), 0.75)
+    nothing = merge_echoes(np.full((2, 1), inf, np.float32), np.zeros((2, 1), np.float32), np.full((2, 1), -1), 0.75)
     assert (nothing[0][0], nothing[1][0], nothing[2][0]) == (inf, 0.0, -1)
 
 
 def test_five_rays_lie_around_the_beam() -> None:
-    middle, up, down, left, right = (table.directions(8) for table in rays_of(PATTERNS.get("Pandar64"), 0.003))
+    middle, up, down, left, right = (
+        table.directions(8) for table in footprint_patterns(PATTERNS.get("Pandar64"), 0.003)
+    )
     for other in (up, down, left, right):
         angle = np.arccos(np.clip((middle * other).sum(axis=1), -1, 1))
         np.testing.assert_allclose(angle, 0.35 * 0.003, rtol=1e-3)
     np.testing.assert_allclose(up + down, left + right, atol=1e-5)
-    assert len(rays_of(LEVEL, 0.0)) == 1
+    assert len(footprint_patterns(LEVEL, 0.0)) == 1
 
 
 def test_flat_ground_looks_the_same_to_wide_beams() -> None:

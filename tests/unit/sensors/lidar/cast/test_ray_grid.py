@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -21,7 +18,6 @@ from coopsim.sensors.lidar.cast.ray_grid import GridHits, RayGrid
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import Triangles, is_closed
-from coopsim.support.threads import work_together
 from coopsim.world.models import make_models
 
 COLUMNS = 200
@@ -38,6 +34,10 @@ UNEVEN = BeamPattern(
 def pose(xyz_m: tuple[float, float, float] = (0.0, 0.0, 2.0), *roll_pitch_yaw_deg: float) -> SE3:
     turn = Rotation.from_euler("xyz", roll_pitch_yaw_deg or (0.0, 0.0, 0.0), degrees=True)
     return SE3(turn.as_matrix(), np.array(xyz_m))
+
+
+def rays_of(pattern: BeamPattern, columns: int = COLUMNS) -> RayGrid:
+    return RayGrid(pattern.elevation_rad, pattern.offset_rad, columns)
 
 
 def by_embree(scene: Triangles, world_SE3_sensor: SE3, pattern: BeamPattern, columns: int) -> GridHits:
@@ -88,12 +88,12 @@ def test_agrees_with_embree_on_any_scene_from_any_pose(seed: int, level: bool) -
     scene = soup(mixed_scene(rng))
     where = pose((0.0, 0.0, 2.0)) if level else pose(tuple(rng.uniform(-5, 5, 3)), *rng.uniform(-180, 180, 3))
     for pattern in (UNEVEN, PATTERNS.get("Pandar64")):
-        require_agreement(RayGrid(pattern, COLUMNS).cast(scene, where), by_embree(scene, where, pattern, COLUMNS))
+        require_agreement(rays_of(pattern).cast(scene, where), by_embree(scene, where, pattern, COLUMNS))
 
 
 def test_agrees_with_an_independent_intersection_in_double_precision() -> None:
     corners, where = mixed_scene(np.random.default_rng(1)), pose((1.0, -2.0, 3.0), 5.0, -8.0, 30.0)
-    hits = RayGrid(UNEVEN, COLUMNS).cast(soup(corners), where)
+    hits = rays_of(UNEVEN).cast(soup(corners), where)
     rays = where.rotate(UNEVEN.directions(COLUMNS))
     with np.errstate(divide="ignore", invalid="ignore"):  # triangles without area
         range_m, face = moller_trumbore(corners, where.translation, rays)
@@ -113,7 +113,7 @@ def test_agrees_with_embree_on_the_worlds_own_models(name: str) -> None:
     inside = scene.vertices[scene.faces[scene.instance == 5]].mean(axis=(0, 1))
     for place in ((0.0, 0.0, 2.0), (3.0, 4.0, 0.5), tuple(inside), (0.0, 0.0, -1.0)):
         where = pose(place, 3.0, -4.0, 77.0)
-        got, want = RayGrid(pattern, COLUMNS).cast(scene, where), by_embree(scene, where, pattern, COLUMNS)
+        got, want = rays_of(pattern).cast(scene, where), by_embree(scene, where, pattern, COLUMNS)
         require_agreement(got, want)
         assert (want.face >= 0).mean() > 0.1
 
@@ -124,15 +124,15 @@ def test_leaving_out_inner_sides_changes_nothing() -> None:
         actors(rng.uniform([-30, -30, -3], [30, 30, 3], (40, 3))), [ground(), box_part([9, 9, 4], (3, 3, 8))]
     )
     assert scene.parts is not None and scene.parts.closed.tolist() == [False] + [True] * 41
-    got = RayGrid(UNEVEN, COLUMNS).cast(scene, pose())
-    want = RayGrid(UNEVEN, COLUMNS).cast(replace(scene, parts=None), pose())
+    got = rays_of(UNEVEN).cast(scene, pose())
+    want = rays_of(UNEVEN).cast(replace(scene, parts=None), pose())
     np.testing.assert_array_equal(got.range_m, want.range_m)
 
 
 def test_open_surfaces_are_seen_from_both_sides() -> None:
     down, up = pose((0.0, 0.0, 2.0)), pose((0.0, 0.0, -2.0))
     for where in (down, up):
-        assert (RayGrid(UNEVEN, COLUMNS).cast(triangles(static=[ground()]), where).face >= 0).any()
+        assert (rays_of(UNEVEN).cast(triangles(static=[ground()]), where).face >= 0).any()
 
 
 def test_which_surfaces_are_closed() -> None:
@@ -150,23 +150,15 @@ def test_no_ray_slips_through_between_faces(tilt_deg: float) -> None:
     ball = trimesh.creation.uv_sphere(radius=20.0, count=[16, 40])
     level = BeamPattern("fine", np.radians(np.linspace(-89.0, 89.0, 179)))
     scene = soup(np.array(ball.vertices)[ball.faces])
-    assert (RayGrid(level, 720).cast(scene, pose((0.0, 0.0, 0.0), tilt_deg, 0.0, 0.0)).face >= 0).all()
-    assert (RayGrid(level, 720).cast(scene, pose((3.0, 1.0, 2.0), 0.0, tilt_deg, 0.0)).face >= 0).all()
+    assert (rays_of(level, 720).cast(scene, pose((0.0, 0.0, 0.0), tilt_deg, 0.0, 0.0)).face >= 0).all()
+    assert (rays_of(level, 720).cast(scene, pose((3.0, 1.0, 2.0), 0.0, tilt_deg, 0.0)).face >= 0).all()
 
 
 def test_a_turn_by_whole_columns_shifts_the_grid() -> None:
     scene = soup(mixed_scene(np.random.default_rng(4)))
-    grid = RayGrid(UNEVEN, COLUMNS)
+    grid = rays_of(UNEVEN)
     straight, turned = grid.cast(scene, pose()), grid.cast(scene, pose((0.0, 0.0, 2.0), 0.0, 0.0, 7 * 360 / COLUMNS))
     assert np.isclose(np.roll(straight.range_m, -7, axis=1), turned.range_m, rtol=1e-4).mean() >= 0.999
-
-
-@pytest.mark.parametrize("columns", [1, 3, 16, COLUMNS])
-def test_threads_change_nothing(columns: int) -> None:
-    scene, grid = soup(mixed_scene(np.random.default_rng(5))), RayGrid(UNEVEN, columns)
-    alone = grid.cast(scene, pose())
-    for threads in (2, 3, 50):
-        assert_same(grid.cast(scene, pose(), threads), alone)
 
 
 def parked(count: int) -> Triangles:
@@ -178,29 +170,20 @@ def assert_same(got: GridHits, want: GridHits) -> None:
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
 
 
-@pytest.mark.parametrize("pattern", [UNEVEN, PATTERNS.get("VLP-16")])
-def test_threads_change_nothing_of_many_parts(pattern: BeamPattern) -> None:
-    scene, grid = parked(40), RayGrid(pattern, COLUMNS)
-    alone = grid.cast(scene, pose())
-    for _ in range(20):
-        assert_same(grid.cast(scene, pose(), threads=2), alone)
-    assert_same(grid.cast(scene, pose(), threads=5), alone)
-
-
 def test_scenes_of_any_size_follow_each_other() -> None:
     """What the last one left in memory is not seen."""
-    grid = RayGrid(UNEVEN, COLUMNS)
+    grid = rays_of(UNEVEN)
     for count in (5, 40, 0, 3, 40):
         scene = parked(count)
-        assert_same(grid.cast(scene, pose()), RayGrid(UNEVEN, COLUMNS).cast(scene, pose()))
+        assert_same(grid.cast(scene, pose()), rays_of(UNEVEN).cast(scene, pose()))
 
 
 def test_sweeps_at_one_time_do_not_mix() -> None:
-    grid, scenes = RayGrid(UNEVEN, COLUMNS), [parked(count) for count in (4, 20, 40)]
+    grid, scenes = rays_of(UNEVEN), [parked(count) for count in (4, 20, 40)]
     alone = [grid.cast(scene, pose()) for scene in scenes]
 
     def cast(k: int) -> list[GridHits]:
-        return [grid.cast(scenes[k], pose(), threads=2) for _ in range(50)]
+        return [grid.cast(scenes[k], pose()) for _ in range(50)]
 
     with ThreadPoolExecutor(len(scenes)) as pool:
         for k, sweeps in enumerate(pool.map(cast, range(len(scenes)))):
@@ -208,47 +191,21 @@ def test_sweeps_at_one_time_do_not_mix() -> None:
                 assert_same(sweep, alone[k])
 
 
-def test_helpers_rest_when_there_is_nothing_to_do() -> None:
-    grid, scene = RayGrid(UNEVEN, COLUMNS), parked(5)
-    grid.cast(scene, pose(), threads=3)
-    came: set[int] = set()
-    last_s = time.monotonic() + 60
-    while len(came) < 2 and time.monotonic() < last_s:  # they may have to load their kernel first, and come after that
-        work_together(lambda *_: time.sleep(0.01), lambda *_: came.add(threading.get_ident()), threads=3)
-    taken_s = []
-    for _ in range(5):
-        began_s = time.process_time()
-        time.sleep(0.2)
-        taken_s.append(time.process_time() - began_s)
-    assert min(taken_s) < 0.05  # two that never rested would take up to 0.4
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_forked_process_makes_threads_of_its_own() -> None:
-    scene, grid = triangles(static=[ground()]), RayGrid(UNEVEN, COLUMNS)
-    grid.cast(scene, pose(), threads=2)
-    child = os.fork()
-    if not child:
-        os._exit(0 if (grid.cast(scene, pose(), threads=2).face >= 0).any() else 1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-
-
 def test_of_two_that_are_equally_near_the_first_is_hit() -> None:
     wall = np.array([[[10.0, -9, -9], [10, 9, -9], [10, 0, 9]]])
-    hits = RayGrid(UNEVEN, COLUMNS).cast(soup(np.concatenate([wall, wall, wall])), pose())
+    hits = rays_of(UNEVEN).cast(soup(np.concatenate([wall, wall, wall])), pose())
     assert set(hits.face.ravel().tolist()) == {-1, 0}
 
 
 def test_far_from_the_origin_is_as_exact_as_near() -> None:
     corners, shift = np.random.default_rng(5).uniform(-30, 30, (100, 3, 3)), np.array([1e5, -2e5, 0.0])
-    near = RayGrid(UNEVEN, COLUMNS).cast(soup(corners), pose())
-    far = RayGrid(UNEVEN, COLUMNS).cast(soup(corners + shift), pose((1e5, -2e5, 2.0)))
+    near = rays_of(UNEVEN).cast(soup(corners), pose())
+    far = rays_of(UNEVEN).cast(soup(corners + shift), pose((1e5, -2e5, 2.0)))
     same = near.face == far.face
     assert same.mean() >= 0.999
     np.testing.assert_allclose(far.range_m[same], near.range_m[same], atol=1e-4)
 
 
 def test_nothing_to_hit() -> None:
-    hits = RayGrid(UNEVEN, COLUMNS).cast(triangles(), pose())
+    hits = rays_of(UNEVEN).cast(triangles(), pose())
     assert np.isinf(hits.range_m).all() and (hits.face == -1).all() and (hits.cosine == 0).all()

@@ -13,7 +13,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.shutter import SECTORS, between, earlier
+from coopsim.sensors.lidar.revolution import SECTORS, earlier, interpolate
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.support.rng import stream
@@ -77,13 +77,13 @@ def test_a_car_that_keeps_pace_stands_still() -> None:
     np.testing.assert_allclose(paced.points[:, 1:], still.points[:, 1:], atol=1e-4)
 
 
-def test_poses_between() -> None:
+def test_poses_interpolate() -> None:
     start, end = SE3.from_xyz_yaw([0.0, 0.0, 0.0], 3.0), SE3.from_xyz_yaw([2.0, 4.0, 0.0], -3.0)
-    half = between(start, end, 0.5)
+    half = interpolate(start, end, 0.5)
     np.testing.assert_allclose(half.translation, [1.0, 2.0, 0.0])
     assert abs(half.yaw) == pytest.approx(np.pi)  # the short way round
-    np.testing.assert_allclose(between(start, end, 1.0).rotation, end.rotation, atol=1e-12)
-    np.testing.assert_allclose(between(start, end, -1.0).translation, [-2.0, -4.0, 0.0])
+    np.testing.assert_allclose(interpolate(start, end, 1.0).rotation, end.rotation, atol=1e-12)
+    np.testing.assert_allclose(interpolate(start, end, -1.0).translation, [-2.0, -4.0, 0.0])
 
 
 def test_a_scene_without_velocities_has_no_earlier_time() -> None:

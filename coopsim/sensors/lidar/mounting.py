@@ -8,11 +8,10 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.cast.ray_grid import RayGrid
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import STATIC_ID, Triangles
 from coopsim.world.models.model import Model
 
-_ALL_AROUND = RayGrid(BeamPattern("all around", np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0])), 16)
+_ALL_AROUND = RayGrid(np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0]), np.zeros(6), 16)
 
 
 def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: Model | None) -> None:

@@ -11,7 +11,7 @@ from sensor_scenes import actors, box_model, box_part, ground, triangles
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.mounting import require_free_mount
+from coopsim.sensors.lidar.mounting import require_free_mount
 from coopsim.sensors.raycast import RayScene
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
@@ -114,7 +114,7 @@ def test_a_mast_has_no_inside() -> None:
         ({"above_m": 2900.0}, InvalidValueError, r"above_m must be in \[-100, 100\], got 2900.0"),
         ({"pitch_rad": "down"}, InvalidValueError, "pitch_rad must be a finite number"),
         ({"backend": "gpu"}, UnknownNameError, "unknown backend 'gpu'.*embree, grid"),
-        ({"threads": 0}, InvalidValueError, "threads must be an integer >= 1"),
+        ({"backend": "torch"}, UnknownNameError, "unknown backend 'torch'.*embree, grid"),
     ],
 )
 def test_bad_mounts_are_refused(bad: dict[str, Any], error: type[Exception], match: str) -> None:
