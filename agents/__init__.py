@@ -12,9 +12,10 @@ from coopsim.agents import (
     vic_fscm,
     yoloo,
 )
-from coopsim.agents.policy import Policy
+from coopsim.agents.policy import Needs, Policy
 
 __all__ = [
+    "Needs",
     "Policy",
     "ab3dmot_policy",
     "coop_fuse",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from coopsim.agents.policy import Needs
 from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
@@ -33,4 +34,4 @@ class AB3DMOTBased(TrackingPolicy):
 class AB3DMOT(AB3DMOTBased):
     """AB3DMOT on the agent's own detections; reads no message."""
 
-    uplink = "none"
+    needs = Needs(uplink="none")

@@ -86,8 +86,6 @@ class CoopFuse(TrackingPolicy):
         likelihood: how likely a track is on an object.
     """
 
-    uplink = "detections"
-
     def __init__(
         self,
         merge_gate: float = MERGE_GATE,

@@ -40,8 +40,6 @@ class GraphLap(AB3DMOTBased):
         align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
-    uplink = "detections"
-
     def __init__(
         self,
         match_iou: float = 0.1,

@@ -26,8 +26,6 @@ class PooledBoxes(TrackingPolicy):
         align: correct poses by objects that several agents see, see `TrackingPolicy`.
     """
 
-    uplink = "detections"
-
     def __init__(self, merge_iou: float = 0.15, late: str = "as_current", align: bool = False) -> None:
         require_threshold(merge_iou=merge_iou)
         self._merge_iou = merge_iou

@@ -1,10 +1,10 @@
-"""What a policy is: the part of coopsim that its users write.
+"""The policy interface: the part of coopsim that its users write.
 
 A policy looks at one agent's observation and reports tracks. The smallest one has one method:
 
 ```python
 class Copy(coopsim.Policy):
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
 
     def track(self, agent, observation):
         found = observation.detections
@@ -18,13 +18,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
-from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, PolicyMismatchError
-from coopsim.sensors.camera.rigs import rig
-from coopsim.support.checks import require_choice
+from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
+from coopsim.sensors.camera.rig_names import rig_camera_names
+from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, Tracks
 from coopsim.types.maneuvers import IDLE
@@ -33,42 +34,69 @@ from coopsim.wire.packing import pack_tracks, unpack_observation
 T = TypeVar("T")
 
 
-class Policy(ABC):
-    """Tracks for any number of agents. One object serves all; state per agent is made in `begin`.
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a policy needs an environment to provide.
 
     Attributes:
-        uplink: what the policy needs agents to broadcast; "none" if it reads no message.
-        cameras: name of the rig whose cameras the policy needs on every agent (see `coopsim.sensors.camera.rigs`),
-        True for
-            "surround"; False if it looks at no picture, so that none is drawn for it.
-        specs: the agents of the running episode, in the environment's order.
-        rejected: how many messages of the episode could not be read, by receiver and sender; see `read`.
+        uplink: the content that agents must broadcast: "detections", "tracks", "points", ...; "none" for a policy that
+            reads no message.
+        lidar: the policy reads LiDAR sweeps.
+        cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.rigs`), True for
+            "surround"; False: the policy looks at no image, and none is rendered for it.
+
+    Raises:
+        InvalidValueError: a value has the wrong type.
+        UnknownNameError: no rig has that name.
     """
 
-    uplink: ClassVar[str] = "detections"
-    cameras: ClassVar[bool | str] = False
+    uplink: str = "detections"
+    lidar: bool = False
+    cameras: bool | str = False
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.uplink, str) and self.uplink):
+            raise InvalidValueError(f"uplink must be the name of a content, got {self.uplink!r}")
+        require_flag(lidar=self.lidar)
+        rig_camera_names(self.cameras)
+
+
+class Policy(ABC):
+    """Tracks for any number of agents. One object serves all; make the state of an agent in `begin`.
+
+    Attributes:
+        needs: what the environment must provide; of the class, or set on the object.
+        specs: the agents of the running episode, in the environment's order.
+        rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
+    """
+
+    needs: Needs = Needs()
     specs: Mapping[str, AgentSpec]
     rejected: Counter[tuple[str, str]]
 
     @abstractmethod
     def track(self, agent: str, observation: Observation) -> Tracks:
-        """What `agent` reports for this observation, in its own base frame, now."""
+        """Return the tracks that `agent` reports for this observation, in its base frame at the observation's time."""
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        """Called once per agent when an episode begins; make the agent's state here.
+        """Make the state of one agent; called once per agent when an episode begins.
 
         Args:
             spec: the agent.
-            rng: the agent's own random stream, for policies that draw.
+            rng: the agent's own random stream, for policies that draw random numbers.
         """
 
     def read(self, agent: str, inbox: Iterable[Message], decode: Callable[[Message], T]) -> list[tuple[Message, T]]:
-        """The messages that can be read, each with what is in it. The others are left out and counted in `rejected`.
+        """Decode messages. Those that cannot be read are left out, and counted in `rejected`.
 
         Args:
-            agent: who received them.
-            inbox: as in the agent's observation.
-            decode: of a message, as `coopsim.comms.envelope.decode_detections`; raises `CodecError` on what is none.
+            agent: the receiver.
+            inbox: messages, as in the agent's observation.
+            decode: the content of a message, as `coopsim.comms.envelope.decode_detections`; raises `CodecError` for a
+                message without that content.
+
+        Returns:
+            The readable messages, each with its content.
         """
         readable: list[tuple[Message, T]] = []
         for message in inbox:
@@ -79,41 +107,52 @@ class Policy(ABC):
         return readable
 
     def drive(self, agent: str, observation: Observation) -> int:
-        """How `agent` drives, a number into `MANEUVERS`; asked only under `control="policy"`."""
+        """Choose how `agent` drives: an index into `MANEUVERS`. Called only under `control="policy"`."""
         return IDLE
 
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
-        """Begin an episode with these agents, forgetting the last one.
+        """Begin an episode with these agents, and forget the last one.
 
         Raises:
-            PolicyMismatchError: the environment's agents broadcast something else than the policy needs, or have not
-                the cameras that it needs.
+            PolicyMismatchError: the environment lacks what the policy needs, see `require`.
         """
-        needed = {camera.name for camera in rig(self.cameras)}
-        for spec in agent_specs.values():
-            if self.uplink not in ("none", spec.uplink):
-                raise PolicyMismatchError(
-                    f"{type(self).__name__} needs uplink {self.uplink!r}, but {spec.name} broadcasts "
-                    f"{spec.uplink!r}: make the environment with uplink={self.uplink!r}, or use "
-                    "coopsim.evaluate, which does"
-                )
-            if not needed <= set(spec.cameras):
-                raise PolicyMismatchError(
-                    f"{type(self).__name__} needs cameras {sorted(needed)}, but {spec.name} has "
-                    f"{sorted(spec.cameras)}: make the environment with cameras={self.cameras!r}, or use "
-                    "coopsim.evaluate, which does"
-                )
+        self.require(agent_specs)
         self.specs, self.rejected = dict(agent_specs), Counter()
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))
 
+    def require(self, agent_specs: Mapping[str, AgentSpec]) -> None:
+        """Refuse an environment that lacks what the policy `needs`.
+
+        Raises:
+            PolicyMismatchError: agents broadcast other content than the policy needs, or lack its LiDAR or cameras.
+        """
+        me, needs, hint = type(self).__name__, self.needs, "or use coopsim.evaluate, which does"
+        needed = rig_camera_names(needs.cameras)
+        for spec in agent_specs.values():
+            if needs.uplink not in ("none", spec.uplink):
+                raise PolicyMismatchError(
+                    f"{me} needs uplink {needs.uplink!r}, but {spec.name} broadcasts {spec.uplink!r}: make the "
+                    f"environment with uplink={needs.uplink!r}, {hint}"
+                )
+            if needs.lidar and not getattr(spec, "lidars", True):
+                raise PolicyMismatchError(
+                    f"{me} needs a LiDAR, but {spec.name} has none: make the environment with one, as "
+                    'lidar="HDL-32E"; with lidar=None, or in a replay, there are no sweeps'
+                )
+            if not needed <= set(spec.cameras):
+                raise PolicyMismatchError(
+                    f"{me} needs cameras {sorted(needed)}, but {spec.name} has {sorted(spec.cameras)}: make the "
+                    f"environment with cameras={needs.cameras!r}, {hint}"
+                )
+
     def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-        """Actions for all agents that observed something.
+        """Return the actions of all agents that have an observation.
 
         Raises:
             EpisodeStateError: before `reset`.
-            UnknownNameError: an agent is not among those that `reset` was given.
-            InvalidActionError: `track` returned something else than tracks.
+            UnknownNameError: an agent is not among those given to `reset`.
+            InvalidActionError: `track` returned something other than `Tracks`.
         """
         if not hasattr(self, "specs"):
             raise EpisodeStateError("act before reset: call policy.reset(env.agent_specs) first")

@@ -15,5 +15,3 @@ class SequentialKF(AB3DMOTBased):
 
     What no track matches begins one, whoever saw it.
     """
-
-    uplink = "detections"

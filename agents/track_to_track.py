@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from coopsim.agents.policy import Policy
+from coopsim.agents.policy import Needs, Policy
 from coopsim.agents.tracking_policy import over_origin, within_reach
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
@@ -71,7 +71,7 @@ class TrackToTrack(Policy):
         align: correct poses by objects that several agents see, see `coopsim.fusion.alignment`.
     """
 
-    uplink = "tracks"
+    needs = Needs(uplink="tracks")
 
     def __init__(
         self,

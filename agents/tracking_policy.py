@@ -30,7 +30,7 @@ class _AgentState:
 
 
 class TrackingPolicy(Policy):
-    """Tracks the agent's own detections and, if the policy listens (`uplink`), those of all others.
+    """Tracks the agent's own detections and, if `needs.uplink` is "detections", those of all others.
 
     Tracks are kept in the odometry frame, in which still things stand still and whose drift is slow, so that
     noise of the global pose reaches a track only through what other agents said. A box is moved there by the
@@ -59,6 +59,14 @@ class TrackingPolicy(Policy):
         """
         return groups
 
+    def perceive(self, agent: str, observation: Observation) -> Detections:
+        """Return what `agent` detects now, in its base frame: by default its detector's detections.
+
+        Override it in a policy with detections of its own, from points or fused features for example: odometry frame,
+        delayed messages, alignment and tracker are inherited. Messages are in `observation.inbox`, see `read`.
+        """
+        return observation.detections
+
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         first = OWN if spec.frame_owner in (None, spec.name) else spec.frame_owner
         late = self._late(self.make_tracker, self.fuse, first)
@@ -69,8 +77,9 @@ class TrackingPolicy(Policy):
         state = self._states[agent]
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = reportable(observation.detections).transform(odom_SE3_base)
-        read = [] if self.uplink == "none" else self.read(agent, within_reach(observation), decode_detections)
+        own = reportable(self.perceive(agent, observation)).transform(odom_SE3_base)
+        reads = self.needs.uplink == "detections"
+        read = self.read(agent, within_reach(observation), decode_detections) if reads else []
         heard = [Heard(message, reportable(found)) for message, found in read]
         poses = _poses(heard, own, observation, state)
         measured = [Measurement(OWN, observation.time_ns, own)]

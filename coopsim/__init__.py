@@ -21,6 +21,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from coopsim.agents.policy import Needs as Needs
     from coopsim.agents.policy import Policy as Policy
     from coopsim.bench.benchmark import benchmark as benchmark
     from coopsim.bench.evaluate import Evaluation as Evaluation
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Needs": "coopsim.agents.policy",
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",
     "Evaluation": "coopsim.bench.evaluate",

@@ -11,7 +11,7 @@ from coopsim.types import AgentSpec, Observation, Tracks
 class NearestNeighbour(coopsim.Policy):
     """The same object is whatever is within two metres of where it was a frame ago; no filter."""
 
-    uplink = "none"  # it reads no message
+    needs = coopsim.Needs(uplink="none")  # it reads no message
 
     def __init__(self) -> None:
         self.last: dict[str, Tracks] = {}

@@ -72,7 +72,7 @@ def main() -> None:
 def on_recordings(folder: Path, name: str) -> list[list[float]]:
     """A policy's scores of each recording, for the car in whose frame it is."""
     policy = coopsim.make_policy(name)
-    env = coopsim.parallel_env("replay", path=folder, detections=AGENTS, uplink=policy.uplink)
+    env = coopsim.parallel_env("replay", path=folder, detections=AGENTS, uplink=policy.needs.uplink)
     rows = []
     for sequence in env.sequences:
         run_episode(env, policy, seed=0, sequence=sequence)

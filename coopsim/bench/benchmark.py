@@ -148,7 +148,7 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
     specs = {text: PolicySpec.parse(text) for text in grid.policies}
     policies = {text: spec.make() for text, spec in specs.items()}
     # What else a policy has does not matter to an environment.
-    unlike = {(policy.uplink, policy.cameras): text for text, policy in policies.items()}
+    unlike = {(policy.needs, type(policy)): text for text, policy in policies.items()}
     for scenario in grid.scenarios:
         if newest(scenario.removeprefix(f"{NAMESPACE}/")).startswith("replay-"):
             raise InvalidValueError(

@@ -87,7 +87,7 @@ def evaluate(
 ) -> Evaluation:
     """Run a policy through one episode of an environment that broadcasts what the policy needs.
 
-    Cameras are drawn only for a policy that says it needs them (`Policy.cameras`), or where `cameras` asks for others.
+    Cameras are drawn only for a policy that needs them (`Policy.needs`), or where `cameras` asks for others.
 
     Args:
         policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
@@ -199,19 +199,32 @@ def _instance(policy: Policy | str) -> Policy:
 
 
 def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
-    """The environment whose agents broadcast what the policy needs, and have the cameras that it needs."""
+    """Make the environment that provides what the policy needs: its uplink, LiDAR and cameras.
+
+    Raises:
+        InvalidValueError: an uplink is among the options.
+        PolicyMismatchError: the environment cannot provide what the policy needs, or the options exclude it.
+        CoopsimError: as `parallel_env` does.
+    """
+    needs = policy.needs
     if "uplink" in options:
         raise InvalidValueError(
-            f"uplink is not an option here: {type(policy).__name__} decides it, and says {policy.uplink!r}"
+            f"uplink is not an option here: {type(policy).__name__} decides it, and says {needs.uplink!r}"
         )
-    needed = {"cameras": policy.cameras} if policy.cameras else {}
-    if policy.uplink == "none":  # a codec is of what the other policies beside this one say
+    needed = {"cameras": needs.cameras} if needs.cameras else {}
+    if needs.uplink == "none":  # the codec is for the content of other policies in the same comparison
         options = {name: value for name, value in options.items() if name != "codec"}
     try:
-        return parallel_env(environment, **{"uplink": policy.uplink, **needed, **options})
+        env = parallel_env(environment, **{"uplink": needs.uplink, **needed, **options})
     except UnknownNameError as error:
         if needed and error.name == "cameras" and "cameras" not in options:
             raise PolicyMismatchError(
-                f"{type(policy).__name__} needs cameras {policy.cameras!r}, and {environment!r} has none"
+                f"{type(policy).__name__} needs cameras {needs.cameras!r}, and {environment!r} has none"
             ) from error
         raise
+    try:
+        policy.require(env.agent_specs)
+    except PolicyMismatchError:
+        env.close()
+        raise
+    return env

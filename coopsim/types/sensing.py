@@ -74,6 +74,10 @@ class LidarMounting:
         object.__setattr__(self, "elevation_rad", elevation)
 
 
+OBSERVED_MODES = ("rgb", "depth")
+"""The modes of a camera image that a camera with a depth sensor measures."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
     """The image of one camera, in the modes that were asked for; the others are None.

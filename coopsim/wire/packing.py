@@ -14,7 +14,6 @@ from gymnasium import spaces
 
 from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.camera.picture import OBSERVED_MODES
 from coopsim.support.arrays import as_numbers
 from coopsim.types import (
     AgentSpec,
@@ -30,6 +29,7 @@ from coopsim.types import (
 )
 from coopsim.types.embedding import directions
 from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types.taxonomy import CLASS_NAMES, require_classes
 
 _COUNTER = 2**62  # what fits an int64 and leaves room to add: nanoseconds, ids

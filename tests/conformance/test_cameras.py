@@ -25,7 +25,7 @@ RAYS = {"renderer": "raycast"}
 class Blind(coopsim.Policy):
     """Reports nothing, looks at nothing."""
 
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         return Tracks.empty()
@@ -34,7 +34,7 @@ class Blind(coopsim.Policy):
 class Looking(Blind):
     """Needs one camera, and says so."""
 
-    cameras = "front"
+    needs = coopsim.Needs(uplink="none", cameras="front")
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         image, calibration = observation.cameras["front"], self.specs[agent].cameras["front"]

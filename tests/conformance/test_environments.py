@@ -118,7 +118,7 @@ def test_same_seed_same_bits_step_after_step(make_small: Make, name: str, steps:
 @pytest.mark.parametrize("policy", ["late_fusion", "track_to_track"])
 def test_an_environment_that_was_used_before_starts_afresh(make_small: Make, policy: str) -> None:
     def make() -> Any:
-        return make_small(uplink=coopsim.POLICIES.get(policy).uplink, latency_s=0.1)
+        return make_small(uplink=coopsim.POLICIES.get(policy).needs.uplink, latency_s=0.1)
 
     used = make()
     play(used, 1, policy)

@@ -21,7 +21,7 @@ EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
 
 WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in LATE.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).uplink != "none"]
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).needs.uplink != "none"]
 SWITCHED = [(name, late) for name, late in WAYS if name in LISTENING]
 
 
@@ -41,7 +41,7 @@ def message(name: str, found: Detections, captured_ns: int, sender: str = "rsu_0
 
 def listens_to(name: str) -> str:
     """The policy's uplink; detections, for one that must not mind them."""
-    uplink = coopsim.POLICIES.get(name).uplink
+    uplink = coopsim.POLICIES.get(name).needs.uplink
     return "detections" if uplink == "none" else uplink
 
 
@@ -112,7 +112,7 @@ def test_what_is_not_finite_is_left_out(name: str) -> None:
     assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
 
 
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).uplink != "none"]
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).needs.uplink != "none"]
 
 
 def broken(name: str, good: Message) -> list[Message]:

@@ -49,7 +49,7 @@ def test_recording_changes_nothing_and_needs_no_sensing(make_small: Make, record
 
 def test_other_sensors_channels_policies_and_seeds_meet_the_same_traffic(make_small: Make, recording: Path) -> None:
     def states(policy: str, seed: int, **options: Any) -> list[Any]:
-        env = make_small(playback=recording, uplink=coopsim.POLICIES.get(policy).uplink, **options)
+        env = make_small(playback=recording, uplink=coopsim.POLICIES.get(policy).needs.uplink, **options)
         tracker = coopsim.make_policy(policy)
         observations, _ = env.reset(seed=seed)
         tracker.reset(env.agent_specs, seed=seed)

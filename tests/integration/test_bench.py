@@ -41,7 +41,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Tracks
 
 class Quiet(coopsim.Policy):
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
     def track(self, agent, observation):
         print("said on stdout")
         none = np.zeros(0, dtype=int)

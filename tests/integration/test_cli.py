@@ -29,7 +29,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Tracks
 
 class Mine(coopsim.Policy):
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
     def track(self, agent, observation):
         none = np.zeros(0, dtype=int)
         return Tracks(none, Boxes3D.empty(), np.zeros((0, 2)), np.zeros(0), none)

@@ -14,10 +14,8 @@ from coopsim.sensors.camera.renderers.renderers import View
 from coopsim.sensors.scene import STATIC_ID, Triangles
 from coopsim.support.checks import require_choice
 from coopsim.types import CameraImage
+from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.snapshot import Actors
-
-OBSERVED_MODES = ("rgb", "depth")
-"""What a camera with a depth sensor beside it measures."""
 
 TRUTH_MODES = ("instance", "semantic")
 """What no camera measures."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.rig_names import RIG_HEADINGS_RAD, RIG_NAMES, SURROUND
 
 Rig = tuple[Camera, ...]
 RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[Camera]]
@@ -21,21 +22,6 @@ DRONE_PITCH_RAD = np.radians(45.0)
 
 _PITCH_RAD = {"cav": 0.0, "rsu": UNIT_PITCH_RAD, "drone": DRONE_PITCH_RAD}
 
-_HEADINGS_RAD = {
-    "front": {"front": 0.0},
-    "surround": {"front": 0.0, "left": np.pi / 2, "rear": np.pi, "right": -np.pi / 2},
-    "surround_6": {
-        "front": 0.0,
-        "front_left": np.pi / 3,
-        "rear_left": 2 * np.pi / 3,
-        "rear": np.pi,
-        "rear_right": -2 * np.pi / 3,
-        "front_right": -np.pi / 3,
-    },
-}
-
-RIG_NAMES = tuple(_HEADINGS_RAD)
-
 
 def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
     """The cameras of the rig called `name`: each of 320 x 180 pixels and 100 degrees, on the middle of the roof.
@@ -43,11 +29,11 @@ def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
     Raises:
         UnknownNameError: there is no such rig.
     """
-    if not (isinstance(name, str) and name in _HEADINGS_RAD):
+    if not (isinstance(name, str) and name in RIG_HEADINGS_RAD):
         raise UnknownNameError("cameras", name, RIG_NAMES)
     return tuple(
         Camera(camera, yaw_rad=float(heading), pitch_rad=float(pitch_rad))
-        for camera, heading in _HEADINGS_RAD[name].items()
+        for camera, heading in RIG_HEADINGS_RAD[name].items()
     )
 
 
@@ -90,7 +76,7 @@ def rig(option: object, kind: str = "cav") -> Rig:
         InvalidValueError: cameras that are none, or two of one name.
     """
     if option is False or option is True:
-        option = "surround" if option else ()
+        option = SURROUND if option else ()
     if isinstance(option, str):
         return named_rig(option, pitch_rad=_PITCH_RAD[kind])
     accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent"

@@ -18,7 +18,7 @@ from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry,
 from coopsim.wire.packing import observation_space, pack_observation, pack_tracks, unpack_action, unpack_observation
 
 CAR = [4.5, 1.9, 1.6]
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).uplink != "none"]
+LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).needs.uplink != "none"]
 
 
 def detections(*rows: tuple[float, float, float], score: float = 0.9) -> Detections:
@@ -45,7 +45,7 @@ def specs(*names: str, uplink: str = "detections") -> dict[str, AgentSpec]:
 
 
 def first_report(policy: coopsim.Policy, observation: Observation) -> Tracks:
-    policy.reset(specs("cav_0", uplink=policy.uplink))
+    policy.reset(specs("cav_0", uplink=policy.needs.uplink))
     return policy.track("cav_0", observation)
 
 
@@ -54,7 +54,7 @@ def test_boxes_of_others_come_to_the_receivers_frame_by_both_estimates(name: str
     # The receiver stands at (100, 0) and looks north; the sender at (100, 50) looks back south, and has a car
     # 20 m ahead: that is 30 m ahead of the receiver.
     policy = coopsim.make_policy(name)
-    heard = message("cav_1", 0, [100, 50, 0, -np.pi / 2], detections((20, 1, 0)), policy.uplink)
+    heard = message("cav_1", 0, [100, 50, 0, -np.pi / 2], detections((20, 1, 0)), policy.needs.uplink)
     found = first_report(policy, observe(detections(), heard, pose=(100, 0, 0, np.pi / 2)))
     np.testing.assert_allclose(found.boxes.center, [[30, -1, 0.8]], atol=1e-5)
     np.testing.assert_allclose(np.abs(found.boxes.yaw), [np.pi], atol=1e-6)
@@ -63,7 +63,7 @@ def test_boxes_of_others_come_to_the_receivers_frame_by_both_estimates(name: str
 @pytest.mark.parametrize("name", [name for name in LISTENING if not name.startswith("graph_lap")])
 def test_the_same_car_seen_by_both_is_one_car(name: str) -> None:
     policy = coopsim.make_policy(name)
-    heard = message("cav_1", 0, [0, 0, 0, 0], detections((20, 0.3, 0), (40, 0, 0)), policy.uplink)
+    heard = message("cav_1", 0, [0, 0, 0, 0], detections((20, 0.3, 0), (40, 0, 0)), policy.needs.uplink)
     found = first_report(policy, observe(detections((20, 0, 0)), heard))
     assert sorted(found.boxes.center[:, 0].round().tolist()) == [20, 40]
 
@@ -102,7 +102,7 @@ def test_the_receiver_is_not_its_own_object_where_it_was_at_capture(is_object: b
 @pytest.mark.parametrize("name", coopsim.POLICIES.names())
 def test_a_steady_car_gets_one_id_and_its_velocity(name: str) -> None:
     policy = coopsim.make_policy(name)
-    policy.reset(specs("cav_0", uplink=policy.uplink))
+    policy.reset(specs("cav_0", uplink=policy.needs.uplink))
     ids = set()
     for k in range(20):
         tracks = policy.track("cav_0", observe(detections((10 + k, 0, 0)), time_ns=k * 100_000_000))

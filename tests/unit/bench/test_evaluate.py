@@ -23,7 +23,7 @@ SHORT: dict[str, Any] = SMALL | {"max_cycles": 4}
 class Echo(coopsim.Policy):
     """Reports what it detects, one track for all, and remembers what was broadcast."""
 
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
 
     def reset(self, agent_specs: Any, seed: int = 0) -> None:
         super().reset(agent_specs, seed)
@@ -35,7 +35,7 @@ class Echo(coopsim.Policy):
 
 
 class Talker(Echo):
-    uplink = "detections"
+    needs = coopsim.Needs()
 
 
 class FirstSequenceOnly(Echo):
@@ -89,15 +89,15 @@ def test_same_seed_same_score_whoever_makes_the_policy() -> None:
     assert first.frames_per_s == first.frames / first.seconds > 0
 
 
-@pytest.mark.parametrize("policy", [Echo(), Talker()], ids=lambda policy: policy.uplink)
+@pytest.mark.parametrize("policy", [Echo(), Talker()], ids=lambda policy: policy.needs.uplink)
 def test_agents_broadcast_what_the_policy_needs_and_the_bytes_are_counted(policy: Echo, on_air: Counter[str]) -> None:
     result = coopsim.evaluate(policy, **SHORT)
-    assert policy.heard == {policy.uplink}
+    assert policy.heard == {policy.needs.uplink}
     duration_s = (result.frames + 1) * DT_S  # the observation after the last step was sent for, too
     for agent, score in result.score.agents.items():
         assert score["bytes_per_s"] == pytest.approx(on_air[agent] / duration_s)
     assert result.score["bytes_per_s"] == pytest.approx(on_air.total() / len(result.score.agents) / duration_s)
-    assert (on_air.total() > 0) == (policy.uplink != "none")
+    assert (on_air.total() > 0) == (policy.needs.uplink != "none")
 
 
 def test_what_became_of_the_messages() -> None:

@@ -22,7 +22,7 @@ MINE = """
 import coopsim
 
 class Fails(coopsim.Policy):
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
     def track(self, agent, observation):
         raise KeyError("my own slip")
 

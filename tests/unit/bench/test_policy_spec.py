@@ -18,7 +18,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Tracks
 
 class Blind(coopsim.Policy):
-    uplink = "none"
+    needs = coopsim.Needs(uplink="none")
 
     def __init__(self, patience: int = 1) -> None:
         if patience < 0:

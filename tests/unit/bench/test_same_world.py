@@ -21,7 +21,7 @@ class Witness(coopsim.Policy):
     """Writes down what it sees, and reports something, so that rewards are not all alike."""
 
     def __init__(self, uplink: str, busy: bool) -> None:
-        self.uplink = uplink  # type: ignore[misc]
+        self.needs = coopsim.Needs(uplink)
         self._busy = busy
         self.seen: dict[str, list[Any]] = {}
         self.heard: dict[str, set[tuple[str, int, tuple[float, ...]]]] = {}
@@ -71,7 +71,7 @@ def test_whatever_a_policy_reports_and_listens_to(condition: Condition) -> None:
     for other, same_actors in others:
         assert same_actors == actors
         assert other.seen == first.seen
-        if other.uplink != "none":
+        if other.needs.uplink != "none":
             assert other.heard == first.heard and other.arrivals == first.arrivals
 
 
