@@ -23,7 +23,7 @@ from coopsim.localization.localizer import LocalizationConfig
 from coopsim.localization.pose_noise import PoseNoise
 from coopsim.sensors.camera.camera import as_daylight
 from coopsim.sensors.camera.daylight import Daylight, Illumination
-from coopsim.sensors.camera.picture import OBSERVED_MODES, TRUTH_MODES, require_modes
+from coopsim.sensors.camera.picture import TRUTH_MODES, require_modes
 from coopsim.sensors.camera.renderers.renderers import RENDERERS
 from coopsim.sensors.camera.rigs import RigOption, check_rig
 from coopsim.sensors.lidar.lidar import LidarConfig
@@ -42,6 +42,7 @@ from coopsim.support.checks import (
 )
 from coopsim.support.files import require_writable
 from coopsim.support.rng import require_seed
+from coopsim.types.sensing import OBSERVED_MODES
 
 _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
 _LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")

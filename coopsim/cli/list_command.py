@@ -19,7 +19,7 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import codecs_of
     from coopsim.detection.presets import DETECTORS
-    from coopsim.sensors.camera.rigs import RIG_NAMES
+    from coopsim.sensors.camera.rig_names import RIG_NAMES
 
     listed = {
         "policies": coopsim.POLICIES.names(),

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.support.arrays import Ints
 
 Pairs = tuple[Ints, Ints]
 """Matched rows and matched columns, (K,) each."""

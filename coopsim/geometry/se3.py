@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from coopsim.support.arrays import Floats as Floats
 from coopsim.support.arrays import frozen
-
-Floats = NDArray[np.float64]
 
 
 def wrap_angle(angle_rad: ArrayLike) -> Floats:

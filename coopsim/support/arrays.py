@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from coopsim.errors import InvalidValueError
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
 Shape = tuple[int | None, ...]
 
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.support.arrays import Floats, Ints
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 """By which SplitMix64 goes on from one state to the next."""

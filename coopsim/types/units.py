@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from coopsim.geometry.se3 import Floats as Floats
-
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from coopsim.support.arrays import Floats as Floats
+from coopsim.support.arrays import Ints as Ints
+from coopsim.support.arrays import Mask as Mask
 
 NS_PER_S = 1_000_000_000
 

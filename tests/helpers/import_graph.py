@@ -12,7 +12,7 @@ Graph = Mapping[str, set[str]]
 
 
 def top_level_imports(tree: ast.Module) -> list[str]:
-    """Return the names of modules that are imported when a module is loaded: not in functions, not for type checkers."""
+    """Return what a module imports when it is loaded: not in functions, and not for type checkers only."""
     names: list[str] = []
     stack: list[ast.stmt] = list(tree.body)
     while stack:
@@ -22,7 +22,7 @@ def top_level_imports(tree: ast.Module) -> list[str]:
         elif isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
         elif isinstance(node, (ast.If, ast.Try)):
             stack.extend(child for child in ast.iter_child_nodes(node) if isinstance(child, ast.stmt))
     return names
@@ -44,9 +44,14 @@ def file_graph() -> dict[str, set[str]]:
     """Return which modules each module imports when it is loaded."""
     files = module_files()
     return {
-        name: {each for each in top_level_imports(ast.parse(path.read_text())) if each in files} - {name}
+        name: {_module(each, files) for each in top_level_imports(ast.parse(path.read_text()))} - {name, ""}
         for name, path in files.items()
     }
+
+
+def _module(imported: str, files: Mapping[str, Path]) -> str:
+    """Return the module of the library that is imported, itself or a name in it; "" for others."""
+    return next((each for each in (imported, imported.rpartition(".")[0]) if each in files), "")
 
 
 def room_graph(files: Graph) -> dict[str, set[str]]:

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from import_graph import arrows, circles, file_graph, room_graph
 
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -44,20 +45,42 @@ def test_links_make_the_source_tree_look_installed() -> None:
         assert link.is_symlink() and link.readlink() == Path("..") / name
 
 
-@pytest.mark.parametrize("module", ["coopsim", "coopsim.agents", "coopsim.envs", "coopsim.cli"])
-def test_import_loads_nothing_heavy(module: str) -> None:
+HEAVY = ("torch", "moderngl", "pyrender", "OpenGL", "asn1tools")
+SIMULATOR = ("coopsim.envs", "coopsim.world", "coopsim.detection", "highway_env", "pettingzoo", "embreex")
+
+
+@pytest.mark.parametrize(
+    ("module", "refused"),
+    [
+        ("coopsim", HEAVY),
+        ("coopsim.envs", HEAVY),
+        ("coopsim.cli", HEAVY),
+        ("coopsim.agents", HEAVY + SIMULATOR),
+    ],
+)
+def test_import_loads_nothing_heavy(module: str, refused: tuple[str, ...]) -> None:
     """Checked by refusing, so that it also holds where torch is not installed."""
     program = f"""
 import sys
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("torch", "moderngl", "pyrender", "OpenGL", "asn1tools"):
+        if any(name == each or name.startswith(each + ".") for each in {refused!r}):
             raise AssertionError("import of " + name)
 sys.meta_path.insert(0, Refuse())
 import {module}
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_no_file_imports_itself_by_way_of_others() -> None:
+    assert circles(file_graph()) == []
+
+
+def test_no_room_imports_itself_by_way_of_others() -> None:
+    files = file_graph()
+    files.pop("coopsim.support.threads", None)
+    assert {", ".join(group): arrows(files, group) for group in circles(room_graph(files))} == {}
 
 
 def runtime_imports(tree: ast.AST) -> list[str]:

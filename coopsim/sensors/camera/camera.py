@@ -11,12 +11,13 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Daylight, Illumination
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.picture import OBSERVED_MODES, FramePainter
+from coopsim.sensors.camera.picture import FramePainter
 from coopsim.sensors.camera.renderers.renderers import Renderer, make_renderer
 from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, NEAREST_M
 from coopsim.sensors.scene import Triangles
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.types import CameraCalibration, CameraImage
+from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.snapshot import Actors, AgentBody
 
 

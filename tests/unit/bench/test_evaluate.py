@@ -13,7 +13,7 @@ from conftest import SMALL
 import coopsim
 from coopsim.comms.channel import channel
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.types import Observation, Tracks
 
 DT_S = 0.1
@@ -176,3 +176,40 @@ def test_environments_are_closed_when_the_policy_fails(recordings: Path, closed:
     with pytest.raises(ZeroDivisionError):
         coopsim.evaluate_recordings(Broken(), recordings, ("ego",))
     assert len(closed) == 2
+
+
+class Sweeping(Echo):
+    """Needs sweeps."""
+
+    needs = coopsim.Needs(uplink="none", lidar=True)
+
+
+@pytest.mark.parametrize("lidar", [None, "VLP-16"])
+def test_a_policy_that_needs_a_lidar_is_given_one_or_refused_at_once(lidar: str | None) -> None:
+    options = SHORT | {"lidar": lidar}
+    if lidar is not None:
+        assert coopsim.evaluate(Sweeping(), **options).frames == 4
+        return
+    with pytest.raises(PolicyMismatchError, match=r"Sweeping needs a LiDAR, but \w+ has none.*lidar=None"):
+        coopsim.evaluate(Sweeping(), **options)
+    env = coopsim.parallel_env("crossing", **options)
+    with pytest.raises(PolicyMismatchError, match="Sweeping needs a LiDAR"):
+        Sweeping().reset(env.agent_specs)
+
+
+def test_a_replay_has_no_lidar(recordings: Path) -> None:
+    with pytest.raises(PolicyMismatchError, match="Sweeping needs a LiDAR, but ego has none.*in a replay"):
+        coopsim.evaluate_recordings(Sweeping(), recordings, ("ego",))
+
+
+@pytest.mark.parametrize(
+    ("needs", "error", "match"),
+    [
+        ({"uplink": 3}, InvalidValueError, "uplink must be the name of a content, got 3"),
+        ({"lidar": "yes"}, InvalidValueError, "lidar must be True or False, got 'yes'"),
+        ({"cameras": "frnt"}, UnknownNameError, "unknown cameras 'frnt'. Did you mean 'front'"),
+    ],
+)
+def test_needs_that_nothing_can_meet_are_refused(needs: dict[str, Any], error: type[Exception], match: str) -> None:
+    with pytest.raises(error, match=match):
+        coopsim.Needs(**needs)
