@@ -198,7 +198,7 @@ def test_a_policy_that_needs_a_lidar_is_given_one_or_refused_at_once(lidar: str 
 
 
 def test_a_replay_has_no_lidar(recordings: Path) -> None:
-    with pytest.raises(PolicyMismatchError, match="Sweeping needs a LiDAR, but ego has none.*in a replay"):
+    with pytest.raises(PolicyMismatchError, match=r"Sweeping needs a LiDAR, but ego has none.*in a replay"):
         coopsim.evaluate_recordings(Sweeping(), recordings, ("ego",))
 
 
