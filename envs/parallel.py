@@ -219,7 +219,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 name: summarize(
                     [log],
                     false_positives=self._options.false_positives,
-                    extra={"bytes_per_s": self.bytes_per_s(name)},
+                    bytes_per_s=self.bytes_per_s(name),
                 )
                 for name, log in logs.items()
             }

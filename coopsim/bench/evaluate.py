@@ -150,8 +150,7 @@ def evaluate_recordings(
     finally:
         env.close()
     started = time.perf_counter()
-    extra = {agent: {"bytes_per_s": sent_bytes[agent] / simulated_s} for agent in logs}
-    count = Score.mean({agent: summarize(logs[agent], extra=extra[agent]) for agent in logs})
+    count = Score.mean({agent: summarize(logs[agent], bytes_per_s=sent_bytes[agent] / simulated_s) for agent in logs})
     ignore = count.ignoring_false_positives()
     return RecordingsEvaluation(count, ignore, frames, seconds + time.perf_counter() - started)
 

@@ -11,8 +11,7 @@ from tabulate import tabulate
 
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.report.csv_rows import to_csv_text
-from coopsim.bench.report.svg import line_look, to_svg
+from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
 from coopsim.bench.report.table import COLUMNS, format_value, score_row
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.recall_averages import RECALL_POINTS

@@ -1,27 +1,102 @@
-"""Average precision of reported boxes, frame by frame; identities do not matter.
+"""Average precision of boxes, frame by frame; identities do not matter.
 
-Boxes are taken from the surest to the least sure; each gets the most similar object of its frame that is still
-free, as in OpenCOOD. The area under the curve of precision over recall is PASCAL VOC's since 2010: every precision is
-raised to the best at any higher recall.
+In each frame boxes are taken by falling score; each gets the object of largest IoU that is still free, if that reaches
+the threshold, as in OpenCOOD. The area under the curve of precision over recall is PASCAL VOC's since 2010: every
+precision is raised to the best one at any higher recall.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import iou_3d_and_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
-from coopsim.types import Ints
+from coopsim.support.arrays import frozen
+from coopsim.support.checks import require_choice, require_threshold
+from coopsim.types import Detections, GroundTruth, Ints
 
 AP_THRESHOLDS = (0.3, 0.5, 0.7)
 
 
+AnyBoxes = Boxes3D | ArrayLike
+"""`Boxes3D`, or an array (N, 7) of x, y, z, l, w, h, yaw."""
+
+DetectedFrame = Detections | tuple[AnyBoxes, ArrayLike] | tuple[AnyBoxes, ArrayLike, ArrayLike]
+TruthFrame = GroundTruth | AnyBoxes | tuple[AnyBoxes, ArrayLike]
+
+
+def average_precision_of(
+    detections: Sequence[DetectedFrame],
+    truth: Sequence[TruthFrame],
+    iou: float = 0.5,
+    *,
+    view: Literal["3D", "BEV"] = "3D",
+    sort: Literal["pooled", "frame"] = "pooled",
+) -> float:
+    """Compute the average precision of plain lists of boxes, one item per frame, in [0, 1].
+
+    Boxes are `Boxes3D` or arrays (N, 7) of x, y, z, l, w, h, yaw (m, rad; z is the centre), in any frame of reference
+    that the detections and the truth of an item share. Where both sides have labels, a detection can only match an
+    object of its label; without labels on a side, any object. The result is of all labels pooled: for a mean over
+    classes, call it for each class.
+
+    Args:
+        detections: per frame `Detections`, or a tuple (boxes, scores) or (boxes, scores, labels).
+        truth: per frame `GroundTruth`, or boxes, or a tuple (boxes, labels).
+        iou: IoU from which a detection is on an object, in (0, 1].
+        view: "3D" for the IoU of volumes, "BEV" for that of the rectangles seen from above.
+        sort: "pooled" ranks the detections of all frames together by score, as the papers define it and as CoAlign and
+            HEAL do. "frame" ranks within each frame and concatenates the frames, as OpenCOOD and code derived from it
+            do by default: false positives of early frames then stand before matches of later frames, so the value is
+            lower. Use it to compare with their tables, for nothing else.
+
+    Returns:
+        The average precision; 0 without objects.
+
+    Raises:
+        InvalidValueError: shapes do not fit, a value is not finite, or the lists differ in length.
+        UnknownNameError: `view` or `sort` is not one of those above.
+    """
+    require_threshold(iou=iou)
+    require_choice("view", view, ("3D", "BEV"))
+    require_choice("sort", sort, ("pooled", "frame"))
+    if len(detections) != len(truth):
+        raise InvalidValueError(
+            f"detections and truth must have one item per frame, got {len(detections)} and {len(truth)}"
+        )
+    objects, hits, scores = 0, [np.zeros(0, dtype=bool)], [np.zeros(0)]
+    for k, (found, there) in enumerate(zip(detections, truth, strict=True)):
+        boxes, score, label = _detected(found, f"detections[{k}]")
+        true_boxes, true_label = _true(there, f"truth[{k}]")
+        overlap = iou_3d_and_bev(true_boxes.array, boxes.array)[view == "BEV"]
+        if label is not None and true_label is not None:
+            overlap[true_label[:, None] != label] = 0.0
+        rows, columns = np.nonzero(overlap >= iou)
+        frame = SequenceArrays(
+            _one_frame(len(true_boxes)), np.arange(len(true_boxes)), _one_frame(len(boxes)), np.arange(len(boxes)),
+            _one_frame(len(rows)), rows, columns, overlap[rows, columns],
+        )  # fmt: skip
+        order = np.argsort(-score, kind="stable")
+        hit = _match_by_score(frame, order)
+        objects += len(true_boxes)
+        hits.append(hit[order])
+        scores.append(score[order])
+    ranked = np.concatenate(hits)
+    if sort == "pooled":
+        ranked = ranked[np.argsort(-np.concatenate(scores), kind="stable")]
+    return _area(ranked, objects)
+
+
 def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> float:
-    """Average precision over sequences, in [0, 1]; 0 where there is no object.
+    """Compute the average precision over sequences, ranked together, in [0, 1]; 0 without objects.
 
     Args:
         sequences: each with the pairs at or above the threshold, and the score of every reported box (T,).
@@ -30,14 +105,14 @@ def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> f
     for sequence, score in sequences:
         data = sequence.arrays
         truth += len(data.truth)
-        hits.append(_surest_first(data, np.lexsort((-score, frame_of(data.track_start)))))
+        hits.append(_match_by_score(data, np.lexsort((-score, frame_of(data.track_start)))))
         scores.append(score)
     order = np.argsort(-np.concatenate(scores), kind="stable")
     return _area(np.concatenate(hits)[order], truth)
 
 
 def _area(hits: NDArray[np.bool_], truth: int) -> float:
-    """Area under the curve that ranked hits and misses make."""
+    """Compute the area under the curve of ranked hits and misses."""
     true = np.cumsum(hits)
     precision = true / np.arange(1, len(hits) + 1)
     best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
@@ -45,8 +120,8 @@ def _area(hits: NDArray[np.bool_], truth: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _surest_first(data: SequenceArrays, order: Ints) -> NDArray[np.bool_]:
-    """Which reported boxes (T,) get an object when served in an order that goes frame by frame."""
+def _match_by_score(data: SequenceArrays, order: Ints) -> NDArray[np.bool_]:
+    """Match reported boxes in an order (T,) that goes frame by frame. Return the mask (T,) of the matched ones."""
     hits = np.zeros(len(data.track), np.bool_)
     for frame in range(len(data.track_start) - 1):
         first, end = data.pair_start[frame], data.pair_start[frame + 1]
@@ -62,3 +137,37 @@ def _surest_first(data: SequenceArrays, order: Ints) -> NDArray[np.bool_]:
                 free[data.pair_truth[best]] = False
                 hits[box] = True
     return hits
+
+
+def _detected(given: Any, what: str) -> tuple[Boxes3D, Floats, Ints | None]:
+    parts = (given.boxes, given.score, given.label) if isinstance(given, Detections) else given
+    if not (isinstance(parts, tuple) and len(parts) in (2, 3)):
+        raise InvalidValueError(
+            f"{what} must be Detections or a tuple (boxes, scores) or (boxes, scores, labels), got {given!r}"
+        )
+    boxes = _boxes(parts[0], what)
+    score = frozen(parts[1], (len(boxes),), np.float64, f"{what}: scores")
+    if not np.isfinite(score).all():
+        raise InvalidValueError(f"{what}: scores must be finite, got {score[~np.isfinite(score)][0]}")
+    label = frozen(parts[2], (len(boxes),), np.int64, f"{what}: labels") if len(parts) == 3 else None
+    return boxes, score, label
+
+
+def _true(given: Any, what: str) -> tuple[Boxes3D, Ints | None]:
+    parts = (given.boxes, given.label) if isinstance(given, GroundTruth) else given
+    if not isinstance(parts, tuple):
+        return _boxes(parts, what), None
+    if len(parts) != 2:
+        raise InvalidValueError(f"{what} must be GroundTruth, boxes, or a tuple (boxes, labels), got {given!r}")
+    boxes = _boxes(parts[0], what)
+    return boxes, frozen(parts[1], (len(boxes),), np.int64, f"{what}: labels")
+
+
+def _boxes(given: Any, what: str) -> Boxes3D:
+    boxes = given if isinstance(given, Boxes3D) else Boxes3D.from_array(frozen(given, (None, 7), np.float64, what))
+    boxes.validate(what)
+    return boxes
+
+
+def _one_frame(count: int) -> Ints:
+    return np.array([0, count])

@@ -15,18 +15,18 @@ MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
 @dataclass(frozen=True, slots=True)
 class Clear:
-    """Counts over any number of sequences, and what follows from them (fractions, not per cent).
+    """Counts over any number of sequences, and the ratios that follow from them (fractions, not per cent).
 
     Attributes:
         tp: matched boxes.
         fp: reported boxes without an object (0 where false positives are ignored).
-        fn: boxes of objects that nothing was matched to.
+        fn: boxes of objects without a matched track.
         ids: identity switches.
         frag: interruptions of an object's track.
-        similarity: sum of the matched pairs' similarity, which is 3D IoU unless told otherwise.
+        similarity: sum of the matched pairs' similarity (3D IoU in all but the metrics by distance).
         objects: number of objects.
-        mostly_tracked: of them, matched in more than 80 % of their frames.
-        mostly_lost: of them, matched in less than 20 % of their frames.
+        mostly_tracked: number of objects matched in more than 80 % of their frames.
+        mostly_lost: number of objects matched in less than 20 % of their frames.
     """
 
     tp: int = 0
@@ -44,12 +44,12 @@ class Clear:
 
     @property
     def gt(self) -> int:
-        """Boxes of objects."""
+        """Number of objects' boxes."""
         return self.tp + self.fn
 
     @property
     def mota(self) -> float:
-        """1 - (FP + FN + IDS) / GT; as in TrackEval, -FP where there is no truth."""
+        """1 - (FP + FN + IDS) / GT; -FP without truth, as in TrackEval."""
         return (self.tp - self.fp - self.ids) / max(self.gt, 1)
 
     @property
@@ -64,12 +64,12 @@ class Clear:
 
     @property
     def smota(self) -> float:
-        """MOTA in which a match counts as much as its 3D IoU (Voigtlaender et al., "MOTS", CVPR 2019)."""
+        """MOTA in which a match counts its 3D IoU (Voigtlaender et al., "MOTS", CVPR 2019)."""
         return (self.similarity - self.fp - self.ids) / max(self.gt, 1)
 
     @property
     def partly_tracked(self) -> int:
-        """Objects that are neither mostly tracked nor mostly lost."""
+        """Number of objects that are neither mostly tracked nor mostly lost."""
         return self.objects - self.mostly_tracked - self.mostly_lost
 
     @property
@@ -83,7 +83,7 @@ class Clear:
         return _ratio(self.tp, self.tp + self.fp)
 
     def scaled_mota(self, recall: float) -> float:
-        """MOTA scaled by what is possible at a recall, in [0, 1] (Weng et al. 2020, eq. 4)."""
+        """Scale MOTA by what is possible at a recall; in [0, 1] (Weng et al. 2020, eq. 4)."""
         errors = self.fp + self.fn + self.ids - (1.0 - recall) * self.gt
         return float(np.clip(1.0 - _ratio(errors, recall * self.gt), 0.0, 1.0))
 
@@ -94,12 +94,12 @@ def count_clear(
     threshold: float = -np.inf,
     adjacent_switches: bool = False,
 ) -> tuple[Clear, Floats]:
-    """Counts over sequences, and the mean track score of every match (TP,).
+    """Count over sequences. Return the counts, and the mean track score of every match (TP,).
 
     Args:
         sequences: pooled.
-        threshold: only tracks with at least this mean score are there.
-        adjacent_switches: count a switch only from one frame of an object to its next, as KITTI's development
+        threshold: leave out tracks with a smaller mean score.
+        adjacent_switches: count a switch only between two successive frames of an object, as KITTI's development
             kit and AB3DMOT do; else also after a gap, as CLEAR and TrackEval do.
     """
     total = Clear()

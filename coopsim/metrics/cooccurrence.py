@@ -1,4 +1,4 @@
-"""Objects and tracks that meet at all in a sequence: few of the product of both."""
+"""Which object meets which track in a sequence, and for how long."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from coopsim.types import Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Couples:
-    """The C distinct couples of an object and a track among the P pairs of a sequence.
+class Cooccurrence:
+    """The C distinct combinations of an object and a track among the P candidate pairs of a sequence.
+
+    C is far smaller than the number of objects times the number of tracks.
 
     Attributes:
         object: (C,) number of the object.
         track: (C,) number of the track.
         frames: (C,) frames of the object plus frames of the track.
-        of_pair: (P,) each pair's couple.
-        truth_row: (P,) where each pair's truth box stands in the sequence.
-        track_row: (P,) where its reported box stands.
+        of_pair: (P,) the combination of each pair.
+        truth_row: (P,) row of each pair's truth box in the sequence.
+        track_row: (P,) row of each pair's reported box in the sequence.
     """
 
     object: Ints
@@ -31,8 +33,8 @@ class Couples:
     track_row: Ints
 
     @classmethod
-    def of(cls, sequence: NumberedSequence) -> Couples:
-        """The couples of a sequence."""
+    def of(cls, sequence: NumberedSequence) -> Cooccurrence:
+        """Find the combinations of a sequence."""
         data, tracks = sequence.arrays, max(len(sequence.mean_score), 1)
         frame = frame_of(data.pair_start)
         truth_row, track_row = data.truth_start[frame] + data.pair_truth, data.track_start[frame] + data.pair_track

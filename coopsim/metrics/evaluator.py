@@ -1,12 +1,12 @@
-"""Scores an agent while it runs: counts per frame now, everything else from the log later."""
+"""Scoring of an agent while it runs: per-frame counts at once, everything else later from the log."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from coopsim.metrics.candidate_pairs import Pairs, find_pairs
+from coopsim.metrics.candidate_pairs import CandidatePairs, find_candidate_pairs
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.arrays import look_up
@@ -18,7 +18,15 @@ _SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
 
 @dataclass(frozen=True, slots=True)
 class FrameCounts:
-    """One frame's counts; `idsw` are identity switches, `gt` boxes of objects."""
+    """Counts of one frame.
+
+    Attributes:
+        tp: matched boxes.
+        fp: reported boxes without an object.
+        fn: objects without a track.
+        idsw: identity switches.
+        gt: objects.
+    """
 
     tp: int
     fp: int
@@ -27,20 +35,23 @@ class FrameCounts:
     gt: int
 
     def as_dict(self) -> dict[str, int]:
-        """By name."""
-        return {"tp": self.tp, "fp": self.fp, "fn": self.fn, "idsw": self.idsw, "gt": self.gt}
+        """Return the counts by name."""
+        return asdict(self)
 
 
 class Evaluator:
-    """One agent's running evaluation over one sequence, with CLEAR's matching (see `matching`).
+    """The running evaluation of one agent over one sequence, with CLEAR's matching (see `matching`).
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
+
+    Attributes:
+        log: everything that scores need, of all frames so far.
     """
 
     def __init__(self, match_iou: float = 0.25) -> None:
         self.log = TrackLog(match_iou)
-        self._object = np.zeros(0, dtype=np.int64)  # ids seen so far, sorted
+        self._object = np.zeros(0, dtype=np.int64)  # ids so far, sorted
         self._last_track = np.zeros(0, dtype=np.int64)
         self._last_frame = np.zeros(0, dtype=np.int64)
 
@@ -48,8 +59,8 @@ class Evaluator:
         """Score one frame.
 
         Args:
-            truth: what is there.
-            tracks: what is reported, in the same frame of reference.
+            truth: the objects.
+            tracks: the reported tracks, in the same frame of reference.
 
         Raises:
             InvalidValueError: boxes are not finite or have no size, ids are not unique, or labels are no classes.
@@ -57,12 +68,14 @@ class Evaluator:
         truth.validate()
         tracks.validate()
         if not len(tracks):
-            self.log.append(truth, tracks, Pairs.none())
+            self.log.append(truth, tracks, CandidatePairs.empty())
             return FrameCounts(0, 0, len(truth), 0, len(truth))
         frame = len(self.log)
-        alike = find_pairs(truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label])
-        self.log.append(truth, tracks, alike)
-        pairs = alike[truth.label[alike.truth] == tracks.label[alike.track]]
+        candidates = find_candidate_pairs(
+            truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label]
+        )
+        self.log.append(truth, tracks, candidates)
+        pairs = candidates[truth.label[candidates.truth] == tracks.label[candidates.track]]
         slots = self._slots(truth.id)
         kept = self._last_frame[slots] == frame - 1
         same = self._last_track[slots][pairs.truth] == tracks.id[pairs.track]
@@ -78,7 +91,7 @@ class Evaluator:
         return FrameCounts(tp, len(tracks) - tp, len(truth) - tp, int(switched.sum()), len(truth))
 
     def _slots(self, ids: Ints) -> Ints:
-        """Where each of `ids` is kept, (N,); new ones get a place."""
+        """Return the slot (N,) in which each object's last match is kept; new objects get one."""
         place, known = look_up(self._object, ids)
         if not known.all():
             new = np.sort(ids[~known])

@@ -1,7 +1,7 @@
-"""HOTA: detection and association weighed alike, over 19 thresholds (Luiten et al., "HOTA", IJCV 2021).
+"""HOTA: detection and association with equal weight, over 19 thresholds (Luiten et al., "HOTA", IJCV 2021).
 
-Follows TrackEval: each frame is matched once, for the largest sum of similarity times how well object and track are
-aligned over the whole sequence; the matches are then cut at each threshold alpha.
+As in TrackEval, each frame is matched once, for the largest sum of similarity times the alignment of object and track
+over the whole sequence; the matches are then cut at each threshold alpha.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.cooccurrence import Couples
+from coopsim.metrics.cooccurrence import Cooccurrence
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, match_frame
 
 ALPHAS = np.arange(1, 20) / 20
@@ -25,13 +25,13 @@ _ROUNDING = np.finfo(float).eps
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hota:
-    """Counts at each alpha, over any number of sequences; what follows from them are means over alpha, in [0, 1].
+    """Counts at each alpha, over any number of sequences. The properties are means over alpha, in [0, 1].
 
     Attributes:
         tp: (19,) matched pairs.
         truth: number of truth boxes.
         reported: number of reported boxes.
-        association: (19,) sum over matched pairs of how well object and track are associated.
+        association: (19,) sum over matched pairs of TPA / (TPA + FNA + FPA) of their object and track.
         similarity: (19,) sum over matched pairs.
     """
 
@@ -58,7 +58,7 @@ class Hota:
 
     @property
     def loc_a(self) -> float:
-        """Localisation accuracy: mean similarity of matched pairs; as in TrackEval, 1 where there is none."""
+        """Localisation accuracy: mean similarity of matched pairs; 1 without matches, as in TrackEval."""
         return float(np.divide(self.similarity, self.tp, out=np.ones(len(ALPHAS)), where=self.tp > 0).mean())
 
     @property
@@ -73,40 +73,40 @@ class Hota:
 
 
 def count_hota(sequences: Iterable[NumberedSequence]) -> Hota:
-    """Counts over sequences; their pairs are all those with any similarity."""
+    """Count over sequences, whose pairs are all those with a positive similarity."""
     tp, association, similarity = np.zeros((3, len(ALPHAS)))
     truth = reported = 0
     for sequence in sequences:
         data = sequence.arrays
         truth, reported = truth + len(data.truth), reported + len(data.track)
-        couples = Couples.of(sequence)
-        weight = _alignment(data, couples)[couples.of_pair] * data.pair_similarity
+        combinations = Cooccurrence.of(sequence)
+        weight = _alignment(data, combinations)[combinations.of_pair] * data.pair_similarity
         matched = _match(data, weight)
         for a, alpha in enumerate(ALPHAS):
             hit = matched[data.pair_similarity[matched] >= alpha - _ROUNDING]
-            together = np.bincount(couples.of_pair[hit], minlength=len(couples))
+            together = np.bincount(combinations.of_pair[hit], minlength=len(combinations))
             tp[a] += len(hit)
-            association[a] += (together**2 / np.maximum(1, couples.frames - together)).sum()
+            association[a] += (together**2 / np.maximum(1, combinations.frames - together)).sum()
             similarity[a] += data.pair_similarity[hit].sum()
     return Hota(tp, truth, reported, association, similarity)
 
 
-def _alignment(data: SequenceArrays, couples: Couples) -> Floats:
-    """(C,) how well each couple is aligned over the sequence: a Jaccard index of soft counts.
+def _alignment(data: SequenceArrays, combinations: Cooccurrence) -> Floats:
+    """Compute the alignment (C,) of each object and track over the sequence: a Jaccard index of soft counts.
 
-    A pair of a frame counts with its similarity's share of all that its object and its track have there.
+    A pair of a frame counts with its similarity's share of all similarity that its object and its track have there.
     """
-    object_sum = np.bincount(couples.truth_row, data.pair_similarity, len(data.truth))[couples.truth_row]
-    track_sum = np.bincount(couples.track_row, data.pair_similarity, len(data.track))[couples.track_row]
+    object_sum = np.bincount(combinations.truth_row, data.pair_similarity, len(data.truth))[combinations.truth_row]
+    track_sum = np.bincount(combinations.track_row, data.pair_similarity, len(data.track))[combinations.track_row]
     share = data.pair_similarity / (object_sum + track_sum - data.pair_similarity)
-    together = np.bincount(couples.of_pair, share, len(couples))
-    aligned: Floats = together / (couples.frames - together)
+    together = np.bincount(combinations.of_pair, share, len(combinations))
+    aligned: Floats = together / (combinations.frames - together)
     return aligned
 
 
 @njit(cache=True, nogil=True)
 def _match(data: SequenceArrays, weight: Floats) -> NDArray[np.int64]:
-    """Indices of the matched pairs: in each frame one to one, with the largest sum of weights (P,)."""
+    """Match each frame one to one for the largest sum of weights (P,). Return the indices of the matched pairs."""
     matched = np.empty(len(data.truth), np.int64)
     count = 0
     for frame in range(len(data.truth_start) - 1):

@@ -1,4 +1,4 @@
-"""Identity metrics: every object has at most one right track (Ristani et al., ECCV workshops 2016)."""
+"""Identity metrics: each object is assigned at most one track for its whole life (Ristani et al., ECCVW 2016)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coopsim.metrics.cooccurrence import Couples
+from coopsim.metrics.cooccurrence import Cooccurrence
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.types import Ints
 
@@ -20,7 +20,7 @@ class Identity:
     """Counts over any number of sequences.
 
     Attributes:
-        tp: boxes of objects that their one track is on.
+        tp: boxes of objects on which the object's assigned track is.
         truth: number of truth boxes.
         reported: number of reported boxes.
     """
@@ -46,7 +46,7 @@ class Identity:
 
 
 def count_identity(sequences: Iterable[NumberedSequence]) -> Identity:
-    """Counts over sequences; their pairs are those of a track on an object."""
+    """Count over sequences, whose pairs are those of a track on an object."""
     tp = truth = reported = 0
     for sequence in sequences:
         truth, reported = truth + len(sequence.arrays.truth), reported + len(sequence.arrays.track)
@@ -55,23 +55,24 @@ def count_identity(sequences: Iterable[NumberedSequence]) -> Identity:
 
 
 def _best_assignment(sequence: NumberedSequence) -> int:
-    """Frames that objects spend with their one track, when tracks are dealt out so that these are most."""
-    couples = Couples.of(sequence)
-    together = np.bincount(couples.of_pair, minlength=len(couples))
-    # Dealt out apart where objects share no track, even over corners: a tracker with a new id in every frame
-    # makes one huge assignment otherwise.
+    """Assign tracks to objects so that the frames they spend together are most. Return the number of these frames."""
+    combinations = Cooccurrence.of(sequence)
+    together = np.bincount(combinations.of_pair, minlength=len(combinations))
+    # Each connected group on its own: a tracker with a new id in every frame makes one huge assignment otherwise.
     shape = (sequence.objects + len(sequence.mean_score),) * 2
-    edges = coo_array((together, (couples.object, sequence.objects + couples.track)), shape=shape)
+    edges = coo_array((together, (combinations.object, sequence.objects + combinations.track)), shape=shape)
     _, group = connected_components(edges, directed=False)
-    order = np.argsort(group[couples.object], kind="stable")
-    borders = np.flatnonzero(np.diff(group[couples.object[order]])) + 1
+    group = group[combinations.object]
+    order = np.argsort(group, kind="stable")
+    borders = np.flatnonzero(np.diff(group[order])) + 1
     return sum(
-        _largest_sum(couples.object[part], couples.track[part], together[part]) for part in np.split(order, borders)
+        _largest_sum(combinations.object[part], combinations.track[part], together[part])
+        for part in np.split(order, borders)
     )
 
 
 def _largest_sum(objects: Ints, tracks: Ints, together: Ints) -> int:
-    """The same among couples (C,) that hang together."""
+    """Solve the assignment of one connected group of C combinations."""
     _, row = np.unique(objects, return_inverse=True)
     _, column = np.unique(tracks, return_inverse=True)
     if not (row.any() and column.any()):  # one object, or one track: it gets the best

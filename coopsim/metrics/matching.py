@@ -1,8 +1,8 @@
-"""The one matching that all metrics share: CLEAR's, over a whole sequence, compiled.
+"""CLEAR's matching of objects and tracks over a whole sequence, compiled; all metrics share it.
 
 In each frame truth and tracks are matched one to one so that the sum of similarities is largest; a pair that was
 matched in the frame before is kept as long as it stays above the threshold (Bernardin and Stiefelhagen 2008).
-This is also what TrackEval's CLEAR does, whose bonus of 1000 for kept pairs is used here.
+TrackEval's CLEAR does the same, with a bonus of 1000 for kept pairs, which is used here too.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ KEEP_BONUS = 1000.0
 
 
 def frame_of(start: Ints) -> Ints:
-    """(N,) the frame that each row is in, of rows whose frames begin at `start` (F + 1,)."""
+    """Return the frame (N,) of each row, for frames that begin at the rows `start` (F + 1,)."""
     return np.repeat(np.arange(len(start) - 1), np.diff(start))
 
 
 class SequenceArrays(NamedTuple):
-    """One sequence, flat. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
+    """One sequence as flat arrays. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
 
     Attributes:
         truth_start: (F + 1,) offsets into `truth`.
@@ -55,7 +55,7 @@ class NumberedSequence:
 
     Attributes:
         arrays: the flat arrays.
-        objects: how many objects.
+        objects: number of objects.
         mean_score: (tracks,) mean score of each track over the sequence.
     """
 
@@ -65,15 +65,15 @@ class NumberedSequence:
 
 
 class SequenceMatches(NamedTuple):
-    """What the matching of one sequence gives.
+    """The matches of one sequence.
 
     Attributes:
         track_of: (G,) number of the track matched to each truth box, or -1.
         similarity: (G,) of the matched pairs, 0 elsewhere.
-        switched: (G,) identity switches: matched to another track than when the object was last matched.
-        adjacent_switches: how many of them happen from one frame of the object to its next, without a gap.
+        switched: (G,) whether the box is an identity switch: matched to another track than at the object's last match.
+        adjacent_switches: number of switches between two successive frames of an object, without a gap.
         false_positives: reported boxes without a truth box.
-        present: (objects,) frames in which each object is there.
+        present: (objects,) frames in which each object is present.
         matched: (objects,) frames in which it is matched.
         fragments: (objects,) runs of consecutive matched frames.
     """
@@ -90,7 +90,7 @@ class SequenceMatches(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int) -> SequenceMatches:
-    """Match a sequence, with only the tracks whose number is `active` (tracks,)."""
+    """Match a sequence with its active tracks only; `active` (tracks,) is a mask."""
     track_of = np.full(len(data.truth), -1)
     similarity = np.zeros(len(data.truth))
     switched = np.zeros(len(data.truth), np.bool_)
@@ -142,7 +142,7 @@ def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int
 
 @njit(cache=True, nogil=True)
 def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weight: Floats) -> Ints:
-    """One-to-one matching with the largest sum of weights.
+    """Match rows and columns one to one for the largest sum of weights.
 
     Args:
         rows: number of rows.
@@ -160,7 +160,7 @@ def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weig
         if weight[p] > 0:
             row_degree[pair_row[p]] += 1
             column_degree[pair_column[p]] += 1
-    # Most objects have one candidate that has no other: only the rest is worth an optimisation.
+    # Most objects have a single candidate that has no other object: only the rest needs an optimisation.
     row_slot, column_slot = np.full(rows, -1), np.full(columns, -1)
     hard_rows, hard_columns = 0, 0
     for p in range(len(weight)):
@@ -194,7 +194,7 @@ def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weig
 
 @njit(cache=True, nogil=True)
 def cheapest_assignment(cost: Floats) -> Ints:
-    """The column of each row in the assignment of least total cost; (n,) for (n, m) with n <= m.
+    """Return the column (n,) of each row in the assignment of least total cost (n, m), n <= m.
 
     Shortest augmenting paths with potentials (Jonker and Volgenant 1987), compiled so that it can be called once per
     frame and recall point without the overhead of a call from Python.

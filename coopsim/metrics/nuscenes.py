@@ -2,7 +2,7 @@
 
 Caesar et al., "nuScenes", CVPR 2020, and the development kit of its tracking task. Like AB3DMOT's, tracks are cut by
 their mean score; unlike there, an object of any size is matched within 2 m, thresholds are interpolated between
-scores, and a level of recall that is not reached counts as the worst value.
+scores, and an unreached level of recall counts as the worst value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ RECALLS = np.linspace(0.1, 1.0, 40).round(12)  # rounded as in the development k
 
 @dataclass(frozen=True, slots=True)
 class NearSweep:
-    """What nuScenes averages.
+    """nuScenes' averages over levels of recall.
 
     Attributes:
         amota: mean MOTAR, in [0, 1].
@@ -43,7 +43,7 @@ def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
 
 
 def score_thresholds(scores: Floats, truth: int) -> list[float]:
-    """The mean track scores at which the levels of recall are reached; levels that are not are left out.
+    """Find the mean track scores at which the levels of recall are reached; unreached levels are left out.
 
     Args:
         scores: (TP,) mean track score of every match.
@@ -57,7 +57,7 @@ def score_thresholds(scores: Floats, truth: int) -> list[float]:
 
 
 def _match_scores(sequences: Sequence[NumberedSequence]) -> Floats:
-    """(TP,) mean track score of every match that is no identity switch, with all tracks there."""
+    """Return the mean track score (TP,) of every match that is not an identity switch, with all tracks."""
     scores = [np.zeros(0)]
     for sequence in sequences:
         found = match_sequence(sequence.arrays, np.ones(len(sequence.mean_score), np.bool_), sequence.objects)
@@ -67,9 +67,9 @@ def _match_scores(sequences: Sequence[NumberedSequence]) -> Floats:
 
 
 def _motar(clear: Clear) -> float:
-    """1 - (IDS + FP + FN - (1 - r) GT) / (r GT), at least 0, with the recall r that is measured.
+    """Return 1 - (IDS + FP + FN - (1 - r) GT) / (r GT), at least 0, with the measured recall r.
 
-    The development kit counts a switch as no match, so r GT = TP - IDS and only FP stays above the line.
+    The development kit does not count a switch as a match, so r GT = TP - IDS, and only FP stays in the numerator.
     """
     matches = clear.tp - clear.ids
     return max(0.0, 1.0 - clear.fp / matches) if matches else 0.0

@@ -1,9 +1,9 @@
 """AB3DMOT's averages over recall (Weng, Wang, Held and Kitani, "3D Multi-Object Tracking: A Baseline and New
 Evaluation Metrics", IROS 2020, sec. IV).
 
-A tracker's score depends on how sure it must be before it reports a track. The averages go through 40 levels of
-recall, cut at the matching mean track score, and average what CLEAR gives at each. Identity switches are counted
-as AB3DMOT's code does, which took the rule from KITTI's: only between two successive frames of an object.
+A tracker's score depends on the confidence from which it reports a track. So CLEAR is computed at 40 levels of recall,
+each reached by a threshold of mean track score, and averaged. Identity switches are counted as in AB3DMOT's code,
+which took the rule from KITTI's: only between two successive frames of an object.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class OperatingPoint:
 
 @dataclass(frozen=True, slots=True)
 class RecallSweep:
-    """CLEAR over all levels of recall that a tracker reaches.
+    """CLEAR at all levels of recall that a tracker reaches.
 
     Attributes:
-        all_tracks: with every track, whatever its score; plain CLEAR, with switches across gaps.
-        points: the levels reached, in order of rising recall; at most 40.
+        all_tracks: plain CLEAR of every track, whatever its score, with switches across gaps.
+        points: the reached levels, in order of rising recall; at most 40.
     """
 
     all_tracks: Clear
@@ -49,33 +49,33 @@ class RecallSweep:
 
     @property
     def samota(self) -> float:
-        """Mean scaled MOTA over 40 levels (eq. 5); a level that is not reached counts 0."""
+        """Mean scaled MOTA over 40 levels (eq. 5); an unreached level counts 0."""
         return sum(point.clear.scaled_mota(point.recall) for point in self.points) / RECALL_POINTS
 
     @property
     def amota(self) -> float:
-        """Mean MOTA over 40 levels (eq. 2); a level that is not reached counts 0."""
+        """Mean MOTA over 40 levels (eq. 2); an unreached level counts 0."""
         return sum(point.clear.mota for point in self.points) / RECALL_POINTS
 
     @property
     def amotp(self) -> float:
-        """Mean MOTP over 40 levels; a level that is not reached counts 0."""
+        """Mean MOTP over 40 levels; an unreached level counts 0."""
         return sum(point.clear.motp for point in self.points) / RECALL_POINTS
 
     @property
     def best(self) -> Clear:
-        """CLEAR at the level with the highest MOTA, which AB3DMOT's tables report; else with all tracks."""
+        """CLEAR at the level with the highest MOTA, as in AB3DMOT's tables; of all tracks without levels."""
         candidates = [point.clear for point in self.points]
         return max(candidates, key=lambda clear: clear.mota, default=self.all_tracks)
 
     def without_false_positives(self) -> RecallSweep:
-        """The same with no false positive counted: neither the matching nor the levels depend on them."""
+        """Return the sweep without false positives; neither the matching nor the levels depend on them."""
         points = (replace(point, clear=replace(point.clear, fp=0)) for point in self.points)
         return RecallSweep(replace(self.all_tracks, fp=0), tuple(points))
 
 
 def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
-    """Count at every level of recall."""
+    """Compute CLEAR at every level of recall."""
     all_tracks, scores = count_clear(sequences)
     points = []
     for recall, threshold in recall_thresholds(scores, all_tracks.gt):
@@ -85,10 +85,10 @@ def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
 
 
 def recall_thresholds(scores: Floats, truth: int) -> list[tuple[float, float]]:
-    """Levels of recall and the scores at which they are reached.
+    """Find the levels of recall and the scores at which they are reached.
 
-    As in AB3DMOT's code: each level, in steps of 1/40 from 0, is given to the match whose recall is nearest to it;
-    the level 0 is left out.
+    As in AB3DMOT's code, each level, in steps of 1/40 from 0, is assigned to the match whose recall is nearest to it;
+    level 0 is left out.
 
     Args:
         scores: (TP,) mean track score of every match.

@@ -1,4 +1,4 @@
-"""The score that users read: values by name, for everything, each class, each band of distance, and each agent."""
+"""The score that users read: values by name for the whole, each class, superclass and band of distance, each agent."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.metrics.recall_averages import RecallSweep, sweep_recall
+from coopsim.metrics.built_in import all_metrics, clear_values, custom_metrics
+from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.metric import SweepMetric
+from coopsim.metrics.recall_averages import RecallSweep
 from coopsim.metrics.recall_by_visibility import GroupRecall, pooled, recall_by_visibility
-from coopsim.metrics.track_log import FlatLog, TrackLog
-from coopsim.metrics.values import AP_NAMES, average_values, clear_values, uncut_values
+from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
-from coopsim.types.taxonomy import CLASS_NAMES, Superclass
+from coopsim.types.taxonomy import Superclass
 
 FalsePositives = Literal["count", "ignore"]
 
-BANDS_M: Mapping[str, tuple[float, float]] = {"0-30 m": (0, 30), "30-50 m": (30, 50), "50-100 m": (50, 100)}
-"""Bands of distance from the reporting agent on the ground; the upper end belongs to the next."""
-
 _TABLE = ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "IDF1", "MT", "ML", "IDS", "FRAG", "FP", "FN", "GT")
+_PARTS = ("classes", "superclasses", "bands")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,21 +30,21 @@ class Score:
     """Values by metric name; `score["MOTA"]` reads one.
 
     Ratios are per cent: sAMOTA, AMOTA and AMOTP over 40 levels of recall; MOTA, MOTP, sMOTA, MODA, recall, precision,
-    MT, PT and ML at the level with the best MOTA, as AB3DMOT's tables give them. The counts beside them (TP, FP, FN,
-    GT, IDS, FRAG, objects) are those they were made from, at the same level. `all_tracks` has the same names without
-    any cut by score: plain CLEAR. All others (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported
-    and always count false positives; `docs/reference/metrics.md` has each name.
+    MT, PT and ML at the level with the best MOTA, as in AB3DMOT's tables. The counts TP, FP, FN, GT, IDS, FRAG and
+    objects belong to the same level. `all_tracks` has the same names without any cut by score: plain CLEAR. All other
+    metrics (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported and always count false positives;
+    `docs/reference/metrics.md` explains each name. Registered metrics (`coopsim.metrics.metric.METRICS`) are among the values.
 
     Attributes:
         values: by metric name.
         all_tracks: plain CLEAR of everything that was reported.
-        false_positives: whether CLEAR and AB3DMOT's averages count or ignore them.
-        classes: the same by class name, for classes of which there was an object.
-        bands: the same by distance from the reporting agent, as "0-30 m", where there was an object.
-        agents: the same by agent, where this is a mean over agents.
+        false_positives: whether CLEAR and AB3DMOT's averages count or ignore false positives.
+        classes: the score of each class of which there was an object, by name.
+        bands: the score of each band of distance from the reporting agent with an object in it, as "0-30 m".
+        agents: the score of each agent, where this is a mean over agents.
         sweep: CLEAR at every level of recall; None for a mean over agents.
-        superclasses: the same by superclass ("Vehicle", "Pedestrian", "Truck"), where there was an object; in it, a
-            track may be on an object of another class.
+        superclasses: the score of each superclass ("Vehicle", "Pedestrian", "Truck") of which there was an object; in
+            it, a track may be on an object of another class of the superclass.
         visibility: recall by who saw an object, as "others only", pooled over agents; empty where that is not known.
     """
 
@@ -65,18 +65,14 @@ class Score:
 
     @classmethod
     def mean(cls, agents: Mapping[str, Score]) -> Score:
-        """The mean over agents of every value; of a class or band, over the agents that met it."""
-        parts = list(agents.values())
-        classes, superclasses, bands = (
-            _means([getattr(part, each) for part in parts]) for each in ("classes", "superclasses", "bands")
-        )
-        mean = _mean_of(parts)
-        visibility = pooled(part.visibility for part in parts)
-        mean = replace(mean, classes=classes, superclasses=superclasses, bands=bands, visibility=visibility)
-        return replace(mean, agents=dict(agents))
+        """Average every value over agents; a class's, superclass's or band's over the agents that met it."""
+        scores = list(agents.values())
+        parts: dict[str, Any] = {name: _means([getattr(score, name) for score in scores]) for name in _PARTS}
+        visibility = pooled(score.visibility for score in scores)
+        return replace(_mean_of(scores), **parts, agents=dict(agents), visibility=visibility)
 
     def ignoring_false_positives(self) -> Score:
-        """The same with false positives ignored, which needs no new matching; values that always count them stay.
+        """Return the score with false positives ignored, without a new matching; values that count them stay.
 
         Raises:
             InvalidValueError: it is the mean of a class or band, which keeps no levels of recall; ask the whole.
@@ -86,116 +82,101 @@ class Score:
         if self.sweep is None:
             raise InvalidValueError("the mean of a class or band keeps no levels of recall: ask the whole score")
         sweep = self.sweep.without_false_positives()
-        return Score(
-            {**self.values, **average_values(sweep), **clear_values(sweep.best)},
-            clear_values(sweep.all_tracks),
-            "ignore",
-            {name: score.ignoring_false_positives() for name, score in self.classes.items()},
-            {name: score.ignoring_false_positives() for name, score in self.bands.items()},
+        changed = {
+            name: metric.of_sweep(sweep) for name, metric in all_metrics().items() if isinstance(metric, SweepMetric)
+        }
+        return replace(
+            self,
+            values={name: changed.get(name, value) for name, value in self.values.items()},
+            all_tracks=clear_values(sweep.all_tracks),
+            false_positives="ignore",
             sweep=sweep,
-            superclasses={name: score.ignoring_false_positives() for name, score in self.superclasses.items()},
-            visibility=self.visibility,
+            **{
+                name: {child: score.ignoring_false_positives() for child, score in getattr(self, name).items()}
+                for name in _PARTS
+            },
         )
 
     def table(self) -> str:
-        """Aligned plain text: the whole, then each class, superclass of several classes, band and agent."""
+        """Format aligned plain text: the whole, then each class, superclass of several classes, band and agent."""
         # A superclass of which there was one class is that class again.
-        pooled = {
+        pools = {
             name: score
             for name, score in self.superclasses.items()
             if sum(cls.title in self.classes for cls in Superclass(name).classes) > 1
         }
-        parts = (self.classes, pooled, self.bands, self.agents)
-        lines: list[tuple[str, Score]] = [("all", self), *(line for part in parts for line in part.items())]
-        rows = [[name, *(f"{score[metric]:.1f}" for metric in _TABLE)] for name, score in lines]
-        text = tabulate(rows, headers=["", *_TABLE], disable_numparse=True, colalign=["left", *["right"] * len(_TABLE)])
+        lines = [("all", self)]
+        for part in (self.classes, pools, self.bands, self.agents):
+            lines += part.items()
+        forms = dict.fromkeys(_TABLE, ".1f") | {name: metric.form for name, metric in custom_metrics().items()}
+        forms = {name: form for name, form in forms.items() if name in self.values}
+        rows = [
+            [
+                title,
+                *(format(score.values[name], form) if name in score.values else "-" for name, form in forms.items()),
+            ]
+            for title, score in lines
+        ]
+        text = tabulate(rows, ["", *forms], disable_numparse=True, colalign=["left", *["right"] * len(forms)])
         ignored = "" if self.false_positives == "count" else "\nfalse positives are ignored"
         return text + ignored
 
     def to_dict(self) -> dict[str, Any]:
-        """Ready for JSON: the values, and below them `all_tracks` and the parts by class, agent, ... that there are."""
-        parts: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
-        for name in ("classes", "superclasses", "bands", "agents"):
+        """Return plain data for JSON: values, `all_tracks`, and the parts by class, band, agent, ... that there are."""
+        content: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
+        for name in (*_PARTS, "agents"):
             children: Mapping[str, Score] = getattr(self, name)
             if children:
-                parts[name] = {child: score.to_dict() for child, score in children.items()}
+                content[name] = {child: score.to_dict() for child, score in children.items()}
         if self.visibility:
-            parts["visibility"] = {name: group.as_dict() for name, group in self.visibility.items()}
-        return parts
+            content["visibility"] = {name: group.as_dict() for name, group in self.visibility.items()}
+        return content
 
 
 def summarize(
     logs: Sequence[TrackLog],
     *,
     false_positives: FalsePositives = "count",
-    extra: Mapping[str, float] | None = None,
+    bytes_per_s: float | None = None,
 ) -> Score:
-    """The score of one agent over any number of sequences, pooled.
+    """Score one agent over any number of sequences, pooled, by every registered metric.
 
     Args:
         logs: one per sequence.
         false_positives: "count", or "ignore": an unmatched track costs nothing. Published V2V4Real tables
             ignore them, because their script drops unmatched boxes that are low in an image which does not exist.
-        extra: further values to carry along, such as bytes per second.
+        bytes_per_s: what the agent broadcast per second; None: the score has no such value.
 
     Raises:
-        UnknownNameError: `false_positives` is neither.
+        UnknownNameError: `false_positives` is neither "count" nor "ignore".
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    pools = [log.flat() for log in logs]
-    flats = [pool.by_class() for pool in pools]
-    labels = sorted({int(label) for flat in flats for label in flat.labels})
-    classes = {CLASS_NAMES[label]: _score([flat.only(label) for flat in flats]) for label in labels}
-    reported = {int(label) for flat in flats for label in np.unique(flat.track_label)}
-
-    def score_of(parts: Sequence[FlatLog], wanted: Sequence[int]) -> Score:
-        # With a single class that nothing else was reported as, the pool is that class: no second sweep.
-        present = set(labels).intersection(wanted)
-        if len(present) == 1 and reported.intersection(wanted) <= present:
-            return classes[CLASS_NAMES[present.pop()]]
-        return _score(parts)
-
-    whole = score_of(flats, range(len(CLASS_NAMES)))
-    superclasses = {
-        each.title: score_of([pool.only(*each.classes) for pool in pools], each.classes)
-        for each in Superclass
-        if set(labels).intersection(each.classes)
+    pool = LogPool.of(logs, bytes_per_s)
+    parts: dict[str, Any] = {
+        name: {child: _score(part) for child, part in getattr(pool, name).items()} for name in _PARTS
     }
-    bands = {name: _score([flat.within(*band) for flat in flats]) for name, band in BANDS_M.items()}
-    score = replace(
-        whole,
-        values={**whole.values, **_mean_precisions(classes), **(extra or {})},
-        classes=classes,
-        superclasses=superclasses,
-        bands={name: band for name, band in bands.items() if band["GT"]},
-        visibility=recall_by_visibility(flats),
-    )
+    score = replace(_score(pool, whole=True), **parts, visibility=recall_by_visibility(pool.logs))
     return score if false_positives == "count" else score.ignoring_false_positives()
 
 
-def _score(flats: Sequence[FlatLog]) -> Score:
-    sequences = [flat.numbered(flat.iou_3d, flat.match_iou) for flat in flats]
-    sweep = sweep_recall(sequences)
-    values = average_values(sweep) | clear_values(sweep.best) | uncut_values(flats, sequences)
-    return Score(values, clear_values(sweep.all_tracks), "count", sweep=sweep)
-
-
-def _mean_precisions(classes: Mapping[str, Score]) -> dict[str, float]:
-    """Mean over classes of each average precision."""
-    return {f"m{name}": _mean([score[name] for score in classes.values()]) for name in AP_NAMES}
+def _score(pool: LogPool, whole: bool = False) -> Score:
+    values = {name: metric.value(pool) for name, metric in all_metrics().items() if whole or not metric.whole_only}
+    known = {name: float(value) for name, value in values.items() if value is not None}
+    return Score(known, clear_values(pool.sweep.all_tracks), "count", sweep=pool.sweep)
 
 
 def _means(parts: Sequence[Mapping[str, Score]]) -> dict[str, Score]:
-    """The mean of each name's scores, over the parts that have it."""
+    """Average each name's scores over the parts that have it."""
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: _mean_of([part[name] for part in parts if name in part]) for name in names}
 
 
-def _mean_of(parts: Sequence[Score]) -> Score:
-    values = {name: _mean([part.values[name] for part in parts]) for name in parts[0].values}
-    all_tracks = {name: _mean([part.all_tracks[name] for part in parts]) for name in parts[0].all_tracks}
-    return Score(values, all_tracks, parts[0].false_positives)
+def _mean_of(scores: Sequence[Score]) -> Score:
+    values, all_tracks = ([getattr(score, name) for score in scores] for name in ("values", "all_tracks"))
+    return Score(_mean_values(values), _mean_values(all_tracks), scores[0].false_positives)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else 0.0
+def _mean_values(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Average each name's values over the parts that have it."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: float(np.mean([part[name] for part in parts if name in part])) for name in names}

@@ -1,4 +1,4 @@
-"""What is kept of a sequence for scoring: who was there, how far away, and which pairs could be matches. No boxes."""
+"""The log of a sequence for scoring: ids, classes, scores, distances and candidate pairs of every frame, no boxes."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.candidate_pairs import NEAR_M, Pairs
-from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
+from coopsim.metrics.candidate_pairs import NEAR_M, CandidatePairs
+from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceMatches, frame_of, match_sequence
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Tracks
 
 _COLUMNS = {
     "truth_id": "q",
     "truth_label": "b",
-    "truth_range": "f",
+    "truth_range_m": "f",
     "truth_seen_by": "b",
     "track_id": "q",
     "track_label": "b",
-    "track_range": "f",
+    "track_range_m": "f",
     "score": "d",
     "pair_truth": "i",
     "pair_track": "i",
     "iou_3d": "d",
     "iou_bev": "d",
-    "distance": "d",
+    "distance_m": "d",
 }
-"""What is logged, and its type as `array` and numpy name it."""
+"""The logged columns, with the type codes of `array` and numpy."""
 
 _WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.float64}
-"""The type that each has in calculations."""
+"""Type codes in the log, and the types of the same values in calculations."""
 
 
 class TrackLog:
-    """One sequence of one agent, frame by frame.
+    """The log of one sequence of one agent, which grows frame by frame.
 
-    Columns grow as flat arrays: an hour of frames costs what is in them, not an object for each.
+    Columns are flat arrays, so that a long sequence takes no Python object per frame.
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
@@ -56,20 +56,20 @@ class TrackLog:
     def __len__(self) -> int:
         return len(self._starts["truth_start"]) - 1
 
-    def append(self, truth: GroundTruth, tracks: Tracks, pairs: Pairs) -> None:
-        """Add a frame; the pairs are those of `find_pairs` by superclass."""
+    def append(self, truth: GroundTruth, tracks: Tracks, pairs: CandidatePairs) -> None:
+        """Add a frame, with its candidate pairs of one superclass."""
         for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
             start.append(start[-1] + count)
         seen_by = np.full(len(truth), -1) if truth.seen_by is None else truth.seen_by
         objects = (truth.id, truth.label, _range_m(truth.boxes), seen_by)
         reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
-        paired = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance)
-        for column, values in zip(self._columns.values(), (*objects, *reported, *paired), strict=True):
+        candidates = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)
+        for column, values in zip(self._columns.values(), (*objects, *reported, *candidates), strict=True):
             if len(values):
                 column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
 
     def flat(self) -> FlatLog:
-        """All frames as flat arrays, with the pairs of a superclass; `FlatLog.by_class` has those of a class."""
+        """Return all frames as flat arrays, with the pairs of one superclass (see `FlatLog.by_class`)."""
         columns = {**self._starts, **self._columns}
         arrays: dict[str, Any] = {name: np.array(column, _WIDE[column.typecode]) for name, column in columns.items()}
         return FlatLog(**arrays, match_iou=self.match_iou)
@@ -78,25 +78,25 @@ class TrackLog:
 # Without slots, so that the numbering can be kept.
 @dataclass(frozen=True, eq=False)
 class FlatLog:
-    """A sequence as flat arrays; offsets (F + 1,) say where each frame begins.
+    """A sequence of F frames with G truth boxes, T reported boxes and P candidate pairs, as flat arrays.
 
     Attributes:
-        truth_start: offsets into the truth.
-        track_start: offsets into the tracks.
-        pair_start: offsets into the pairs.
+        truth_start: (F + 1,) offsets into the truth: where each frame begins.
+        track_start: (F + 1,) offsets into the tracks.
+        pair_start: (F + 1,) offsets into the pairs.
         truth_id: (G,).
         truth_label: (G,).
-        truth_range: (G,) m from the reporting agent, on the ground.
-        truth_seen_by: (G,) who saw it, -1 where that is not known.
+        truth_range_m: (G,) distance from the reporting agent, on the ground.
+        truth_seen_by: (G,) index into `recall_by_visibility.SEEN_BY`, -1 where it is not known.
         track_id: (T,).
         track_label: (T,).
-        track_range: (T,) m from the reporting agent, on the ground.
+        track_range_m: (T,) distance from the reporting agent, on the ground.
         score: (T,) of the tracks.
         pair_truth: (P,) rows within the frame.
         pair_track: (P,) rows within the frame.
         iou_3d: (P,).
         iou_bev: (P,).
-        distance: (P,) m between the centres, on the ground.
+        distance_m: (P,) between the centres, on the ground.
         match_iou: 3D IoU from which a track is on an object.
     """
 
@@ -105,17 +105,17 @@ class FlatLog:
     pair_start: Ints
     truth_id: Ints
     truth_label: Ints
-    truth_range: Floats
+    truth_range_m: Floats
     truth_seen_by: Ints
     track_id: Ints
     track_label: Ints
-    track_range: Floats
+    track_range_m: Floats
     score: Floats
     pair_truth: Ints
     pair_track: Ints
     iou_3d: Floats
     iou_bev: Floats
-    distance: Floats
+    distance_m: Floats
     match_iou: float
 
     @property
@@ -125,37 +125,43 @@ class FlatLog:
 
     @cached_property
     def nearness(self) -> Floats:
-        """(P,) 1 - distance / 2 m, at least 0: TrackEval's similarity by distance, with nuScenes' reach."""
-        return np.maximum(0.0, 1.0 - self.distance / NEAR_M)
+        """(P,) 1 - distance / 2 m, at least 0: TrackEval's similarity by distance, with nuScenes' 2 m."""
+        return np.maximum(0.0, 1.0 - self.distance_m / NEAR_M)
+
+    @cached_property
+    def matches(self) -> SequenceMatches:
+        """CLEAR's matches of all tracks by 3D IoU, whatever their score."""
+        sequence = self.numbered(self.iou_3d, self.match_iou)
+        return match_sequence(sequence.arrays, np.ones(len(sequence.mean_score), dtype=np.bool_), sequence.objects)
 
     def by_class(self) -> FlatLog:
-        """The same with no pair of an object of one class and a track of another."""
+        """Return the log without pairs of an object of one class and a track of another."""
         truth_row, track_row = self._pair_rows
         kept = self.truth_label[truth_row] == self.track_label[track_row]
-        columns = ("pair_truth", "pair_track", "iou_3d", "iou_bev", "distance")
+        columns = ("pair_truth", "pair_track", "iou_3d", "iou_bev", "distance_m")
         pairs = {name: getattr(self, name)[kept] for name in columns}
         return replace(self, pair_start=_starts(_per_frame(kept, self.pair_start)), **pairs)
 
     def only(self, *labels: int) -> FlatLog:
-        """The part of some classes, pooled."""
+        """Return the part of some classes, pooled."""
         return self._part(np.isin(self.truth_label, labels), np.isin(self.track_label, labels))
 
     def within(self, low_m: float, high_m: float) -> FlatLog:
-        """The part from one distance to below another.
+        """Return the part from one distance to below another.
 
-        An object belongs where it is. A track that is near an object belongs where that is, so that no good
-        pair is torn apart at a border; any other belongs where it is itself.
+        An object belongs to the band in which it is. A track with a candidate object belongs to the band of the
+        nearest one, so that no good pair is torn apart at a border; any other track belongs to its own.
         """
-        belongs = self.track_range.copy()
+        belongs = self.track_range_m.copy()
         truth_row, track_row = self._pair_rows
         # The last written wins, so the nearest object comes last.
-        order = np.argsort(-self.distance, kind="stable")
-        belongs[track_row[order]] = self.truth_range[truth_row[order]]
-        inside = [(low_m <= range_m) & (range_m < high_m) for range_m in (self.truth_range, belongs)]
+        order = np.argsort(-self.distance_m, kind="stable")
+        belongs[track_row[order]] = self.truth_range_m[truth_row[order]]
+        inside = [(low_m <= range_m) & (range_m < high_m) for range_m in (self.truth_range_m, belongs)]
         return self._part(*inside)
 
     def numbered(self, similarity: Floats, least: float = 0.0) -> NumberedSequence:
-        """What a matching needs, with the pairs whose similarity (P,) is positive and at least `least`."""
+        """Prepare for a matching, with the pairs whose similarity (P,) is positive and at least `least`."""
         pair = (similarity > 0) & (similarity >= least)
         (objects, truth), (track, mean_score) = self._numbers
         arrays = SequenceArrays(
@@ -172,19 +178,19 @@ class FlatLog:
 
     @cached_property
     def _numbers(self) -> tuple[tuple[int, Ints], tuple[Ints, Floats]]:
-        """How many objects, and which is each truth box's; which track is each reported box's, and mean scores."""
+        """Number of objects, each truth box's object (G,); each reported box's track (T,), each track's mean score."""
         objects, truth = np.unique(self.truth_id, return_inverse=True)
         _, track, frames = np.unique(self.track_id, return_inverse=True, return_counts=True)
         return (len(objects), truth), (track, np.bincount(track, weights=self.score) / frames)
 
     @cached_property
     def _pair_rows(self) -> tuple[Ints, Ints]:
-        """(P,) where each pair's truth box and reported box stand."""
+        """Rows (P,) of each pair's truth box and reported box in the sequence."""
         frame = frame_of(self.pair_start)
         return self.truth_start[frame] + self.pair_truth, self.track_start[frame] + self.pair_track
 
     def _part(self, truth: NDArray[np.bool_], track: NDArray[np.bool_]) -> FlatLog:
-        """The part with only some truth boxes (G,) and reported boxes (T,), and the pairs of both."""
+        """Return the part with the masked truth boxes (G,) and reported boxes (T,), and the pairs of both."""
         truth_row, track_row = self._pair_rows
         pair = truth[truth_row] & track[track_row]
         return FlatLog(
@@ -193,39 +199,39 @@ class FlatLog:
             pair_start=_starts(_per_frame(pair, self.pair_start)),
             truth_id=self.truth_id[truth],
             truth_label=self.truth_label[truth],
-            truth_range=self.truth_range[truth],
+            truth_range_m=self.truth_range_m[truth],
             truth_seen_by=self.truth_seen_by[truth],
             track_id=self.track_id[track],
             track_label=self.track_label[track],
-            track_range=self.track_range[track],
+            track_range_m=self.track_range_m[track],
             score=self.score[track],
             pair_truth=_rows_after(truth, self.truth_start)[truth_row][pair],
             pair_track=_rows_after(track, self.track_start)[track_row][pair],
             iou_3d=self.iou_3d[pair],
             iou_bev=self.iou_bev[pair],
-            distance=self.distance[pair],
+            distance_m=self.distance_m[pair],
             match_iou=self.match_iou,
         )
 
 
 def _range_m(boxes: Boxes3D) -> Floats:
-    """(N,) m from the origin, on the ground."""
+    """Return the distance (N,) from the origin, on the ground."""
     range_m: Floats = np.hypot(boxes.center[:, 0], boxes.center[:, 1])
     return range_m
 
 
 def _starts(lengths: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Ints:
-    """Offsets (N + 1,) of N parts of these lengths."""
+    """Return the offsets (N + 1,) of N consecutive parts of given lengths."""
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
 
 
 def _per_frame(kept: NDArray[np.bool_], start: Ints) -> Ints:
-    """How many are kept in each frame."""
+    """Count the kept elements of each frame."""
     return np.diff(_starts(kept)[start])
 
 
 def _rows_after(kept: NDArray[np.bool_], start: Ints) -> Ints:
-    """The row within its frame that each kept element has once the others are gone."""
+    """Return the row within its frame of each element once those that are not kept are gone."""
     total = _starts(kept)
     rows: Ints = total[:-1] - total[start[frame_of(start)]]
     return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeVar
 
@@ -68,4 +69,10 @@ class Registry(Generic[T]):
             importlib.import_module(self._home)
 
     def _points(self) -> Iterable[EntryPoint]:
-        return entry_points(group=self._group) if self._group else ()
+        return _points_of(self._group) if self._group else ()
+
+
+@cache
+def _points_of(group: str) -> Iterable[EntryPoint]:
+    # Read once: it takes milliseconds, and names are asked for often.
+    return tuple(entry_points(group=group))

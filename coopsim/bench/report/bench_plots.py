@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.bench.grid.axes import Axis, mildest_values, varying_axes
 from coopsim.bench.grid.cell import Condition
-from coopsim.bench.report.svg import line_look, to_svg
+from coopsim.bench.report.formats import line_look, to_svg
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
 

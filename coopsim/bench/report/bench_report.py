@@ -13,10 +13,10 @@ from coopsim.bench.grid.axes import Axis, label, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.bev_data import DRAWING
 from coopsim.bench.report.clips import Clip
-from coopsim.bench.report.metric_names import BYTES, LESS_IS_BETTER, METRICS
-from coopsim.bench.report.page import definitions, fill
+from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
+from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
 
 _CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
@@ -60,7 +60,7 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
         notes: why clips are missing.
     """
     shown = table.shown
-    return fill(
+    return fill_page(
         "bench.html",
         style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js"),
@@ -80,7 +80,9 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
             for k, condition in enumerate(table.conditions)
         ),
         failures=failures(table),
-        meaning=definitions({name: METRICS[name] for name in (*shown, BYTES) if name in METRICS}),
+        meaning=definitions(
+            {name: metric.meaning for name, metric in all_metrics().items() if name in (*shown, BYTES)}
+        ),
         settings=definitions(about.settings),
         command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
     )
@@ -138,7 +140,7 @@ def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
     return {
         "policies": table.policies,
         "scenarios": scenarios,
-        "metrics": [{"name": name, "less": name in LESS_IS_BETTER} for name in table.shown],
+        "metrics": [{"name": name, "less": less_is_better(name)} for name in table.shown],
         "axes": [
             {
                 "title": axis.title,

@@ -9,37 +9,42 @@ from collections.abc import Sequence
 import numpy as np
 
 from coopsim.bench.grid.axes import label, short_label
-from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN, LESS_IS_BETTER, METRICS, shown
+from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 
 _STRIP_PX = (110, 14)
 
 
 def leaderboard(table: ResultTable, metric: str) -> str:
-    """Standings in one metric, sortable; the strip has the mean with its interval, and hollow the worst condition."""
+    """Return the standings in one metric, sortable.
+
+    The strip of each row shows the mean with its interval filled, and the worst condition hollow.
+    """
     entries = standings(table, metric)
     several, calm = len(table.conditions) > 1, any(not math.isnan(entry.undisturbed) for entry in entries)
     low, high = _span(entries)
+    form = form_of(metric)
     heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
     if several:
         heads += [("undisturbed", "")] * calm + [("worst", "")]
-    heads += [(BYTES_SHOWN, "")] * (BYTES in table.metrics) + [("cells", "")]
+    heads += [(BYTES_TITLE, "")] * (BYTES in table.metrics) + [("cells", "")]
     heads += [("worst in", "about")] * several
     rows = []
     for entry in entries:
         cells = [
             _cell("-" if entry.rank is None else str(entry.rank), entry.rank or math.inf),
             _cell(html.escape(entry.policy), None, "about"),
-            _cell(interval_html(entry.mean), entry.mean.mean),
+            _cell(interval_html(entry.mean, form), entry.mean.mean),
             _cell(_strip(entry, low, high, several), None, "about"),
         ]
         if several:
-            cells += [_cell(number(entry.undisturbed), entry.undisturbed)] * calm
-            cells.append(_cell(number(entry.worst), entry.worst))
+            cells += [_cell(format_value(entry.undisturbed, form), entry.undisturbed)] * calm
+            cells.append(_cell(format_value(entry.worst, form), entry.worst))
         if BYTES in table.metrics:
-            cells.append(_cell(number(entry.bytes_per_s, "0"), entry.bytes_per_s))
+            cells.append(_cell(format_value(entry.bytes_per_s, form_of(BYTES)), entry.bytes_per_s))
         cells.append(_state(entry, len(table.conditions) * len(table.seeds)))
         if several:
             where = "" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
@@ -49,9 +54,9 @@ def leaderboard(table: ResultTable, metric: str) -> str:
 
 
 def condition_table(table: ResultTable, condition: int) -> str:
-    """All shown metrics of every policy in one condition, the best of each in bold."""
+    """Return all shown metrics of every policy in one condition, the best value of each in bold."""
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
-    heads = [("policy", "about"), *((shown(name), "") for name in metrics)]
+    heads = [("policy", "about"), *((title_of(name), "") for name in metrics)]
     columns = []
     for name in metrics:
         intervals = [mean_interval(values) for values in table.values(name)[:, condition]]
@@ -59,10 +64,9 @@ def condition_table(table: ResultTable, condition: int) -> str:
         known = means[~np.isnan(means)]
         best = None
         if len(set(np.round(known, 6).tolist())) > 1:
-            best = known.min() if name in LESS_IS_BETTER else known.max()
-        digits = "0" if name == BYTES else "1"
+            best = known.min() if less_is_better(name) else known.max()
         columns.append(
-            [_cell(interval_html(each, digits), None, "best" if each.mean == best else "") for each in intervals]
+            [_cell(interval_html(each, form_of(name)), None, "best" if each.mean == best else "") for each in intervals]
         )
     rows = [
         f"<tr>{_cell(html.escape(policy), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
@@ -72,7 +76,7 @@ def condition_table(table: ResultTable, condition: int) -> str:
 
 
 def failures(table: ResultTable) -> str:
-    """Failed cells with what happened, folded."""
+    """Return the failed cells with their tracebacks, folded."""
     parts = []
     for result in table.failures:
         cell = result.cell
@@ -82,17 +86,12 @@ def failures(table: ResultTable) -> str:
     return "".join(parts) or '<p class="note">No cell failed.</p>'
 
 
-def number(value: float, digits: str = "1") -> str:
-    """A number with so many digits; a dash where there is none."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def interval_html(interval: Interval, digits: str = "1") -> str:
-    """A mean, and after it half of its interval where that is known."""
+def interval_html(interval: Interval, form: str = ".1f") -> str:
+    """Return a mean, followed by half of its interval where that is known."""
     half = interval.half_width
     if math.isnan(half):
-        return number(interval.mean, digits)
-    return f'{number(interval.mean, digits)} <span class="dim">± {number(half, digits)}</span>'
+        return format_value(interval.mean, form)
+    return f'{format_value(interval.mean, form)} <span class="dim">± {format_value(half, form)}</span>'
 
 
 def _state(entry: Standing, cells: int) -> str:
@@ -102,14 +101,14 @@ def _state(entry: Standing, cells: int) -> str:
 
 
 def _span(entries: Sequence[Standing]) -> tuple[float, float]:
-    """What strips show: all means and worst conditions, and intervals as far as they do not dwarf these."""
+    """Return the range of the strips: all means and worst conditions, and intervals where they do not dwarf these."""
     known = [value for entry in entries for value in (entry.mean.mean, entry.worst) if not math.isnan(value)]
     if not known:
         return 0.0, 0.0
     low, high = min(known), max(known)
-    room = (high - low) / 3
+    margin = (high - low) / 3
     ends = [end for entry in entries for end in (entry.mean.low, entry.mean.high) if not math.isnan(end)]
-    return max(low - room, min([low, *ends])), min(high + room, max([high, *ends]))
+    return max(low - margin, min([low, *ends])), min(high + margin, max([high, *ends]))
 
 
 def _strip(entry: Standing, low: float, high: float, several: bool) -> str:
@@ -139,11 +138,12 @@ def _cell(inner: str, key: float | None = None, css: str = "") -> str:
 
 
 def _table(heads: Sequence[tuple[str, str]], rows: Sequence[str], sortable: bool = False) -> str:
+    metrics = all_metrics()
     cells = []
     for name, css in heads:
         attributes = f' class="{css}"' if css else ""
-        if name in METRICS:
-            attributes += f' title="{html.escape(METRICS[name])}"'
+        if name in metrics:
+            attributes += f' title="{html.escape(metrics[name].meaning)}"'
         text = html.escape(name)
         cells.append(f"<th{attributes}>{f'<button>{text}</button>' if sortable and name else text}</th>")
     css = ' class="sortable"' if sortable else ""

@@ -10,29 +10,31 @@ from typing import Any
 from tabulate import tabulate
 
 from coopsim.bench.grid.axes import label, short_label
-from coopsim.bench.report.bench_tables import number
-from coopsim.bench.report.csv_rows import to_csv_text
-from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN, shown
+from coopsim.bench.report.formats import to_csv_text
+from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.metrics.built_in import BYTES, custom_metrics
 
 METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
-"""As many as fit on a page."""
+"""The built-in metrics that fit on a page."""
 
 
 def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
-    """The leaderboard and a table per condition.
+    """Format the leaderboard and a table per condition.
 
     Args:
         table: the results.
         title: of the document.
-        metrics: of the tables, the first one ranks; by default those of `METRICS_SHOWN` that there are.
+        metrics: of the tables, the first one ranks; default: those of `METRICS_SHOWN` and of registered metrics that
+            the results have.
 
     Raises:
-        UnknownNameError: there is no such metric.
+        UnknownNameError: the results have no such metric.
     """
-    chosen = tuple(metrics) or tuple(name for name in METRICS_SHOWN if name in table.shown) or table.shown
+    usual = (name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown)
+    chosen = tuple(metrics) or tuple(usual) or table.shown
     parts = [f"# {_escaped(title)}"]
     parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
     means = f"Mean over {len(table.conditions)} conditions"
@@ -46,7 +48,7 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
 
 
 def to_csv(table: ResultTable) -> str:
-    """One row per cell, unrounded: what it is, whether it failed, all values, and `messages_...`."""
+    """Format one row per cell, unrounded: the cell, whether it failed, all values, and counts as `messages_...`."""
     counts = sorted({name for result in table.results for name in result.messages})
     rows: list[dict[str, Any]] = []
     for result in table.results:
@@ -68,15 +70,22 @@ def to_csv(table: ResultTable) -> str:
 def _leaderboard(table: ResultTable, metric: str) -> str:
     several = len(table.conditions) > 1
     disturbed = ["undisturbed", "worst", "in"] if several else []
-    heads = ["rank", "policy", metric, *disturbed, BYTES_SHOWN, "failed", "not run"]
+    heads = ["rank", "policy", metric, *disturbed, BYTES_TITLE, "failed", "not run"]
+    form = form_of(metric)
     rows = []
     for entry in standings(table, metric):
         where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
-        worst = [number(entry.undisturbed), number(entry.worst), _escaped(where)] if several else []
-        rank = "-" if entry.rank is None else str(entry.rank)
-        rate = number(entry.bytes_per_s, "0")
+        worst = [format_value(entry.undisturbed, form), format_value(entry.worst, form), _escaped(where)]
         rows.append(
-            [rank, _escaped(entry.policy), _interval(entry.mean), *worst, rate, str(entry.failed), str(entry.missing)]
+            [
+                "-" if entry.rank is None else str(entry.rank),
+                _escaped(entry.policy),
+                _interval(entry.mean, form),
+                *(worst if several else []),
+                format_value(entry.bytes_per_s, form_of(BYTES)),
+                str(entry.failed),
+                str(entry.missing),
+            ]
         )
     align = ["left" if name in ("policy", "in") else "right" for name in heads]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
@@ -84,15 +93,11 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
 
 def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> str:
     names = [*metrics, *([BYTES] if BYTES in table.metrics else [])]
-    columns = [[mean_interval(seeds) for seeds in table.values(name)[:, condition]] for name in names]
-    rows = [
-        [
-            _escaped(policy),
-            *(_interval(each[k], "0" if name == BYTES else "1") for name, each in zip(names, columns, strict=True)),
-        ]
-        for k, policy in enumerate(table.policies)
+    columns = [
+        [_interval(mean_interval(seeds), form_of(name)) for seeds in table.values(name)[:, condition]] for name in names
     ]
-    heads = ["policy", *map(shown, names)]
+    rows = [[_escaped(policy), *(each[k] for each in columns)] for k, policy in enumerate(table.policies)]
+    heads = ["policy", *map(title_of, names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 
@@ -106,13 +111,13 @@ def _failures(table: ResultTable) -> list[str]:
     return lines
 
 
-def _interval(interval: Interval, digits: str = "1") -> str:
+def _interval(interval: Interval, form: str) -> str:
     half = interval.half_width
-    return number(interval.mean, digits) + ("" if math.isnan(half) else f" ± {number(half, digits)}")
+    return format_value(interval.mean, form) + ("" if math.isnan(half) else f" ± {format_value(half, form)}")
 
 
 def _escaped(text: str) -> str:
-    """Text that is no markup, and keeps to its cell and line."""
+    """Escape Markdown, and keep the text on one line."""
     for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")
     return " ".join(text.split())

@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.bench.report.bev_data import DRAWING, frame_data, home_of, map_data, tracks_data
-from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN, LESS_IS_BETTER, METRICS
-from coopsim.bench.report.page import definitions, fill
-from coopsim.bench.report.table import COLUMNS, format_value
+from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.table import BYTES_TITLE, COLUMNS, format_value
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.built_in import BUILT_IN, BYTES, less_is_better
 from coopsim.support.files import write_whole
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
 MEANING: Mapping[str, str] = {
-    **{name: METRICS[name] for name, _ in COLUMNS if name in METRICS},
-    BYTES_SHOWN: METRICS[BYTES],
+    **{name: BUILT_IN[name].meaning for name, _ in COLUMNS if name in BUILT_IN},
+    BYTES_TITLE: BUILT_IN[BYTES].meaning,
     "frames/s": "frames of environment and policy per second of wall time",
 }
 _NOT_COMPARED = ("frames/s",)
@@ -103,7 +103,7 @@ def render_report(scene: ReportScene, runs: Sequence[ReportRun]) -> str:
                 f"got {len(run.tracks)} and {len(run.frame_score)}"
             )
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)} of {frames} frames ({frames * scene.dt_s:g} s)"
-    return fill(
+    return fill_page(
         "demo.html",
         style=("page.css",),
         script=("bev.js", "demo.js"),
@@ -136,7 +136,7 @@ def _best(shown: Sequence[str], column: str) -> str | None:
     numbers = [text for text in shown if text != "-"]
     if column in _NOT_COMPARED or len(set(numbers)) < 2:
         return None
-    return (min if column in LESS_IS_BETTER else max)(numbers, key=float)
+    return (min if less_is_better(BYTES if column == BYTES_TITLE else column) else max)(numbers, key=float)
 
 
 def _mosaic(scene: ReportScene) -> str:

@@ -11,7 +11,7 @@ from tabulate import tabulate
 
 from coopsim.bench.grid.axes import label
 from coopsim.bench.grid.cell import Condition
-from coopsim.bench.report.csv_rows import to_csv_text
+from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.paired import Comparison, Difference
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 

@@ -1,4 +1,4 @@
-"""The one table that every command prints, and the report shows."""
+"""The plain-text table that `demo`, `replay` and `leaderboard` print."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from collections.abc import Mapping, Sequence
 from tabulate import tabulate
 
 from coopsim.bench.evaluate import Evaluation
-from coopsim.bench.report.metric_names import BYTES, BYTES_SHOWN
+from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
 from coopsim.metrics.recall_by_visibility import GroupRecall
 from coopsim.metrics.score import Score
+
+BYTES_TITLE, FRAMES_TITLE = "bytes/s", "frames/s"
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("sAMOTA", ".1f"),
@@ -21,52 +23,74 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("IDS", ".1f"),
     ("FP", ".0f"),
     ("FN", ".0f"),
-    (BYTES_SHOWN, ".0f"),
-    ("frames/s", ".1f"),
+    (BYTES_TITLE, ".0f"),
+    (FRAMES_TITLE, ".1f"),
 )
-"""Columns and their formats. Percentages, except counts and rates."""
+"""Titles and formats of the built-in columns. Percentages, except counts and rates."""
+
+
+def columns() -> tuple[tuple[str, str], ...]:
+    """Return the titles and formats of all columns: `COLUMNS`, with registered metrics before the rates."""
+    custom = ((name, metric.form) for name, metric in custom_metrics().items())
+    return (*COLUMNS[:-2], *custom, *COLUMNS[-2:])
+
+
+def title_of(metric: str) -> str:
+    """Return a metric's name as tables show it."""
+    return BYTES_TITLE if metric == BYTES else metric
+
+
+def form_of(metric: str) -> str:
+    """Return the format of a metric's values in reports, one digit for a metric that is not registered."""
+    metrics = all_metrics()
+    return metrics[metric].form if metric in metrics else ".1f"
 
 
 def format_value(value: float, form: str) -> str:
-    """A value as both tables show it; a dash where there is none (not a number)."""
+    """Format a value; NaN is a dash."""
     return "-" if math.isnan(value) else format(value, form)
 
 
 def score_row(score: Score, frames_per_s: float) -> dict[str, float]:
-    """A score's values by column name."""
-    rates = {BYTES_SHOWN: score[BYTES], "frames/s": frames_per_s}
-    return {name: rates[name] if name in rates else score[name] for name, _ in COLUMNS}
+    """Return a score's values by column; NaN where the score has none."""
+    values = {**score.values, BYTES_TITLE: score[BYTES], FRAMES_TITLE: frames_per_s}
+    return {title: values.get(title, math.nan) for title, _ in columns()}
 
 
 def evaluation_row(evaluation: Evaluation) -> dict[str, float]:
-    """An evaluation's values by column name."""
+    """Return an evaluation's values by column."""
     return score_row(evaluation.score, evaluation.frames_per_s)
 
 
 def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) -> str:
-    """Aligned plain text.
+    """Format rows as aligned plain text.
 
     Args:
-        rows: per row what it is about (heading to text; the same headings in every row) and its values.
+        rows: per row what it is about (heading to text; the same headings in every row) and its values by column.
     """
     if not rows:
         return "no results"
-    headings = [*rows[0][0], *(name for name, _ in COLUMNS)]
-    cells = [[*about.values(), *(format_value(values[name], form) for name, form in COLUMNS)] for about, values in rows]
-    align = ["left"] * len(rows[0][0]) + ["right"] * len(COLUMNS)
-    return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)
+    shown = columns()
+    headings = [*rows[0][0], *(title for title, _ in shown)]
+    cells = [
+        [*about.values(), *(format_value(values.get(title, math.nan), form) for title, form in shown)]
+        for about, values in rows
+    ]
+    return _aligned(cells, headings, len(rows[0][0]))
 
 
 def format_visibility(rows: Sequence[tuple[Mapping[str, str], Mapping[str, GroupRecall]]]) -> str:
-    """Recall by who saw an object, and the cooperative gain: what objects that only others saw add to all recall.
+    """Format recall by which agents saw an object, and the cooperative gain.
+
+    The gain is what objects that only other agents saw add to the recall of all.
 
     Args:
         rows: per row what it is about (heading to text; the same headings in every row) and `Score.visibility`; rows
-            where that is not known are left out.
+            where that is empty are left out.
     """
     known = [(about, groups) for about, groups in rows if groups]
     if not known:
-        return "who saw what is not known"
+        return "it is not known which agents saw what"
     names = [name for name in known[0][1] if any(groups[name].gt for _, groups in known)]
     headings = [*known[0][0], *(part for name in names for part in (f"seen by {name}", "recall")), "cooperative gain"]
     cells = []
@@ -74,5 +98,10 @@ def format_visibility(rows: Sequence[tuple[Mapping[str, str], Mapping[str, Group
         numbers = [value for name in names for value in (groups[name].share, groups[name].recall)]
         numbers.append(groups["others only"].gain)
         cells.append([*about.values(), *(format_value(value, ".1f") for value in numbers)])
-    align = ["left"] * len(known[0][0]) + ["right"] * (len(headings) - len(known[0][0]))
+    return _aligned(cells, headings, len(known[0][0]))
+
+
+def _aligned(cells: Sequence[Sequence[str]], headings: Sequence[str], texts: int) -> str:
+    """Align the first `texts` columns left and the numbers right."""
+    align = ["left"] * texts + ["right"] * (len(headings) - texts)
     return tabulate(cells, headers=headings, colalign=align, disable_numparse=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.report.metric_names import LESS_IS_BETTER
 from coopsim.bench.results.statistics import (
     LEVEL,
     Interval,
@@ -20,6 +19,7 @@ from coopsim.bench.results.statistics import (
 )
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.built_in import less_is_better
 from coopsim.support.checks import require_choice
 
 DEFAULT_METRICS = ("sAMOTA", "HOTA")
@@ -61,7 +61,7 @@ class Difference:
     def verdict(self) -> str:
         """What there is to say about B."""
         if self.significant:
-            return "better" if (self.change.mean > 0) != (self.metric in LESS_IS_BETTER) else "worse"
+            return "better" if (self.change.mean > 0) != less_is_better(self.metric) else "worse"
         if self.change.mean == self.change.low == self.change.high == 0:
             return "identical"
         if smallest_p_value(self.change.count) > LEVEL:

@@ -10,20 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.bench.grid.cell import CellResult, Condition
-from coopsim.bench.report.metric_names import BYTES, METRICS
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.built_in import BYTES, custom_metrics
+
+REPORTED = (
+    *("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "DetA", "AssA", "IDF1", "recall", "precision"),
+    *("IDS", "FP", "FN", "mAP3D@0.5", BYTES),
+)
+"""The built-in metrics that reports show, in order; those that users have registered follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultTable:
-    """Results in order, whatever order they came in.
+    """The results of a benchmark, sorted.
 
     Attributes:
         policies: P, sorted.
         conditions: C, sorted.
         seeds: S, sorted.
-        metrics: names of all values that there are, those of `METRICS` first.
+        metrics: names of all values in the results: `REPORTED`, then registered metrics, then the others.
         frames: length of each run.
         results: the results themselves, by cell.
         places: where in the arrays each of them is.
@@ -56,7 +62,7 @@ class ResultTable:
         if twice is not None:
             raise InvalidValueError(f"each cell must be there once, got two of {twice}")
         names = {name for result in ordered for name in result.values}
-        known = [name for name in METRICS if name in names]
+        known = [name for name in (*REPORTED, *custom_metrics()) if name in names]
         policies = {name: k for k, name in enumerate(sorted({cell.policy for cell in cells}))}
         conditions = {each: k for k, each in enumerate(sorted({cell.condition for cell in cells}))}
         seeds = {seed: k for k, seed in enumerate(sorted({cell.seed for cell in cells}))}
@@ -90,8 +96,9 @@ class ResultTable:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """The metrics that reports show, without bytes per second; all there are if none is among `METRICS`."""
-        known = [name for name in self.metrics if name in METRICS and name != BYTES]
+        """The metrics that reports show, without bytes per second; all in the results if these have no usual one."""
+        usual = {*REPORTED, *custom_metrics()} - {BYTES}
+        known = [name for name in self.metrics if name in usual]
         return tuple(known) or tuple(name for name in self.metrics if name != BYTES)
 
     @property

@@ -10,10 +10,10 @@ import numpy as np
 
 from coopsim.bench.grid.axes import mildest
 from coopsim.bench.grid.cell import Condition
-from coopsim.bench.report.metric_names import BYTES, LESS_IS_BETTER
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import Interval, mean_interval
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.built_in import BYTES, less_is_better
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     """
     values = table.values(metric)
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
-    less = metric in LESS_IS_BETTER
+    less = less_is_better(metric)
     entries = [_standing(table, k, values[k], rates[k], less) for k in range(len(table.policies))]
     whole = [k for k in range(len(entries)) if not np.isnan(values[k]).any()]
     order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less else -1))

@@ -8,7 +8,8 @@ import pytest
 from test_clear import Frame, evaluate, tracks, truth
 
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.score import BANDS_M, Score, summarize
+from coopsim.metrics.log_pool import BANDS_M
+from coopsim.metrics.score import Score, summarize
 
 NAMES = list(BANDS_M)
 

@@ -112,7 +112,7 @@ def test_ignoring_false_tracks_is_as_if_they_had_not_been_reported() -> None:
             right = {k: x for k, x in places.items() if k in (5, 6)}
             for evaluator, reported in zip(logs, (places, right), strict=True):
                 evaluator.update(truth({1: 0, 2: 10}), tracks(reported, scores=sure))
-        with_false[name], without[name] = (summarize([each.log], extra={"spent": 1.0}) for each in logs)
+        with_false[name], without[name] = (summarize([each.log], bytes_per_s=1.0) for each in logs)
     counted, expected = Score.mean(with_false), Score.mean(without)
     got = counted.ignoring_false_positives()
     parts = [(got, expected), (got.classes["car"], expected.classes["car"]), (got.bands["0-30 m"], expected)]
@@ -121,7 +121,7 @@ def test_ignoring_false_tracks_is_as_if_they_had_not_been_reported() -> None:
         for name in ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MT", "IDS", "FP", "FN", "precision"):
             assert ours[name] == theirs[name]
     assert counted["FP"] > 0 and counted["MOTA"] < got["MOTA"]
-    for name in ("HOTA", "IDF1", "AP3D@0.5", "AMOTA@2m", "spent"):  # these count them in any case
+    for name in ("HOTA", "IDF1", "AP3D@0.5", "AMOTA@2m", "bytes_per_s"):  # these count them in any case
         assert got[name] == counted[name]
     with pytest.raises(InvalidValueError, match="ask the whole score"):
         counted.classes["car"].ignoring_false_positives()

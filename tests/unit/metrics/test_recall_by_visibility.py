@@ -49,7 +49,7 @@ def test_false_tracks_belong_to_no_group() -> None:
 def test_where_nobody_knows_there_are_no_groups() -> None:
     assert score([([0, 1], [0])], known=False).visibility == {}
     assert "visibility" not in score([([0, 1], [0])], known=False).to_dict()
-    assert format_visibility([({"policy": "x"}, {})]) == "who saw what is not known"
+    assert format_visibility([({"policy": "x"}, {})]) == "it is not known which agents saw what"
 
 
 def test_agents_are_pooled_and_an_empty_group_has_no_recall() -> None:

@@ -9,7 +9,7 @@ import pytest
 from test_clear import tracks, truth
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.metrics.candidate_pairs import find_pairs
+from coopsim.metrics.candidate_pairs import find_candidate_pairs
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.types import GroundTruth, Tracks
@@ -61,9 +61,9 @@ def test_pairs_overlap_or_are_near_and_are_of_one_class() -> None:
             [0, 0, 0, 4, 2, 1.5, 0],  # of another class
         ]
     )
-    found = find_pairs(boxes[:1], np.array([0]), boxes, np.array([0, 0, 0, 0, 0, 7]))
+    found = find_candidate_pairs(boxes[:1], np.array([0]), boxes, np.array([0, 0, 0, 0, 0, 7]))
     assert found.truth.tolist() == [0, 0, 0, 0]
     assert found.track.tolist() == [0, 1, 2, 3]
     assert found.iou_3d == pytest.approx([1, 0, 0, 1 / 15])
     assert found.iou_bev == pytest.approx([1, 5 / 11, 0, 1 / 15])
-    assert found.distance == pytest.approx([0, 1.5, 1.9, 3.5])
+    assert found.distance_m == pytest.approx([0, 1.5, 1.9, 3.5])

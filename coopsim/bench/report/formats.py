@@ -1,0 +1,92 @@
+"""File formats of reports: CSV, SVG plots and self-contained HTML pages."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Format rows as CSV, with a heading; all rows have the names of the first. No rows give an empty text."""
+    if not rows:
+        return ""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) -> str:
+    """Return as SVG what a function draws on a matplotlib figure of a size in inches.
+
+    Text stays text, and the same drawing gives the same bytes.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    text = io.StringIO()
+    # No date and no random ids: the same results give the same file.
+    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        draw(figure)
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
+    return text.getvalue()
+
+
+def line_look(number: int) -> tuple[str, str]:
+    """Return matplotlib's style and colour of line `number`; the first 30 lines all look different."""
+    return ("-", "--", ":")[number // 10 % 3], f"C{number % 10}"
+
+
+def fill_page(
+    content: str,
+    *,
+    title: str,
+    summary: str,
+    style: tuple[str, ...],
+    script: tuple[str, ...],
+    data: object,
+    **parts: str,
+) -> str:
+    """Fill the template of a page that opens without a network (`template/page.html`).
+
+    Args:
+        content: file in `template/` that stands between the head and the scripts.
+        title: plain text.
+        summary: plain text, under the title.
+        style: files in `template/`, in order.
+        script: files in `template/`, in order.
+        data: for the scripts, as JSON.
+        **parts: HTML for the placeholders in `content`.
+    """
+    # "<" could end the script element ("</script>") or keep it from ending ("<!--<script>"), in any string.
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return Template(template("page.html")).substitute(
+        title=html.escape(title),
+        summary=html.escape(summary),
+        main=Template(template(content)).substitute(parts),
+        style="\n".join(map(template, style)),
+        script="\n".join(map(template, script)),
+        data=text,
+    )
+
+
+def definitions(texts: Mapping[str, str]) -> str:
+    """Format names with their meanings or values as an HTML list."""
+    items = (f"<dt>{html.escape(name)}</dt><dd>{html.escape(text)}</dd>" for name, text in texts.items())
+    return f"<dl>{''.join(items)}</dl>"
+
+
+def template(name: str) -> str:
+    """Read a file in `template/`."""
+    return (resources.files("coopsim.bench.report") / "template" / name).read_text(encoding="utf-8")

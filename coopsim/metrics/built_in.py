@@ -1,0 +1,210 @@
+"""The metrics that come along, in the order of `docs/reference/metrics.md`; ratios are per cent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from coopsim.metrics.average_precision import AP_THRESHOLDS
+from coopsim.metrics.candidate_pairs import NEAR_M
+from coopsim.metrics.clear import Clear
+from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.metric import METRICS, Metric, SweepMetric
+from coopsim.metrics.recall_averages import RecallSweep
+
+BYTES = "bytes_per_s"
+"""Name of the metric of what an agent broadcasts."""
+
+
+@dataclass(frozen=True)
+class _PoolMetric(Metric):
+    of: Callable[[LogPool], float | None]
+    meaning: str
+    unit: str = "%"
+    form: str = ".1f"
+    less_is_better: bool = False
+    whole_only: bool = False
+
+    def value(self, pool: LogPool) -> float | None:
+        return self.of(pool)
+
+
+@dataclass(frozen=True)
+class _RecallMetric(SweepMetric):
+    """A mean over levels of recall."""
+
+    of: Callable[[RecallSweep], float]
+    meaning: str
+
+    def of_sweep(self, sweep: RecallSweep) -> float:
+        return 100 * self.of(sweep)
+
+
+@dataclass(frozen=True)
+class _ClearMetric(SweepMetric):
+    """A ratio or count of CLEAR, at the level of recall with the best MOTA."""
+
+    of: Callable[[Clear], float]
+    meaning: str
+    unit: str = "%"
+    form: str = ".1f"
+    less_is_better: bool = False
+
+    def of_sweep(self, sweep: RecallSweep) -> float:
+        return self.of(sweep.best)
+
+
+def _count(of: Callable[[Clear], float], meaning: str, less: bool = False) -> _ClearMetric:
+    return _ClearMetric(of, meaning, "", less_is_better=less)
+
+
+_RECALL_AVERAGES = {
+    "sAMOTA": _RecallMetric(
+        lambda sweep: sweep.samota,
+        "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
+    ),
+    "AMOTA": _RecallMetric(lambda sweep: sweep.amota, "MOTA averaged over 40 levels of recall (Weng 2020)"),
+    "AMOTP": _RecallMetric(lambda sweep: sweep.amotp, "mean 3D IoU of matches, averaged over 40 levels of recall"),
+}
+
+_CLEAR = {
+    "MOTA": _ClearMetric(
+        lambda clear: 100 * clear.mota,
+        "1 - (false positives + misses + identity switches) / ground truth, at the best level of recall",
+    ),
+    "MOTP": _ClearMetric(lambda clear: 100 * clear.motp, "mean 3D IoU of matches, at the same level"),
+    "sMOTA": _ClearMetric(lambda clear: 100 * clear.smota, "MOTA in which a match counts its 3D IoU"),
+    "MODA": _ClearMetric(lambda clear: 100 * clear.moda, "MOTA without identity switches"),
+    "recall": _ClearMetric(
+        lambda clear: 100 * clear.recall, "share of objects' boxes with a track, at the best level of recall"
+    ),
+    "precision": _ClearMetric(
+        lambda clear: 100 * clear.precision, "share of reported boxes with an object, at the same level"
+    ),
+    "MT": _ClearMetric(
+        lambda clear: 100 * clear.mostly_tracked / max(clear.objects, 1), "objects tracked in > 80 % of their frames"
+    ),
+    "PT": _ClearMetric(
+        lambda clear: 100 * clear.partly_tracked / max(clear.objects, 1),
+        "objects tracked in 20-80 % of their frames",
+    ),
+    "ML": _ClearMetric(
+        lambda clear: 100 * clear.mostly_lost / max(clear.objects, 1),
+        "objects tracked in < 20 % of their frames",
+        less_is_better=True,
+    ),
+    "IDS": _count(lambda clear: clear.ids, "identity switches, at the same level", less=True),
+    "FRAG": _count(lambda clear: clear.frag, "interruptions of an object's track, at the same level", less=True),
+    "TP": _count(lambda clear: clear.tp, "matched boxes, at the same level"),
+    "FP": _count(lambda clear: clear.fp, "false positives, at the same level", less=True),
+    "FN": _count(lambda clear: clear.fn, "misses, at the same level", less=True),
+    "GT": _count(lambda clear: clear.gt, "objects' boxes"),
+    "objects": _count(lambda clear: clear.objects, "objects"),
+}
+
+
+def _ratio(of: Callable[[LogPool], float], meaning: str) -> _PoolMetric:
+    return _PoolMetric(lambda pool: 100 * of(pool), meaning)
+
+
+_WHOLE = {
+    "HOTA": _ratio(
+        lambda pool: pool.hota.hota, "root of detection times association accuracy, over 19 thresholds of IoU"
+    ),
+    "DetA": _ratio(lambda pool: pool.hota.det_a, "share of boxes that are matched"),
+    "AssA": _ratio(
+        lambda pool: pool.hota.ass_a, "share of their lives that matched tracks have in common with their objects"
+    ),
+    "LocA": _ratio(lambda pool: pool.hota.loc_a, "mean 3D IoU of matches, over 19 thresholds of IoU"),
+    "IDF1": _ratio(lambda pool: pool.identity.f1, "F1 of boxes when each object has one right track"),
+    "IDP": _ratio(lambda pool: pool.identity.precision, "precision of boxes when each object has one right track"),
+    "IDR": _ratio(lambda pool: pool.identity.recall, "recall of boxes when each object has one right track"),
+}
+
+_NEAR = {
+    "HOTA": _ratio(lambda pool: pool.hota_near.hota, "HOTA with matches by distance on the ground"),
+    "DetA": _ratio(lambda pool: pool.hota_near.det_a, "DetA with matches by distance on the ground"),
+    "AssA": _ratio(lambda pool: pool.hota_near.ass_a, "AssA with matches by distance on the ground"),
+    "LocA": _ratio(lambda pool: pool.hota_near.loc_a, "LocA with matches by distance on the ground"),
+    "AMOTA": _ratio(lambda pool: pool.near_sweep.amota, "nuScenes' AMOTA: matches are centres less than 2 m apart"),
+    "AMOTP": _PoolMetric(
+        lambda pool: pool.near_sweep.amotp, "nuScenes' AMOTP: mean distance of matches", "m", ".2f", less_is_better=True
+    ),
+}
+
+
+def _precisions() -> dict[str, Metric]:
+    """Average precision of each view and threshold, then the means over classes, then those over superclasses."""
+    kinds = [(view, threshold) for view in ("3D", "BEV") for threshold in AP_THRESHOLDS]
+    one: dict[str, Metric] = {}
+    classes: dict[str, Metric] = {}
+    superclasses: dict[str, Metric] = {}
+    for view, threshold in kinds:
+        where = f"at {view} IoU {threshold:g}"
+        kind = view, threshold
+        one[f"AP{view}@{threshold:g}"] = _PoolMetric(partial(_precision, kind), f"average precision {where}")
+        classes[f"mAP{view}@{threshold:g}"] = _PoolMetric(
+            partial(_mean_precision, kind, "classes"),
+            f"mean average precision {where}, over classes",
+            whole_only=True,
+        )
+        superclasses[f"mAP{view}_superclass@{threshold:g}"] = _PoolMetric(
+            partial(_mean_precision, kind, "superclasses"),
+            f"mean average precision {where}, over superclasses (DINO-CoDT, eq. 11)",
+            whole_only=True,
+        )
+    return {**one, **classes, **superclasses}
+
+
+def _precision(kind: tuple[str, float], pool: LogPool) -> float:
+    return pool.average_precisions[kind]
+
+
+def _mean_precision(kind: tuple[str, float], parts: str, pool: LogPool) -> float:
+    values = [part.average_precisions[kind] for part in getattr(pool, parts).values()]
+    return float(np.mean(values)) if values else 0.0
+
+
+BUILT_IN: Mapping[str, Metric] = {
+    **_RECALL_AVERAGES,
+    **_CLEAR,
+    **_WHOLE,
+    **{f"{name}@{NEAR_M:g}m": metric for name, metric in _NEAR.items()},
+    **_precisions(),
+    BYTES: _PoolMetric(
+        lambda pool: pool.bytes_per_s,
+        "what an agent broadcasts per second, envelope included",
+        "bytes/s",
+        ".0f",
+        less_is_better=True,
+        whole_only=True,
+    ),
+}
+
+for _name, _metric in BUILT_IN.items():
+    METRICS.register(_name)(_metric)
+
+
+def clear_values(clear: Clear) -> dict[str, float]:
+    """Return CLEAR's ratios and counts by name, at one operating point."""
+    return {name: metric.of(clear) for name, metric in _CLEAR.items()}
+
+
+def all_metrics() -> dict[str, Metric]:
+    """Return every metric by name: the built-in ones in order, then those that users and packages have registered."""
+    return {**BUILT_IN, **custom_metrics()}
+
+
+def custom_metrics() -> dict[str, Metric]:
+    """Return the metrics by name that users and packages have registered, sorted."""
+    entries = {name: METRICS.get(name) for name in METRICS.names() if name not in BUILT_IN}
+    return {name: entry() if isinstance(entry, type) else entry for name, entry in entries.items()}
+
+
+def less_is_better(name: str) -> bool:
+    """Tell whether the smaller of two values of a metric is the better one; False for one that is not registered."""
+    metric = all_metrics().get(name)
+    return metric is not None and metric.less_is_better

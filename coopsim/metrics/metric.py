@@ -1,0 +1,63 @@
+"""The seam for metrics: a registered metric is in every score, table and report, and in what a benchmark stores."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.recall_averages import RecallSweep
+from coopsim.support.registry import Registry
+
+
+class Metric(ABC):
+    """One number of a score, computed from what a policy reported and what was true.
+
+    A subclass sets the attributes, defines `value`, and is registered by the name that users read::
+
+        @METRICS.register("track_length")
+        class TrackLength(Metric):
+            meaning, unit = "mean number of frames of a track", "frames"
+
+            def value(self, pool: LogPool) -> float | None:
+                counts = [np.unique(log.track_id, return_counts=True)[1] for log in pool.logs]
+                return float(np.concatenate(counts).mean()) if pool.tracks else None
+
+    Attributes:
+        meaning: one line that says what the value is, for reports.
+        unit: of the value, as "%", "m" or "frames"; "" for a count.
+        form: how tables show the value, as `format` takes it.
+        less_is_better: whether the smaller of two values is the better one.
+        whole_only: compute the value for a whole score only, not for its classes, superclasses and bands of distance.
+    """
+
+    meaning: str = ""
+    unit: str = "%"
+    form: str = ".1f"
+    less_is_better: bool = False
+    whole_only: bool = False
+
+    @abstractmethod
+    def value(self, pool: LogPool) -> float | None:
+        """Compute the value for one agent's logs, pooled over sequences.
+
+        Args:
+            pool: the logs, which must not be changed, and intermediate results that several metrics share.
+
+        Returns:
+            A number (NaN is shown as a dash), or None where these logs do not have the metric.
+        """
+
+
+class SweepMetric(Metric):
+    """A metric of CLEAR's counts over levels of recall, which can be computed without false positives."""
+
+    def value(self, pool: LogPool) -> float | None:
+        return self.of_sweep(pool.sweep)
+
+    @abstractmethod
+    def of_sweep(self, sweep: RecallSweep) -> float:
+        """Compute the value from CLEAR's counts at every level of recall."""
+
+
+METRICS: Registry[type[Metric] | Metric] = Registry("metric", home="coopsim.metrics.built_in", group="coopsim.metrics")
+"""Metric classes (or objects) by name; an installed package adds its own by the entry-point group `coopsim.metrics`."""
