@@ -33,7 +33,8 @@ class Score:
     MT, PT and ML at the level with the best MOTA, as in AB3DMOT's tables. The counts TP, FP, FN, GT, IDS, FRAG and
     objects belong to the same level. `all_tracks` has the same names without any cut by score: plain CLEAR. All other
     metrics (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported and always count false positives;
-    `docs/reference/metrics.md` explains each name. Registered metrics (`coopsim.metrics.metric.METRICS`) are among the values.
+    `docs/reference/metrics.md` explains each name. Registered metrics (`coopsim.metrics.metric.METRICS`) are among the
+    values.
 
     Attributes:
         values: by metric name.
