@@ -21,10 +21,9 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.localization.localization_files import localization_config
 from coopsim.localization.localizer import LocalizationConfig
 from coopsim.localization.pose_noise import PoseNoise
-from coopsim.sensors.camera.camera import as_daylight
-from coopsim.sensors.camera.daylight import Daylight, Illumination
+from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
 from coopsim.sensors.camera.picture import TRUTH_MODES, require_modes
-from coopsim.sensors.camera.renderers.renderers import RENDERERS
+from coopsim.sensors.camera.renderers.choice import RENDERERS
 from coopsim.sensors.camera.rigs import RigOption, check_rig
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather

@@ -13,7 +13,8 @@ from coopsim.envs.frames import AgentFrame, Frame, FrameSource
 from coopsim.envs.lidar_sensing import CastSweeps, ExpectReturns, LidarSensing, Sensed
 from coopsim.envs.options import SimulationOptions
 from coopsim.localization.localizer import Localizer
-from coopsim.sensors.camera.camera import CameraRig
+from coopsim.sensors.camera.camera_rig import CameraRig
+from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import agent_rigs
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.mounting import require_above_ground, require_free_mount
@@ -149,8 +150,8 @@ class Simulation(FrameSource):
         if self._rig is None:
             self._rig = CameraRig(
                 self._photographers,
+                make_renderer(self._options.renderer),
                 modes=self.camera_modes,
-                renderer=self._options.renderer,
                 illumination=self._options.illumination,
             )
         actors = self._world.actors()

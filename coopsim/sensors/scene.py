@@ -17,16 +17,18 @@ from coopsim.world.snapshot import Actors, StaticPart
 Singles = NDArray[np.float32]
 
 STATIC_ID = 0
+"""Instance of the scenery; actors' ids are positive."""
+
 _CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1
 
 
 class Parts(NamedTuple):
-    """Which faces and vertices belong together: P runs of both, end to end.
+    """Faces and vertices that belong together: P consecutive runs of both.
 
     Attributes:
         face_start: (P + 1,) int, first face of each part and, last, the number of faces.
         vertex_start: (P + 1,) int, the same of vertices.
-        closed: (P,) bool: the part's surface has an inside, which nobody outside sees.
+        closed: (P,) bool: the part's surface encloses a volume, so its inner side cannot be seen from outside.
     """
 
     face_start: Ints
@@ -44,7 +46,7 @@ class Triangles:
         instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
         reflectivity: (F,) in [0, 1].
         color: (F, 3) uint8.
-        parts: runs of faces that belong together; None: unknown.
+        parts: faces and vertices that belong together; None: unknown.
         velocity: (P, 2) m/s of the parts over ground; None: unknown.
     """
 
@@ -58,7 +60,7 @@ class Triangles:
 
     @property
     def normals(self) -> Floats:
-        """(F, 3) outward unit normals."""
+        """Outward unit normals, (F, 3)."""
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -67,21 +69,25 @@ class Triangles:
 
     @property
     def middle_m(self) -> Floats:
-        """(3,) on the ground amid what moves: from here float32 is fine enough, kilometres away it is not."""
+        """A point on the ground amid the actors, (3,): measured from here, float32 is fine enough."""
         moving = self.vertices[self.faces[self.instance > STATIC_ID].ravel()]
         around = moving if len(moving) else self.vertices
         return np.append(around[:, :2].mean(axis=0), 0.0) if len(around) else np.zeros(3)
+
+    def faces_without(self, own_id: int | None) -> Ints:
+        """Return the indices of all faces but those of an actor."""
+        return np.flatnonzero(self.instance != own_id) if own_id is not None else np.arange(len(self.faces))
 
 
 class SceneGeometry:
     """Makes each frame's triangles from the actors' models and the static parts.
 
-    Which vertex belongs to which actor is worked out once and kept until other actors come; then a frame is one
-    look-up (of who walks, the pose), one rotation and one shift of all vertices together.
+    The assignment of vertices to actors is kept until the actors change. A frame then is one look-up of each model's
+    pose, one rotation and one translation of all vertices together.
 
     Args:
-        models: that actors' `model` counts into.
-        static: what never moves.
+        models: that actors' `model` is an index into.
+        static: the scenery.
     """
 
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
@@ -92,7 +98,7 @@ class SceneGeometry:
         self._key: tuple[bytes, ...] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
-        """The scene with these actors, scenery first."""
+        """Return the scene with these actors, scenery first."""
         key = tuple(column.tobytes() for column in (actors.id, actors.model, actors.color, actors.accent))
         if key != self._key:
             self._arrange(actors)
@@ -146,11 +152,10 @@ class SceneGeometry:
 
 
 def paint_reflectivity(color: NDArray[np.uint8]) -> Floats:
-    """Share of a light paint's reflectivity at 905 nm that a paint of some color (F, 3) has, (F,).
+    """Return the reflectivity at 905 nm of paints of some colors (F, 3), as a share of a light paint's, (F,).
 
-    Pigments of colors let infrared light through to the primer, which throws it back; what is dark in all channels is
-    so by carbon black, which takes in all of it. That begins at 40 % of full brightness, and ends at a tenth: both are
-    assumptions of ours.
+    Colored pigments let infrared light through to the primer, which reflects it. Paint that is dark in all channels
+    has carbon black, which absorbs it: below 40 % of full brightness, and down to a tenth (both assumed by us).
     """
     brightness = color.max(axis=1, initial=0) / 255.0
     share: Floats = np.clip(brightness / _CARBON_BLACK_BELOW, _BLACK_SHARE, 1.0)
@@ -158,7 +163,7 @@ def paint_reflectivity(color: NDArray[np.uint8]) -> Floats:
 
 
 def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
-    """The scenery alone."""
+    """Return the triangles of the scenery alone."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
     counts = [len(part.faces) for part in parts]
@@ -178,9 +183,9 @@ def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
 
 
 def is_closed(vertices: Floats, faces: Ints) -> bool:
-    """Whether triangles (F, 3) enclose something, with their outer sides outside: who is outside sees no inner side.
+    """Return whether triangles (F, 3) enclose a volume with their outer sides outward.
 
-    Each edge has one triangle on either side, both counter-clockwise, and the volume within is positive.
+    Then each edge has one triangle on either side, both counter-clockwise, and the volume is positive.
     """
     start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
     most = faces.max(initial=0) + 1

@@ -14,7 +14,7 @@ from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import FramePainter
-from coopsim.sensors.camera.renderers.renderers import RaycastRenderer
+from coopsim.sensors.camera.renderers.raycast_renderer import RaycastRenderer
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.world.models.model import Model
 from coopsim.world.snapshot import Actors, StaticPart

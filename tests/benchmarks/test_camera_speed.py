@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from coopsim.errors import MissingDependencyError
-from coopsim.sensors.camera.camera import CameraRig
+from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
 from coopsim.sensors.camera.distortion import NO_DISTORTION
 from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import agent_rigs
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather
@@ -38,7 +39,7 @@ def test_camera_frame(renderer: str, lens: str, fog_visibility_m: float) -> None
     rigs = {name: [replace(camera, intrinsics=intrinsics) for camera in rig] for name, rig in named.items()}
     light = Illumination(DAYLIGHTS.get("day"), Weather(fog_visibility_m=fog_visibility_m))
     try:
-        rig = CameraRig(rigs, modes=("rgb", "depth", "instance"), renderer=renderer, illumination=light)
+        rig = CameraRig(rigs, make_renderer(renderer), modes=("rgb", "depth", "instance"), illumination=light)
     except MissingDependencyError as error:
         pytest.skip(str(error))
     geometry, spent = SceneGeometry(world.models, world.static), []

@@ -12,7 +12,8 @@ from test_environments import Make, assert_same, play
 import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.camera.camera import Camera, CameraRig
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.weather import Weather
 from coopsim.types import Observation, Tracks

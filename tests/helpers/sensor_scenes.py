@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.camera.camera import Camera, CameraRig
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.camera_rig import CameraRig
+from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import named_rig
 from coopsim.sensors.scene import SceneGeometry, Triangles
 from coopsim.types import CameraImage
@@ -111,7 +113,7 @@ class Studio:
     ) -> None:
         rig = named_rig("surround")
         try:
-            self.rig = CameraRig(cameras or dict.fromkeys(AGENTS, rig), renderer=renderer, **how)
+            self.rig = CameraRig(cameras or dict.fromkeys(AGENTS, rig), make_renderer(renderer), **how)
         except MissingDependencyError as error:
             pytest.skip(str(error))
         self._geometry = SceneGeometry(models, static)

@@ -1,1 +1,1 @@
-"""Cameras: rigs, lenses, light, pictures."""
+"""Cameras: lenses, rigs, light, pictures, renderers."""

@@ -1,4 +1,4 @@
-"""What lights a scene: the hour's sun and sky, and what rain and fog make of them. Light is linear, pictures sRGB."""
+"""Light of a scene: the hour's sun and sky, dimmed by rain and fog. Light is linear, pictures are sRGB."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.weather import Weather, wet_albedo
 from coopsim.support.arrays import frozen, require_finite
@@ -19,7 +19,7 @@ RGB = tuple[float, float, float]
 GAMMA = 2.2
 _CLOUDED_MM_H = 2.0  # e-folding rain rate from a clear sky to a closed one; ours
 _CLOUDY_AMBIENT, _CLOUDY_SKY = 0.55, 0.35  # of their clear values, under a closed sky; ours
-_FOG_M = 1000.0  # visibility below which it is called fog (WMO)
+_FOG_M = 1000.0  # visibility below which haze is called fog (WMO)
 _SOAKED_MM_H = 1.0  # e-folding rain rate from dry surfaces to wet ones; ours
 
 
@@ -28,11 +28,11 @@ class Daylight:
     """Sun (or moon) and sky. Light of 1 shows a white surface white.
 
     Attributes:
-        sun_azimuth_rad: where the sun stands, counter-clockwise from the world's x.
-        sun_elevation_rad: over the horizon, in [-pi/2, pi/2]; below it, it lights nothing.
-        sun: red, green and blue light on a surface that faces it, >= 0.
+        sun_azimuth_rad: of the sun, counter-clockwise from the world's x.
+        sun_elevation_rad: over the horizon, in [-pi/2, pi/2]; a sun below the horizon lights nothing.
+        sun: red, green and blue light on a surface that faces the sun, >= 0.
         ambient: light from all around, >= 0.
-        sky: what the empty sky looks like, >= 0.
+        sky: color of the empty sky, >= 0.
     """
 
     sun_azimuth_rad: float
@@ -52,13 +52,13 @@ class Daylight:
 
     @property
     def towards_sun(self) -> Floats:
-        """(3,) unit vector, world frame."""
+        """Unit vector towards the sun (3,), world frame."""
         level = np.cos(self.sun_elevation_rad)
         azimuth = self.sun_azimuth_rad
         return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(self.sun_elevation_rad)])
 
 
-# Suns and skies of no certain place, made to look like their hour.
+# Made to look like their hour; of no certain place.
 DAYLIGHTS: Registry[Daylight] = Registry("time_of_day")
 DAYLIGHTS.register("day")(Daylight(0.62, 1.12, (0.5, 0.5, 0.5), (0.55, 0.55, 0.55), (0.40, 0.56, 0.74)))
 DAYLIGHTS.register("dusk")(Daylight(2.9, 0.10, (0.62, 0.30, 0.12), (0.17, 0.16, 0.21), (0.52, 0.26, 0.20)))
@@ -66,11 +66,11 @@ DAYLIGHTS.register("night")(Daylight(-1.1, 0.70, (0.012, 0.015, 0.022), (0.012, 
 
 
 class Illumination:
-    """Daylight as the weather lets it through.
+    """Daylight in some weather.
 
-    Clouds of rain take the sun away and dim the sky. Surfaces get wet, and so darker. Air of extinction b per metre
-    shows of what is r away the share exp(-b r), and for the rest the sky's light (Koschmieder 1924); b is
-    `Weather.extinction_per_m`.
+    Rain clouds hide the sun and dim the sky, and wet surfaces are darker. Through air of extinction b per metre
+    (`Weather.extinction_per_m`), a surface at distance r shows the share exp(-b r) of its light; the rest is the sky's
+    light (Koschmieder 1924).
 
     Args:
         daylight: sun and sky.
@@ -92,7 +92,7 @@ class Illumination:
         self.sky: Floats = hueless * (clear + _CLOUDY_SKY * (1 - clear))
 
     def shade(self, color: NDArray[np.uint8], normals: Floats) -> NDArray[np.float32]:
-        """Light (F, 3), linear, that comes from matt faces of these colours and outward unit normals, each (F, 3)."""
+        """Return the linear light (F, 3) from matt faces with these colours (F, 3) and outward unit normals (F, 3)."""
         facing = np.maximum(normals @ self._towards_sun, 0.0)[:, None]
         albedo = (color / 255.0) ** GAMMA
         albedo += self._wet * (wet_albedo(albedo) - albedo)
@@ -101,6 +101,19 @@ class Illumination:
 
 
 def to_srgb(light: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Linear light as shown in a picture; sRGB's curve is taken for a power of 2.2."""
+    """Convert linear light to sRGB, whose curve is approximated by a power of 2.2."""
     shown: NDArray[np.uint8] = (255 * np.clip(light, 0.0, 1.0) ** np.float32(1 / GAMMA)).astype(np.uint8)
     return shown
+
+
+def as_daylight(time_of_day: object) -> Daylight:
+    """Return a `Daylight` as it is, or the one of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if isinstance(time_of_day, Daylight):
+        return time_of_day
+    if not isinstance(time_of_day, str):
+        raise UnknownNameError("time_of_day", time_of_day, DAYLIGHTS.names())
+    return DAYLIGHTS.get(time_of_day)

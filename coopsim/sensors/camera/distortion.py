@@ -24,7 +24,7 @@ _STEPS, _TOLERANCE = 50, 1e-9
 
 
 def distort(points: Floats, coefficients: Coefficients) -> Floats:
-    """Where points (N, 2) of the normalised image plane are seen, (N, 2)."""
+    """Return the distorted positions (N, 2) of points (N, 2) of the normalised image plane."""
     k1, k2, p1, p2, k3 = coefficients
     x, y = points.T
     r2 = x**2 + y**2
@@ -38,14 +38,14 @@ def distort(points: Floats, coefficients: Coefficients) -> Floats:
 
 
 def undistort(points: Floats, coefficients: Coefficients) -> Floats:
-    """Which points (N, 2) of the normalised image plane are seen at `points` (N, 2), by Newton's method.
+    """Return the points (N, 2) of the normalised image plane that distort to `points` (N, 2), by Newton's method.
 
     Raises:
-        InvalidValueError: the lens folds its picture over within these points, so that some are seen twice or never.
+        InvalidValueError: the distortion is not one to one within these points.
     """
     seen: Floats = np.asarray(points, dtype=np.float64)
     guess = seen.copy()
-    with np.errstate(all="ignore"):  # what runs away is found below
+    with np.errstate(all="ignore"):  # divergence is detected below
         for _ in range(_STEPS):
             error = distort(guess, coefficients) - seen
             if np.abs(error).max(initial=0.0) <= _TOLERANCE:
@@ -55,7 +55,7 @@ def undistort(points: Floats, coefficients: Coefficients) -> Floats:
             guess -= step / (a * d - b**2)[:, None]
         a, b, d = _jacobian(guess, coefficients)
         left = np.abs(distort(guess, coefficients) - seen).max(initial=0.0)
-        # Turned inside out, the point is beyond the fold.
+        # A Jacobian that is not positive definite is beyond the fold.
         if not (left <= 1e3 * _TOLERANCE and (a * d - b**2 > 0).all() and (a + d > 0).all()):
             raise InvalidValueError(
                 "distortion must be one to one over the whole picture, but "
@@ -65,7 +65,7 @@ def undistort(points: Floats, coefficients: Coefficients) -> Floats:
 
 
 def _jacobian(points: Floats, coefficients: Coefficients) -> tuple[Floats, Floats, Floats]:
-    """dx'/dx, dx'/dy = dy'/dx, and dy'/dy, (N,) each."""
+    """Return dx'/dx, dx'/dy = dy'/dx, and dy'/dy, (N,) each."""
     k1, k2, p1, p2, k3 = coefficients
     x, y = points.T
     r2 = x**2 + y**2

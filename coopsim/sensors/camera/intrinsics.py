@@ -1,4 +1,4 @@
-"""What a camera's lens and chip make of directions: pixels."""
+"""A camera's lens and chip: between directions and pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.checks import require_between, require_count, require_number
 
 MOST_PIXELS = 8192
-"""Along either side. No camera here has more; what does is a slip that would fill the memory."""
+"""Most pixels along either side; a larger number is a slip that would fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Intrinsics:
         distortion: k1, k2, p1, p2, k3, see `coopsim.sensors.camera.distortion`.
 
     Raises:
-        InvalidValueError: a number that is not accepted, or a distortion that folds the picture over.
+        InvalidValueError: a number out of its range, or a distortion that folds the picture over.
     """
 
     width: int
@@ -55,7 +55,7 @@ class Intrinsics:
         require_finite(coefficients, "distortion (k1, k2, p1, p2, k3)")
         object.__setattr__(self, "distortion", tuple(coefficients.tolist()))
         if self.distorts:
-            self.rays  # noqa: B018  (a lens that folds the picture over is refused now)
+            self.rays  # noqa: B018  (refuses a lens that folds the picture over)
 
     @classmethod
     def from_fov(
@@ -65,7 +65,7 @@ class Intrinsics:
         horizontal_fov_rad: float = np.radians(100.0),
         distortion: Coefficients = NO_DISTORTION,
     ) -> Self:
-        """Square pixels, the optical axis in the middle, and this opening angle (without distortion), in (0, pi)."""
+        """Make intrinsics with square pixels, a central axis and an opening angle in (0, pi), without distortion."""
         require_count(1, MOST_PIXELS, width=width, height=height)
         require_number("in (0, pi)", lambda fov: 0 < fov < np.pi, horizontal_fov_rad=horizontal_fov_rad)
         focal_px = float(width / 2 / np.tan(horizontal_fov_rad / 2))
@@ -73,22 +73,22 @@ class Intrinsics:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width, as of an array."""
+        """Height and width, the order of an array's shape."""
         return (self.height, self.width)
 
     @property
     def matrix(self) -> Floats:
-        """K, (3, 3)."""
+        """The camera matrix K, (3, 3)."""
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
     @property
     def distorts(self) -> bool:
-        """Whether the lens does anything to the pinhole's picture."""
+        """Whether the lens differs from a pinhole."""
         return any(self.distortion)
 
     @cached_property
     def rays(self) -> Floats:
-        """(H * W, 3) directions that the pixels' middles see, row by row, in camera axes, 1 along the optical axis."""
+        """Directions (H * W, 3) of the pixels' middles, row by row, in camera axes, 1 along the optical axis."""
         columns = (np.arange(self.width) - self.cx_px) / self.fx_px
         rows = (np.arange(self.height) - self.cy_px) / self.fy_px
         seen = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
@@ -100,17 +100,17 @@ class Intrinsics:
 
     @cached_property
     def stretch(self) -> NDArray[np.float32]:
-        """(H, W): distance along a pixel's ray for a depth of 1."""
+        """Distance along each pixel's ray for a depth of 1, (H, W)."""
         stretch: NDArray[np.float32] = np.linalg.norm(self.rays, axis=1).astype(np.float32)
         return stretch.reshape(self.size)
 
     @cached_property
     def unit_rays(self) -> Floats:
-        """`rays` of length 1."""
+        """The rays normalized to length 1, (H * W, 3)."""
         rays: Floats = self.rays / np.linalg.norm(self.rays, axis=1, keepdims=True)
         return rays
 
     def project(self, points_m: Floats) -> Floats:
-        """Where points (N, 3) in camera axes, in front of the camera, are seen: columns and rows, (N, 2)."""
+        """Project points (N, 3) m in camera axes, in front of the camera, to columns and rows (N, 2) in pixels."""
         seen = distort(points_m[:, :2] / points_m[:, 2:], self.distortion)
         return seen * [self.fx_px, self.fy_px] + [self.cx_px, self.cy_px]

@@ -1,4 +1,4 @@
-"""Lenses that distort, for renderers that draw only what a pinhole sees."""
+"""Distorting lenses for renderers that draw only pinholes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from coopsim.sensors.camera.intrinsics import MOST_PIXELS, Intrinsics
 Pixels = NDArray[np.float32]
 
 _FINER = 2
-"""Pixels of the pinhole's picture for one of the lens's, along either axis."""
+"""Pixels of the pinhole's picture for each pixel of the lens's, along either axis."""
 
 
 class LensLookup:
-    """Every pixel of the lens looks up the nearest one of a finer and wider pinhole's picture.
+    """Looks each pixel of a lens up in the picture of a finer and wider pinhole, at the nearest pixel.
 
     Attributes:
-        pinhole: of what to draw the picture.
+        pinhole: whose picture is to be drawn.
     """
 
     def __init__(self, lens: Intrinsics) -> None:
@@ -34,12 +34,12 @@ class LensLookup:
         self._beside = (place - nearest).astype(np.float32)
 
     def apply(self, face: NDArray[np.integer], inverse: Pixels) -> tuple[NDArray[np.integer], Pixels]:
-        """What the lens sees, by what the pinhole does.
+        """Convert the pinhole's view to the lens's.
 
         Args:
             face: (h, w) of the pinhole's picture.
             inverse: (h, w, 3), inverse depth in 1/m, 0 where there is nothing, and its slopes along columns and rows on
-                the face that is seen; with them, it is known beside the pixel's middle, too.
+                the face that is seen, which give it beside the pixel's middle.
 
         Returns:
             Face and inverse depth, (H, W), in the directions of the lens's pixels.

@@ -1,4 +1,4 @@
-"""From what each pixel sees, a triangle and its depth, to pictures: colour, depth, instance, class."""
+"""Pictures from views: colour, depth, instance and class by the triangle and depth that each pixel sees."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.camera.daylight import Illumination, to_srgb
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.renderers.renderers import View
+from coopsim.sensors.camera.renderer import View
 from coopsim.sensors.scene import STATIC_ID, Triangles
 from coopsim.support.checks import require_choice
 from coopsim.types import CameraImage
@@ -18,20 +18,20 @@ from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.snapshot import Actors
 
 TRUTH_MODES = ("instance", "semantic")
-"""What no camera measures."""
+"""Modes that are truth, and that no camera measures."""
 
 MODES = OBSERVED_MODES + TRUTH_MODES
 
 NO_CLASS = 255
-"""In a semantic picture, what is no actor: scenery or sky."""
+"""Class of scenery and sky in a semantic picture."""
 
 
 def require_modes(modes: object) -> tuple[str, ...]:
-    """Names of modes, each once, at least one.
+    """Return the names of modes as a tuple, after checking that there is at least one, and each once.
 
     Raises:
         UnknownNameError: no mode is called that.
-        InvalidValueError: they are no list of names, or one is there twice.
+        InvalidValueError: not a list of names, or a name is repeated.
     """
     accepted = f"different names out of {', '.join(MODES)}, at least one"
     if isinstance(modes, str) or not isinstance(modes, Sequence) or not modes:
@@ -44,14 +44,14 @@ def require_modes(modes: object) -> tuple[str, ...]:
 
 
 class FramePainter:
-    """Colours the views of one frame after another.
+    """Makes pictures of views, frame by frame.
 
-    What a face looks like and belongs to is worked out once a frame and face; a pixel then only looks it up. The last
-    row of every table is the sky, where the views' -1 leads.
+    Colour, instance and class are computed once per frame and face, and looked up per pixel. The last row of every
+    table is the sky, which a view's -1 selects.
 
     Args:
-        illumination: what lights the scene.
-        modes: what pictures shall have, of `MODES`.
+        illumination: light of the scene.
+        modes: contents of the pictures, of `MODES`.
     """
 
     def __init__(self, illumination: Illumination, modes: Sequence[str]) -> None:
@@ -63,7 +63,7 @@ class FramePainter:
         self._semantic: NDArray[np.uint8]
 
     def update(self, actors: Actors, triangles: Triangles) -> None:
-        """Take over a new frame: the actors, and the same as triangles."""
+        """Take over a new frame, as actors and as triangles."""
         if "rgb" in self._modes:
             sky = self._light.sky.astype(np.float32)
             self._shade = np.vstack([self._light.shade(triangles.color, triangles.normals), sky])
@@ -73,11 +73,11 @@ class FramePainter:
         order = np.argsort(actors.id)
         ids, labels = actors.id[order], actors.label[order]
         row = np.searchsorted(ids, instance)
-        labels = np.append(labels, NO_CLASS)  # for what comes after the last id
+        labels = np.append(labels, NO_CLASS)  # for instances beyond the last id
         self._semantic = np.where(instance == STATIC_ID, NO_CLASS, labels[row]).astype(np.uint8)
 
     def paint(self, view: View, intrinsics: Intrinsics) -> CameraImage:
-        """The picture of what was seen through a camera with these intrinsics."""
+        """Return the picture of a view through a camera with these intrinsics."""
         wanted = self._modes
         return CameraImage(
             rgb=self._colored(view, intrinsics) if "rgb" in wanted else None,
@@ -89,7 +89,7 @@ class FramePainter:
     def _colored(self, view: View, intrinsics: Intrinsics) -> NDArray[np.uint8]:
         if not self._haze:
             return self._rgb[view.face]
-        # Of the sky, infinitely far, nothing comes through but what the air itself scatters: the same light.
+        # The sky is infinitely far: its light is the light that the air scatters, so depth 0 does no harm.
         distance_m = view.depth * intrinsics.stretch
         through = np.exp(-self._light.extinction_per_m * distance_m)[..., None]
         airlight = self._shade[-1]

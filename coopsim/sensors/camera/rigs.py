@@ -1,4 +1,4 @@
-"""Rigs: which cameras an agent carries, by name or as the user lists them."""
+"""Rigs: the cameras that an agent carries, by name or as the user lists them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from coopsim.sensors.camera.rig_names import RIG_HEADINGS_RAD, RIG_NAMES, SURROU
 
 Rig = tuple[Camera, ...]
 RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[Camera]]
-"""What users write: False, True (as "surround"), the name of a rig, cameras; or one of these by agent."""
+"""The option `cameras`: False, True (as "surround"), the name of a rig, cameras; or one of these by agent."""
 
 UNIT_PITCH_RAD = np.radians(20.0)
-"""How far the named rigs of a roadside unit look down; ours, as all of them are."""
+"""Downward pitch of the named rigs on a roadside unit; chosen by us, as the rigs are."""
 
 DRONE_PITCH_RAD = np.radians(45.0)
 """The same for a drone."""
@@ -24,7 +24,7 @@ _PITCH_RAD = {"cav": 0.0, "rsu": UNIT_PITCH_RAD, "drone": DRONE_PITCH_RAD}
 
 
 def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
-    """The cameras of the rig called `name`: each of 320 x 180 pixels and 100 degrees, on the middle of the roof.
+    """Return the cameras of the rig called `name`: each of 320 x 180 pixels and 100 degrees, on the middle of the roof.
 
     Raises:
         UnknownNameError: there is no such rig.
@@ -38,7 +38,7 @@ def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
 
 
 def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
-    """The cameras of every agent.
+    """Return the cameras of every agent.
 
     Args:
         option: a `RigOption`.
@@ -46,7 +46,7 @@ def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
 
     Raises:
         UnknownNameError: no rig or agent is called that.
-        InvalidValueError: cameras that are none, or two of one name.
+        InvalidValueError: not a list of cameras, or two of one name.
     """
     if not isinstance(option, Mapping):
         check_rig(option)
@@ -58,22 +58,22 @@ def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
 
 
 def check_rig(option: object) -> None:
-    """Refuse what is no rig (but for the names of agents, which it takes an environment to know).
+    """Validate the option `cameras`, except for the names of agents, which the environment checks later.
 
     Raises:
         UnknownNameError: no rig is called that.
-        InvalidValueError: cameras that are none, or two of one name.
+        InvalidValueError: not a list of cameras, or two of one name.
     """
-    for each in option.values() if isinstance(option, Mapping) else [option]:
-        rig(each)
+    for one in option.values() if isinstance(option, Mapping) else [option]:
+        rig(one)
 
 
 def rig(option: object, kind: str = "cav") -> Rig:
-    """The cameras that an option says, on an agent of a kind ("cav", "rsu" or "drone").
+    """Return the cameras of an option on an agent of a kind ("cav", "rsu" or "drone").
 
     Raises:
         UnknownNameError: no rig is called that.
-        InvalidValueError: cameras that are none, or two of one name.
+        InvalidValueError: not a list of cameras, or two of one name.
     """
     if option is False or option is True:
         option = SURROUND if option else ()

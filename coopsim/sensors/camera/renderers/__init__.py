@@ -1,1 +1,1 @@
-"""What each pixel of a camera sees: by OpenGL, by ray casting, or by pyrender."""
+"""Renderers, which find what each pixel of a camera sees: OpenGL, ray casting, and pyrender as their reference."""

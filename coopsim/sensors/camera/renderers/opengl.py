@@ -1,25 +1,23 @@
-"""Cameras drawn by OpenGL off screen: one pass writes which triangle each pixel sees, and how deep.
+"""Cameras drawn by OpenGL off screen: one pass writes the triangle and the depth that each pixel sees.
 
-That is a visibility buffer (Burns and Hunt, "The Visibility Buffer", JCGT 2013): every picture that is asked for is
-looked up from it afterwards, so that more modes cost no further passes.
+This is a visibility buffer (Burns and Hunt, "The Visibility Buffer", JCGT 2013): every mode of picture is looked up
+from it afterwards, so that more modes cost no further passes.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.lens_lookup import LensLookup
-from coopsim.sensors.camera.renderers.renderers import Renderer, View
+from coopsim.sensors.camera.renderer import Renderer, View
 from coopsim.sensors.scene import Triangles
-
-if TYPE_CHECKING:
-    from coopsim.sensors.camera.camera import Camera
 
 INSTALL = "pip install 'coopsim[camera]', and on Debian: apt-get install libegl1 libgl1-mesa-dri libopengl0"
 
@@ -30,8 +28,8 @@ in vec3 position;
 void main() { gl_Position = clip_SE3_scene * vec4(position, 1.0); }
 """
 
-# 1 / gl_FragCoord.w is the depth along the optical axis. On a plane its inverse is linear in the pixels: with the
-# slopes, the depth is known beside the pixel's middle, too.
+# 1 / gl_FragCoord.w is the depth along the optical axis. On a plane its inverse is linear in the pixels: the slopes
+# give the depth beside the pixel's middle.
 _FRAGMENT = """
 #version 330
 uniform int first_face;
@@ -45,7 +43,7 @@ void main() {
 
 
 class OpenGLRenderer(Renderer):
-    """Draws through EGL, with or without a screen, in hardware or software. One scene persists, its vertices move.
+    """Draws through EGL, with or without a screen, in hardware or software. The scene persists, its vertices move.
 
     Raises:
         MissingDependencyError: OpenGL does not work here; says why and what to install.
@@ -83,7 +81,7 @@ class OpenGLRenderer(Renderer):
 
     def close(self) -> None:
         if self._context is not None:
-            self._context.release()  # and with it all that was made in it
+            self._context.release()  # together with everything made in it
         self._context, self._scene, self._canvases = None, None, {}
 
 
@@ -91,7 +89,7 @@ class _Scene:
     """A scene's triangles in the renderer's memory.
 
     Attributes:
-        origin_m: (3,) from which its vertices are measured: they are of float32, which far away is too coarse.
+        origin_m: (3,) that vertices are measured from: they are float32, which is too coarse far from the origin.
     """
 
     def __init__(self, context: Any, program: Any, triangles: Triangles) -> None:
@@ -103,20 +101,20 @@ class _Scene:
         self._array = context.vertex_array(program, [(self._vertices, "3f", "position")], self._order)
 
     def holds(self, triangles: Triangles) -> bool:
-        """Whether these differ from the ones it was made for by where their vertices are, at most."""
+        """Return whether these triangles differ from those of this scene in the positions of vertices at most."""
         return triangles.faces is self._faces and triangles.instance is self._instance
 
     def move(self, triangles: Triangles) -> None:
-        """Have the vertices where they are in these triangles."""
+        """Move the vertices to their positions in these triangles."""
         if len(triangles.vertices):
             self.origin_m = triangles.middle_m
             self._vertices.write((triangles.vertices - self.origin_m).astype(np.float32).tobytes())
 
     def draw(self, own_id: int | None) -> None:
-        """Draw all but one actor."""
+        """Draw all actors but one."""
         shown = np.concatenate([[False], self._instance != (-1 if own_id is None else own_id), [False]])
         changes = np.flatnonzero(shown[1:] != shown[:-1]).reshape(-1, 2)
-        for first, end in changes.tolist():  # an actor's faces lie together: two runs at most
+        for first, end in changes.tolist():  # an actor's faces are consecutive: two runs at most
             self._first_face.value = first
             self._array.render(vertices=3 * (end - first), first=3 * first)
 
@@ -126,9 +124,9 @@ class _Scene:
 
 
 class _Canvas:
-    """What is drawn on for one kind of camera, and how a picture is read from it.
+    """The buffers of one kind of camera.
 
-    A rasteriser draws what a pinhole sees; what a lens that distorts sees is looked up from that (see `LensLookup`).
+    A rasteriser draws the view of a pinhole; that of a distorting lens is looked up from it (see `LensLookup`).
     """
 
     def __init__(self, context: Any, intrinsics: Intrinsics) -> None:
@@ -140,11 +138,11 @@ class _Canvas:
         self._buffer = context.framebuffer([self._face, self._inverse], context.depth_renderbuffer((width, height)))
 
     def projection(self, near_m: float, far_m: float) -> Floats:
-        """(4, 4), from camera axes to OpenGL's clip space, with the picture's first row at the bottom: read first."""
+        """Return the matrix (4, 4) from camera axes to OpenGL's clip space, the first pixel row at the bottom."""
         scale = 2 / np.array([self._drawn.width, self._drawn.height])
         matrix = np.zeros((4, 4))
         matrix[:2, :3] = self._drawn.matrix[:2] * scale[:, None]
-        matrix[:2, 2] += 0.5 * scale - 1  # pixels' middles are whole numbers
+        matrix[:2, 2] += 0.5 * scale - 1  # the middle of a pixel is a whole number
         matrix[2, 2:] = np.array([far_m + near_m, -2 * far_m * near_m]) / (far_m - near_m)
         matrix[3, 2] = 1.0
         return matrix
@@ -154,7 +152,7 @@ class _Canvas:
         self._buffer.clear()
 
     def read(self) -> View:
-        """What was drawn."""
+        """Return the view that was drawn."""
         shape = self._drawn.size
         face: NDArray[np.integer] = np.frombuffer(self._face.read(), np.int32).reshape(shape)
         inverse = np.frombuffer(self._inverse.read(), np.float32).reshape(*shape, 3)
@@ -167,14 +165,14 @@ class _Canvas:
 
 
 def _matrix(pose: SE3) -> Floats:
-    """(4, 4)."""
+    """Return a pose as a matrix (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
     return matrix
 
 
 def _context() -> Any:
-    """An OpenGL context without a window.
+    """Make an OpenGL context without a window.
 
     Raises:
         MissingDependencyError: says what is missing and what to install.
@@ -182,11 +180,11 @@ def _context() -> Any:
     try:
         import moderngl
 
-        # By the names under which distributions' run-time packages have them.
+        # Names of the libraries in distributions' run-time packages.
         egl: dict[str, Any] = {"backend": "egl", "libgl": "libOpenGL.so.0", "libegl": "libEGL.so.1"}
         context: Any = moderngl.create_context(standalone=True, **egl)
     except Exception as error:
-        # Whatever is missing (package, library, driver), its loader raises an error of its own kind.
+        # Each loader (package, library, driver) raises its own kind of error.
         reason = f"OpenGL does not work here ({type(error).__name__}: {error})"
         raise MissingDependencyError(f"{reason}. Install it: {INSTALL}") from error
     context.enable(moderngl.DEPTH_TEST)

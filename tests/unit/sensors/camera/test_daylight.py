@@ -10,8 +10,8 @@ from sensor_scenes import Studio, actors, box_part, ground
 
 from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.camera import Camera, as_daylight
-from coopsim.sensors.camera.daylight import DAYLIGHTS, GAMMA, Daylight, Illumination
+from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.daylight import DAYLIGHTS, GAMMA, Daylight, Illumination, as_daylight
 from coopsim.sensors.weather import Weather
 from coopsim.world.snapshot import AgentBody
 

@@ -18,7 +18,8 @@ from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import MODES
-from coopsim.sensors.camera.renderers.renderers import Renderer, make_renderer
+from coopsim.sensors.camera.renderer import Renderer
+from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import agent_rigs
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
@@ -137,7 +138,7 @@ def test_a_context_of_someone_elses_stays_current(pyrender: Renderer) -> None:
 def test_a_process_ends_well_without_closing() -> None:
     opened("pyrender").close()  # pyrender is there, or this skips
     program = """
-from coopsim.sensors.camera.renderers.renderers import make_renderer
+from coopsim.sensors.camera.renderers.choice import make_renderer
 kept = [make_renderer(name) for name in ("pyrender", "opengl", "pyrender")]
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

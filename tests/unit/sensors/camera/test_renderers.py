@@ -16,10 +16,10 @@ from sensor_scenes import AGENTS, MODELS, Studio, actors, box_part, ground
 
 from coopsim.errors import MissingDependencyError, UnknownNameError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.camera import CameraRig
+from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import MODES
-from coopsim.sensors.camera.renderers.renderers import make_renderer
+from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import agent_rigs, named_rig
 from coopsim.types import CameraImage
 from coopsim.world.scenario import make_scenario
@@ -206,7 +206,7 @@ def test_auto_is_opengl_where_it_works() -> None:
 
 def test_an_unknown_renderer_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'raycast'"):
-        CameraRig({}, renderer="raycasting")
+        make_renderer("raycasting")
 
 
 def test_modes_that_are_not_asked_for_are_not_drawn() -> None:
@@ -220,4 +220,4 @@ def test_modes_that_are_not_asked_for_are_not_drawn() -> None:
 @pytest.mark.parametrize("bad", ["rgb", [], ["rgb", "rgb"], None, 3, ["rbg"]])
 def test_modes_that_are_none_are_refused(bad: Any) -> None:
     with pytest.raises((ValueError, LookupError), match="camera_modes"):
-        CameraRig({}, modes=bad, renderer="raycast")
+        CameraRig({}, make_renderer("raycast"), modes=bad)

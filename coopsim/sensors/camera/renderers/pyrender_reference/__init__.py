@@ -1,1 +1,1 @@
-"""pyrender draws the cameras (`renderer="pyrender"`): the reference of the other renderers."""
+"""Cameras drawn by pyrender (`renderer="pyrender"`), the reference of the other renderers."""

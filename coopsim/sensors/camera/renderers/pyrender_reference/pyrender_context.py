@@ -1,6 +1,6 @@
-"""pyrender in an OpenGL context of its own, beside which others in the process live on.
+"""pyrender in a separate OpenGL context, which leaves other contexts of the process alone.
 
-This imports pyrender, and so OpenGL: import it only where that is asked for, and `PYOPENGL_PLATFORM` says EGL.
+This imports pyrender, and so OpenGL: import it only if pyrender was asked for and `PYOPENGL_PLATFORM` is "egl".
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ _SHADERS = Path(__file__).parent / "pyrender_shaders"
 
 
 class Context(EGLPlatform):  # type: ignore[misc]  # pyrender is untyped
-    """Ends no more than itself: pyrender's own ends the display, and with it every context of the process."""
+    """A context whose deletion ends only itself; pyrender's ends the display, with every context of the process."""
 
     _egl_display: Any
     _egl_context: Any
 
     def __init__(self) -> None:
-        super().__init__(1, 1)  # what is drawn on is a framebuffer, of any size
+        super().__init__(1, 1)  # drawing goes to a framebuffer of any size
         before = EGL.eglGetCurrentContext()
         self.init_context()
         self._make_current(before)
 
     @contextmanager
     def current(self) -> Iterator[None]:
-        """Have OpenGL's calls go here, and afterwards where they went before."""
+        """Make this the current context, and afterwards the one that was current before."""
         before = EGL.eglGetCurrentContext()
         self.make_current()
         try:
@@ -49,17 +49,17 @@ class Context(EGLPlatform):  # type: ignore[misc]  # pyrender is untyped
         nowhere = (self._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE)
         try:
             EGL.eglMakeCurrent(*nowhere, context)
-        except GLError:  # it was released while it was the current one, as moderngl does
+        except GLError:  # it was released while it was current, as moderngl does
             EGL.eglMakeCurrent(*nowhere, EGL.EGL_NO_CONTEXT)
 
 
 class TriangleRenderer(pyrender.Renderer):  # type: ignore[misc]
-    """pyrender's, whose segmentation pass writes triangles' numbers instead of nodes' colours."""
+    """pyrender's renderer with a segmentation pass that writes triangles' numbers instead of nodes' colours."""
 
     def __init__(self) -> None:
         super().__init__(1, 1)
         self._program_cache.shader_dir = str(_SHADERS)
 
     def __del__(self) -> None:
-        # pyrender's would delete by number, in whatever context is current when the garbage is collected.
+        # pyrender's version deletes by number, in whatever context is current when the garbage is collected.
         pass

@@ -1,36 +1,36 @@
 """Cameras drawn by pyrender (https://github.com/mmatl/pyrender): the reference for the other renderers.
 
-Scene, camera, matrices, rasterising and depth are pyrender's; of ours is a shader that writes which triangle is seen.
+Scene, camera, matrices, rasterising and depth are pyrender's; the shader that writes which triangle is seen is ours.
 """
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError, MissingDependencyError
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.lens_lookup import LensLookup
-from coopsim.sensors.camera.renderers.renderers import Renderer, View, faces_without
+from coopsim.sensors.camera.renderer import Renderer, View
 from coopsim.sensors.scene import Triangles
 from coopsim.types import Ints
-
-if TYPE_CHECKING:
-    from coopsim.sensors.camera.camera import Camera
 
 INSTALL = "pip install 'coopsim[pyrender]', and on Debian: apt-get install libegl1 libgl1-mesa-dri libopengl0"
 
 _MOST_FACES = (2**24 - 1) // 2
-"""Each has a number for either side, in the 24 bits of a colour, where 0 is nothing."""
+"""Each side of a face has a number, in the 24 bits of a colour, where 0 is nothing."""
 
 
 class PyrenderRenderer(Renderer):
-    """Draws through EGL, with or without a screen. Depths are as fine as a depth buffer of 24 bits:
-    with a camera's default `near_m` and `far_m`, beyond 100 m to some centimetres.
+    """Draws through EGL, with or without a screen.
+
+    Depths are as fine as a depth buffer of 24 bits: with a camera's default `near_m` and `far_m`, beyond 100 m to some
+    centimetres.
 
     Raises:
         MissingDependencyError: pyrender, or OpenGL, does not work here; says why and what to install.
@@ -49,7 +49,7 @@ class PyrenderRenderer(Renderer):
             self._context: Any = Context()
             self._drawing: Any = TriangleRenderer()
         except Exception as error:
-            # Whatever is missing (package, library, driver), its loader raises an error of its own kind.
+            # Each loader (package, library, driver) raises its own kind of error.
             reason = f"pyrender does not work here ({type(error).__name__}: {error})"
             raise MissingDependencyError(f"{reason}. Install it: {INSTALL}") from error
         self._frame: _Frame | None = None
@@ -83,12 +83,12 @@ class PyrenderRenderer(Renderer):
     def _draw(
         self, frame: _Frame, pinhole: Intrinsics, camera: Camera, world_SE3_camera: SE3, own_id: int | None
     ) -> View:
-        """What the camera saw if its lens were this pinhole."""
+        """Return the view of the camera if its lens were this pinhole."""
         faces, mesh = frame.mesh(own_id)
         if mesh is None:
             return View(np.full(pinhole.size, -1), np.zeros(pinhole.size, dtype=np.float32))
         scene = self._pyrender.Scene()
-        # pyrender's picture begins at 0, ours half a pixel before the first one's middle.
+        # pyrender's picture begins at 0, ours half a pixel before the middle of the first pixel.
         eye = self._pyrender.IntrinsicsCamera(
             pinhole.fx_px, pinhole.fy_px, pinhole.cx_px + 0.5, pinhole.cy_px + 0.5, camera.near_m, camera.far_m
         )
@@ -97,7 +97,7 @@ class PyrenderRenderer(Renderer):
         self._drawing.viewport_width, self._drawing.viewport_height = pinhole.width, pinhole.height
         flags = self._pyrender.RenderFlags
         with self._context.current():
-            # Of all passes, segmentation alone takes one sample a pixel, through its middle.
+            # Only the segmentation pass takes one sample per pixel, through its middle.
             color, depth = self._drawing.render(scene, flags.SEG | flags.OFFSCREEN, shown)
         number = color.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)
         seen = number > 0
@@ -105,7 +105,7 @@ class PyrenderRenderer(Renderer):
 
 
 class _Frame:
-    """A frame as pyrender takes it."""
+    """A frame as pyrender's meshes."""
 
     def __init__(self, pyrender: Any, triangles: Triangles) -> None:
         self._pyrender, self._triangles = pyrender, triangles
@@ -113,13 +113,13 @@ class _Frame:
         self._meshes: dict[int | None, tuple[Ints, Any]] = {}
 
     def mesh(self, own_id: int | None) -> tuple[Ints, Any]:
-        """All but one actor: indices of the faces, and their mesh or, of none, None.
+        """Return the indices of all faces but one actor's, and their mesh (None without faces).
 
-        Every face is in it twice, first all from outside, then all from inside: in this pass pyrender leaves out faces
-        that look away.
+        Every face is in the mesh twice, first all from outside, then all from inside: in this pass pyrender leaves out
+        faces that look away.
         """
         if own_id not in self._meshes:
-            kept = faces_without(self._triangles, own_id)
+            kept = self._triangles.faces_without(own_id)
             outside = self._triangles.faces[kept]
             local = (self._triangles.vertices - self._origin_m).astype(np.float32)
             both = np.concatenate([outside, outside[:, ::-1]])
@@ -128,14 +128,14 @@ class _Frame:
         return self._meshes[own_id]
 
     def pose(self, world_SE3_camera: SE3) -> Floats:
-        """(4, 4), of a camera in this frame's meshes. OpenGL's looks along -z with y up."""
+        """Return the pose (4, 4) of a camera in this frame's meshes. OpenGL's camera looks along -z with y up."""
         pose = np.eye(4)
         pose[:3, :3] = world_SE3_camera.rotation * [1.0, -1.0, -1.0]
         pose[:3, 3] = world_SE3_camera.translation - self._origin_m
         return pose
 
     def slopes(self, pinhole: Intrinsics, world_SE3_camera: SE3) -> NDArray[np.float32]:
-        """(F, 2), by how much inverse depth on a face grows from a column to the next, and from a row, 1/m.
+        """Return the growth (F, 2) of inverse depth on each face from a column, and from a row, to the next, 1/m.
 
         On the plane n p = d the depth z in the direction r, with r_z = 1, is d / n r: its inverse is linear in r.
         """
@@ -145,20 +145,20 @@ class _Frame:
         distance = np.einsum("fk,fk->f", normal, first)[:, None]
         focal_px = np.array([pinhole.fx_px, pinhole.fy_px])
         growth = (normal @ world_SE3_camera.rotation)[:, :2] / focal_px
-        # Who is on its plane does not see it.
+        # A camera in a face's plane does not see the face.
         slopes: Floats = np.divide(growth, distance, out=np.zeros_like(growth), where=distance != 0)
         return slopes.astype(np.float32)
 
 
 def _inverse(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1 / value, and 0 of 0."""
+    """Return 1 / value, and 0 for 0."""
     inverse = np.zeros_like(values)
     np.divide(np.float32(1.0), values, out=inverse, where=values > 0)
     return inverse
 
 
 def _choose_egl() -> None:
-    """Before OpenGL is first imported, which reads this once."""
+    """Select EGL for PyOpenGL, which reads the variable once, when first imported."""
     platform = os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     if platform != "egl":
         raise ImportError(f"PYOPENGL_PLATFORM must be unset or 'egl', got {platform!r}")
