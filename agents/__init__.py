@@ -3,14 +3,13 @@
 from coopsim.agents import (
     ab3dmot_policy,
     coop_fuse,
-    dino_codt,
+    dino_codt_tracking,
     graph_lap,
     late_fusion,
-    no_fusion,
     sequential_kf,
     track_to_track,
-    vic_fscm,
-    yoloo,
+    vic_fscm_association,
+    yoloo_geometry,
 )
 from coopsim.agents.policy import Needs, Policy
 
@@ -19,12 +18,11 @@ __all__ = [
     "Policy",
     "ab3dmot_policy",
     "coop_fuse",
-    "dino_codt",
+    "dino_codt_tracking",
     "graph_lap",
     "late_fusion",
-    "no_fusion",
     "sequential_kf",
     "track_to_track",
-    "vic_fscm",
-    "yoloo",
+    "vic_fscm_association",
+    "yoloo_geometry",
 ]

@@ -1,9 +1,9 @@
-"""coop_fuse: coopsim's own tracker, the best that its parts gave on the V2V4Real training recordings."""
+"""coop_fuse, coopsim's own tracker, with weights learned on the V2V4Real training recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,15 +47,14 @@ LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192,
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))
-"""AB3DMOT's, but that a length, a width and a heading hardly change; a height does, where it is a compromise."""
-
+"""AB3DMOT's, with a length, a width and a heading that hardly change; a height does, where it is a compromise."""
 
 _LIKENESS = 0.6
-"""What a difference of 1 in probability is worth in 3D GIoU."""
+"""Worth of a difference of 1 in probability, in 3D GIoU."""
 
 
-def _as_likely(tracks: Tracked, found: Detections, /) -> Floats:
-    """3D GIoU (N, M), less where a track and a box are not as likely on an object.
+def _affinity(tracks: Tracked, found: Detections, /) -> Floats:
+    """Return the 3D GIoU (N, M), less for a track and a box that are not equally likely on an object.
 
     Of two boxes that exclude each other both are tracked, one above the other, and without this their tracks would
     change places whenever the boxes do: then each has the score of both.
@@ -65,53 +64,49 @@ def _as_likely(tracks: Tracked, found: Detections, /) -> Floats:
 
 
 @POLICIES.register("coop_fuse")
+@dataclass(kw_only=True, eq=False)
 class CoopFuse(TrackingPolicy):
     """Of several boxes on an object the likelier one weighs more; a track's score is how likely it is on an object.
 
     Which agent is right about a box (`Doubt`), how likely the box then is right (`Calibration`) and how likely a track
-    is real (`Likelihood`) were learned from labels; the rest is AB3DMOT's.
+    is real (`Likelihood`) were learned from labels; the rest is AB3DMOT's. Further parameters: `TrackingPolicy`, with
+    `delayed="replay"` by default.
 
-    Args:
+    Attributes:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
-        least_chance: how likely a box that another agent's outweighed must be right where the fused one is not, in
-            [0, 1], to be tracked too, with the score that is left to it; 1: never.
-        gate: smallest 3D GIoU of a track and a box as likely, in [-1, 1].
-        least: how likely a track must be to be reported, in [0, 1].
+        least_chance: smallest probability, in [0, 1], that a box that another agent's outweighed is right where the
+            fused one is not, from which it is tracked too, with the score that is left to it; 1: never.
+        gate: smallest 3D GIoU of a track and an equally likely box, in [-1, 1].
+        least: smallest probability of a reported track, in [0, 1].
         age: frames without a detection until a track is dropped.
-        late: what to do with messages that come late, see `TrackingPolicy`.
-        align: correct poses by objects that several agents see, see `TrackingPolicy`.
         doubt: which of two agents' boxes to believe.
-        hearsay: whether to believe where another agent says that something is which the receiver does not see.
+        hearsay: whether to believe where another agent places an object that the receiver does not see.
         calibration: how likely a box is on an object.
         likelihood: how likely a track is on an object.
     """
 
-    def __init__(
-        self,
-        merge_gate: float = MERGE_GATE,
-        least_chance: float = LEAST_CHANCE,
-        gate: float = -0.2,
-        least: float = 0.035,
-        age: int = 3,
-        late: str = "replay",
-        align: bool = False,
-        doubt: Doubt = DOUBT,
-        hearsay: Doubt = HEARSAY,
-        calibration: Calibration = CALIBRATION,
-        likelihood: Likelihood = LIKELIHOOD,
-    ) -> None:
-        require_between(-1, 1, merge_gate=merge_gate, gate=gate)
-        require_probability(least=least, least_chance=least_chance)
-        require_count(1, age=age)
-        self._merge_gate, self._least_chance, self._doubt, self._hearsay = merge_gate, least_chance, doubt, hearsay
-        self._calibration, self._likelihood = calibration, likelihood
-        self._gate, self._lifecycle = gate, ByScore(least, age=age, coast=age)
-        super().__init__(late, align)
+    delayed: str = "replay"
+    merge_gate: float = MERGE_GATE
+    least_chance: float = LEAST_CHANCE
+    gate: float = -0.2
+    least: float = 0.035
+    age: int = 3
+    doubt: Doubt = DOUBT
+    hearsay: Doubt = HEARSAY
+    calibration: Calibration = CALIBRATION
+    likelihood: Likelihood = LIKELIHOOD
+
+    def __post_init__(self) -> None:
+        require_between(-1, 1, merge_gate=self.merge_gate, gate=self.gate)
+        require_probability(least=self.least, least_chance=self.least_chance)
+        require_count(1, age=self.age)
+        super().__post_init__()
 
     def make_tracker(self) -> Tracker:
-        stages = Cascade([Stage(_as_likely, hungarian, self._gate)])
-        return Tracker(MOTION, stages, self._lifecycle, scoring=self._likelihood)
+        stages = Cascade([Stage(_affinity, hungarian, self.gate)])
+        lifecycle = ByScore(self.least, age=self.age, coast=self.age)
+        return Tracker(MOTION, stages, lifecycle, scoring=self.likelihood)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        believed = trust_likelier(groups, self._merge_gate, self._doubt, self._hearsay, self._least_chance)
-        return [replace(believed.found, score=self._calibration.of(believed))]
+        fused = trust_likelier(groups, self.merge_gate, self.doubt, self.hearsay, self.least_chance)
+        return [replace(fused.found, score=self.calibration.of(fused))]

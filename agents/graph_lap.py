@@ -7,11 +7,11 @@ the extended Laplacian's least squares (eq. 8-10) moves them, and AB3DMOT tracks
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coopsim.agents.ab3dmot_policy import AB3DMOTBased
+from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
 from coopsim.catalog import POLICIES
 from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
 from coopsim.geometry.assignment import hungarian
@@ -25,79 +25,76 @@ from coopsim.tracking.tracker import Tracker, Turn, sane
 from coopsim.types import Detections, Ints
 
 
-class GraphLap(AB3DMOTBased):
-    """What both variants share.
+@dataclass(kw_only=True, eq=False)
+class GraphLap(AB3DMOTTracking):
+    """A policy that refines the pooled boxes on one graph and tracks them. Further parameters: `AB3DMOTTracking`.
 
-    Args:
+    Attributes:
         match_iou: 3D IoU from which boxes of two agents are one object, in (0, 1].
         neighbours: 0 for the fully connected graph of the paper, on which a box hardly moves towards its own anchor
             (1/N^2); else each box is connected to this many nearest ones.
-        one_per_object: of the boxes of one object only the first agent's is tracked. The paper tracks them all.
-        gate: smallest 3D GIoU of a match, in [-1, 1].
-        hits: frames with a detection until a track is reported.
-        age: frames without a detection until a track is dropped.
-        late: what to do with messages that come late, see `TrackingPolicy`.
-        align: correct poses by objects that several agents see, see `TrackingPolicy`.
+        one_per_object: track only the first agent's box of each object. The paper tracks all boxes.
+        matched_only: move only the boxes of objects that several agents see. In the paper, and as the equations read,
+            the others move with them.
     """
 
-    def __init__(
-        self,
-        match_iou: float = 0.1,
-        neighbours: int = 0,
-        one_per_object: bool = False,
-        gate: float = -0.2,
-        hits: int = 3,
-        age: int = 2,
-        late: str = "as_current",
-        align: bool = False,
-    ) -> None:
-        require_threshold(match_iou=match_iou)
-        require_count(0, neighbours=neighbours)
-        require_flag(one_per_object=one_per_object)
-        self._match_iou, self._neighbours, self._one_per_object = match_iou, neighbours, one_per_object
-        super().__init__(gate, hits, age, late, align)
+    match_iou: float = 0.1
+    neighbours: int = 0
+    one_per_object: bool = False
+    matched_only: bool = False
+
+    def __post_init__(self) -> None:
+        require_threshold(match_iou=self.match_iou)
+        require_count(0, neighbours=self.neighbours)
+        require_flag(one_per_object=self.one_per_object, matched_only=self.matched_only)
+        super().__post_init__()
 
     def _pool(self, groups: Sequence[Detections]) -> tuple[Detections, Ints, Ints]:
-        """All boxes, the number of each one's agent, and that of its object."""
+        """Return all boxes, the number (N,) of each one's agent, and that of its object."""
         whole = [sane(each) for each in groups]
         pooled, agent = Detections.concatenate(whole), np.repeat(np.arange(len(whole)), [len(each) for each in whole])
-        return pooled, agent, group(pooled.boxes.array, agent, self._match_iou, label=pooled.label)
+        return pooled, agent, group(pooled.boxes.array, agent, self.match_iou, label=pooled.label)
 
-    def _refined(self, pooled: Detections, anchor: Floats, same: Ints) -> Detections:
-        """The boxes with their centres refined."""
+    def _refined(self, pooled: Detections, anchor: Floats, object_of: Ints) -> Detections:
+        """Return the boxes with their centres refined, or one box per object."""
         center = pooled.boxes.center
-        if self._neighbours:
-            center = refine_sparse(center, anchor, nearest_graph(center, self._neighbours))
+        if self.neighbours:
+            refined = refine_sparse(center, anchor, nearest_graph(center, self.neighbours))
         else:
-            center = refine(center, anchor)
-        moved = replace(pooled, boxes=Boxes3D(center, pooled.boxes.size, pooled.boxes.yaw))
-        return moved[np.unique(same, return_index=True)[1]] if self._one_per_object else moved
+            refined = refine(center, anchor)
+        if self.matched_only:
+            shared = np.bincount(object_of)[object_of] > 1
+            refined = np.where(shared[:, None], refined, center)
+        moved = replace(pooled, boxes=Boxes3D(refined, pooled.boxes.size, pooled.boxes.yaw))
+        return moved[np.unique(object_of, return_index=True)[1]] if self.one_per_object else moved
 
 
 @POLICIES.register("graph_lap_aos")
+@dataclass(kw_only=True, eq=False)
 class GraphLapAOS(GraphLap):
-    """All in one stage: a box is anchored at the mean of its partners (eq. 11). Parameters as in `GraphLap`."""
+    """All in one stage: a box is anchored at the mean of its partners (eq. 11). Parameters: `GraphLap`."""
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        pooled, _, same = self._pool(groups)
-        return [self._refined(pooled, anchors_aos(pooled.boxes.center, same), same)]
+        pooled, _, object_of = self._pool(groups)
+        return [self._refined(pooled, anchors_aos(pooled.boxes.center, object_of), object_of)]
 
 
 @POLICIES.register("graph_lap_tsa")
+@dataclass(kw_only=True, eq=False)
 class GraphLapTSA(GraphLap):
-    """One stage per agent, anchored at that agent's boxes (eq. 12-13): the others' first, then the own.
+    """One stage per agent, anchored at that agent's boxes (eq. 12-13): the senders' first, then the receiver's.
 
     Later stages only extend tracks that the stages before missed (algorithm 1, lines 18-20). In the paper they begin
     tracks, too (line 21); not here, because every box stands in every stage, so each would begin another track of an
-    object that the stage before has just updated. Parameters as in `GraphLap`.
+    object that the stage before has just updated. Parameters: `GraphLap`.
     """
 
     def make_tracker(self) -> Tracker:
-        extend = Cascade([Stage(giou_3d, hungarian, gate=self._settings[0], tracks=missed)])
-        return ab3dmot(*self._settings, later=Turn(extend, born=nobody))
+        extend = Cascade([Stage(giou_3d, hungarian, gate=self.gate, tracks=missed)])
+        return ab3dmot(self.gate, self.hits, self.age, later=Turn(extend, born=nobody))
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        pooled, agent, same = self._pool(groups)
+        pooled, agent, object_of = self._pool(groups)
         stages = [*range(1, len(groups)), 0]
-        anchors = (anchors_tsa(pooled.boxes.center, same, agent, stage) for stage in stages)
-        return [self._refined(pooled, anchor, same) for anchor in anchors]
+        anchors = (anchors_tsa(pooled.boxes.center, object_of, agent, stage) for stage in stages)
+        return [self._refined(pooled, anchor, object_of) for anchor in anchors]

@@ -18,7 +18,7 @@ from coopsim.fusion.alignment import Heard, PoseAlignment
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
-from coopsim.tracking.delayed import OWN
+from coopsim.tracking.delayed import RECEIVER
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.tracking.onboard import OnBoardTracker
@@ -67,7 +67,7 @@ class TrackToTrack(Policy):
         position_noise_m: assumed standard deviation of an estimated pose's x and y.
         heading_noise_rad: assumed standard deviation of its heading. The defaults are those of V2X-ViT (Xu et al.,
             ECCV 2022): 0.2 m and 0.2 degrees.
-        late: "predict" moves a message's tracks on by their velocity, "as_current" takes them as they were.
+        delayed: "predict" moves a message's tracks on by their velocity, "as_current" takes them as they were.
         align: correct poses by objects that several agents see, see `coopsim.fusion.alignment`.
     """
 
@@ -82,7 +82,7 @@ class TrackToTrack(Policy):
         valid_s: float = 1.0,
         position_noise_m: float = 0.2,
         heading_noise_rad: float = 0.0035,
-        late: str = "predict",
+        delayed: str = "predict",
         align: bool = False,
     ) -> None:
         require_flag(align=align)
@@ -90,9 +90,9 @@ class TrackToTrack(Policy):
         require_number(f"in (0, {_LONGEST_S:g}]", lambda value: 0 < value <= _LONGEST_S, valid_s=valid_s)
         require_between(0, 100, position_noise_m=position_noise_m)
         require_between(0, np.pi, heading_noise_rad=heading_noise_rad)
-        require_choice("late", late, ("predict", "as_current"))
+        require_choice("delayed", delayed, ("predict", "as_current"))
         self._settings = (gate, hits, age)
-        self._fuse_gate, self._valid_s, self._late, self._align = fuse_gate, valid_s, late, align
+        self._fuse_gate, self._valid_s, self._delayed, self._align = fuse_gate, valid_s, delayed, align
         self._pose_noise = (position_noise_m, heading_noise_rad)
         self._states: dict[str, _AgentState] = {}
         OnBoardTracker(*self._settings)  # so that a wrong setting is refused here, not at the first episode
@@ -106,7 +106,7 @@ class TrackToTrack(Policy):
         own = state.tracker.step(observation)
         self._listen(agent, state, observation)
         fused, members = self._fused(own, [self._current(heard, now_ns) for heard in state.heard.values()])
-        public = state.ids.assign([OWN, *state.heard], members, now_ns)
+        public = state.ids.assign([RECEIVER, *state.heard], members, now_ns)
         return replace(fused.tracks, id=public).transform(state.tracker.frame.odom_SE3_base.inverse())
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
@@ -157,7 +157,7 @@ class TrackToTrack(Policy):
         score = heard.estimates.tracks.score
         faded = replace(heard.estimates.tracks, score=score - np.abs(score) * age_s / self._valid_s)
         estimates = replace(heard.estimates, tracks=faded)
-        return estimates.predicted(age_s, _MOTION) if self._late == "predict" else estimates
+        return estimates.predicted(age_s, _MOTION) if self._delayed == "predict" else estimates
 
     def _fused(self, own: TrackEstimates, others: Sequence[TrackEstimates]) -> tuple[TrackEstimates, Ints]:
         """N fused tracks, and the id that the agent itself and each of the others has for each, (N, 1 + others)."""

@@ -15,7 +15,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_flag
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.delayed import LATE, OWN, LateMeasurements, Measurement
+from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurement
 from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.tracking.tracker import FARTHEST_M, Tracker, reportable
 from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
@@ -23,39 +23,46 @@ from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tra
 
 @dataclass
 class _AgentState:
-    tracks: LateMeasurements
+    tracks: DelayedMeasurements
     is_object: bool
     alignment: PoseAlignment | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
 
 
+@dataclass(kw_only=True, eq=False)
 class TrackingPolicy(Policy):
-    """Tracks the agent's own detections and, if `needs.uplink` is "detections", those of all others.
+    """A tracker of the agent's own detections and, if `needs.uplink` is "detections", those of all senders.
 
-    Tracks are kept in the odometry frame, in which still things stand still and whose drift is slow, so that
-    noise of the global pose reaches a track only through what other agents said. A box is moved there by the
-    *estimated* poses of its sender, at capture, and of the receiver, now.
+    Tracks are kept in the odometry frame, in which standing objects stand still and whose drift is slow, so that noise
+    of the global pose reaches a track only through messages. A received box is moved there by the *estimated* poses of
+    its sender, at capture, and of the receiver, now.
 
-    Args:
-        late: what to do with messages that come late: "as_current", "predict" or "replay" (see
+    Subclasses are keyword-only dataclasses: their fields are the policy's parameters.
+
+    Attributes:
+        delayed: what to do with delayed messages: "as_current", "predict" or "replay" (see
             `coopsim.tracking.delayed`).
         align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
     """
 
-    def __init__(self, late: str = "as_current", align: bool = False) -> None:
-        require_flag(align=align)
-        self._late, self._align = LATE.get(late), align
+    delayed: str = "as_current"
+    align: bool = False
+
+    def __post_init__(self) -> None:
+        require_flag(align=self.align)
+        DELAYED.get(self.delayed)
         self._states: dict[str, _AgentState] = {}
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
 
     @abstractmethod
     def make_tracker(self) -> Tracker | TrackersByClass:
-        """A new tracker, for one agent and one episode."""
+        """Return a new tracker, for one agent and one episode."""
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        """What is made of one moment's detections, a group per agent: groups that are tracked in turn. First is the
-        receiver's, or in a recording that of the agent whose frame it is, because it came through no estimated pose.
-        By default each agent's own group updates the tracks.
+        """Turn one moment's detections, a group per agent, into the groups that update the tracks one after another.
+
+        The first group is the receiver's or, in a recording, that of the agent whose frame it is, because it came
+        through no estimated pose. By default each agent's own group updates the tracks.
         """
         return groups
 
@@ -68,10 +75,10 @@ class TrackingPolicy(Policy):
         return observation.detections
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        first = OWN if spec.frame_owner in (None, spec.name) else spec.frame_owner
-        late = self._late(self.make_tracker, self.fuse, first)
-        alignment = PoseAlignment.of(self.specs, spec.name) if self._align else None
-        self._states[spec.name] = _AgentState(late, spec.is_object, alignment)
+        first = RECEIVER if spec.frame_owner in (None, spec.name) else spec.frame_owner
+        tracks = DELAYED.get(self.delayed)(self.make_tracker, self.fuse, first)
+        alignment = PoseAlignment.of(self.specs, spec.name) if self.align else None
+        self._states[spec.name] = _AgentState(tracks, spec.is_object, alignment)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]
@@ -82,7 +89,7 @@ class TrackingPolicy(Policy):
         read = self.read(agent, within_reach(observation), decode_detections) if reads else []
         heard = [Heard(message, reportable(found)) for message, found in read]
         poses = _poses(heard, own, observation, state)
-        measured = [Measurement(OWN, observation.time_ns, own)]
+        measured = [Measurement(RECEIVER, observation.time_ns, own)]
         measured += [_received(each, pose, state) for each, pose in zip(heard, poses, strict=True)]
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 

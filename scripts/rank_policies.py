@@ -36,9 +36,6 @@ METRICS = ("sAMOTA", "AMOTA")
 AGENTS = ("ego", "1")
 DRAWS = 2000
 OPTIONS = {"connected_cars": 2, "rsus": 0, "pedestrians": 0, "bicycles": 0, "lidar": None}
-TWINS = {"ab3dmot": "no_fusion"}
-"""Policies that are another one under a second name where nobody talks: they would count twice."""
-
 Scores = Mapping[str, Floats]
 """By policy (E, M): a row per recording or episode, a column per metric."""
 
@@ -52,7 +49,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--csv", type=Path, help="where all scores are to go")
     args = parser.parse_args()
-    policies = [name for name in coopsim.POLICIES if name not in TWINS]
+    policies = coopsim.POLICIES.names()
     jobs: dict[tuple[str, str, str], Callable[[], list[list[float]]]] = {
         ("recordings", "real", name): partial(on_recordings, args.data / "v2v4real" / "val", name) for name in policies
     }

@@ -3,7 +3,7 @@
 | text | what it is |
 |---|---|
 | `late_fusion` | a registered policy |
-| `late_fusion(late=replay, hits=2)` | the same with parameters: numbers, True, False, None, texts, lists of these |
+| `late_fusion(delayed=replay, hits=2)` | the same with parameters: numbers, True, False, None, texts, lists of these |
 | `mypackage.module:MyTracker` | a class of an installed package |
 | `path/to/file.py:MyTracker` | a class in a file, which has to stand by itself |
 """
@@ -146,7 +146,7 @@ def _parameters(text: str, given: str) -> dict[str, Any]:
 
 
 def _value(node: ast.expr) -> Any:
-    if isinstance(node, ast.Name):  # a text need not be quoted: late=replay
+    if isinstance(node, ast.Name):  # a text need not be quoted: delayed=replay
         return node.id
     if isinstance(node, (ast.List, ast.Tuple)):
         return [_value(each) for each in node.elts]

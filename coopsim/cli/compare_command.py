@@ -57,7 +57,7 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
 
 
 def _unspaced(policy: str) -> str:
-    """A policy's text as nobody need spell it: a grid writes `late_fusion(late=replay, hits=2)`."""
+    """A policy's text as nobody need spell it: a grid writes `late_fusion(delayed=replay, hits=2)`."""
     return "".join(policy.split())
 
 

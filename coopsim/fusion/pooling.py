@@ -11,33 +11,44 @@ from numpy.typing import NDArray
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_threshold
+from coopsim.support.checks import require_choice, require_threshold
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import directions
 
 _LEAST_WEIGHT = 1e-6
 
 
-def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections:
-    """One box per object: greedy suppression per class, and what is suppressed refines what suppressed it.
+MERGES = ("mean", "nms")
+"""What stands for duplicates: their score-weighted mean, or the best of them."""
+
+
+def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = "mean") -> Detections:
+    """Merge boxes of one object by greedy suppression per class, within and across agents.
 
     The overlap is the rotated BEV IoU: height is what agents disagree on most, and no two objects share a footprint.
-    A merged box has the score-weighted mean centre and size of its duplicates; everything else is the best-scored
-    one's, heading too, because a mean of headings fails where detectors confuse front and back. A score <= 0 (recorded
-    ones need not be probabilities) has next to no weight. Where the best one has no embedding, the next one's stands;
-    an object was seen by all who saw a duplicate.
+    With "mean", suppressed boxes refine the box that suppressed them: a merged box has the score-weighted mean centre
+    and size of its duplicates; everything else is the best-scored one's, heading too, because a mean of headings fails
+    where detectors confuse front and back. A score <= 0 (recorded ones need not be probabilities) has next to no
+    weight. With "nms", plain non-maximum suppression, the best-scored box stands as it is. Either way the embedding is
+    that of the best-scored duplicate that has one, and an object was seen by all agents that saw a duplicate.
 
     On the V2V4Real training recordings (two cars pooled, AB3DMOT) the mean tracks better than the best box alone at
     every threshold from 0.05 to 0.5: the cars see different sides of an object, and their errors partly cancel. It
-    costs some overlap of the boxes that are matched (AMOTP), and often some identity switches.
+    costs some overlap of the matched boxes (AMOTP), and often some identity switches.
 
     Args:
         detections: of all agents, in one frame.
         iou_threshold: boxes of a class with at least this BEV IoU are one object, in (0, 1].
+        merge: one of `MERGES`.
 
     Returns:
         The merged detections, best score first. Boxes that are not finite are left out.
+
+    Raises:
+        InvalidValueError: the threshold is not in (0, 1].
+        UnknownNameError: `merge` is not one of `MERGES`.
     """
+    require_choice("merge", merge, MERGES)
     require_threshold(iou_threshold=iou_threshold)
     array = detections.boxes.array
     finite = np.isfinite(array).all(axis=1) & np.isfinite(detections.score)
@@ -47,26 +58,26 @@ def merge_duplicates(detections: Detections, iou_threshold: float) -> Detections
     rivals = (overlap >= iou_threshold) & (ordered.label[:, None] == ordered.label)
     kept = _kept(rivals)
     owner = np.where(rivals[kept], overlap[kept], -1.0).argmax(axis=0) if len(kept) else kept
-    owner[kept] = np.arange(len(kept))  # said, not found: a box without area does not overlap even itself
+    owner[kept] = np.arange(len(kept))  # explicitly: a box without area does not overlap even itself
     best = ordered[kept]
     return replace(
         best,
-        boxes=_weighted_mean(ordered, owner, best),
+        boxes=_weighted_mean(ordered, owner, best) if merge == "mean" else best.boxes,
         embedding=_first_embedding(ordered, owner),
         seen_by=_seen_by(ordered, owner, len(kept)),
     )
 
 
 def pool(groups: Sequence[Detections]) -> Detections:
-    """All agents' detections in order, each marked with the agent that saw it; one group per agent."""
+    """Concatenate the detections of all agents, a group per agent, each marked with the agent that saw it."""
     agent = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     return replace(Detections.concatenate(groups), seen_by=agent[:, None] == np.arange(len(groups)))
 
 
 def _kept(rivals: NDArray[np.bool_]) -> Ints:
-    """Rows (K,) that no better kept row rivals; rows are in order of falling score."""
+    """Return the rows (K,) that no better kept row rivals; rows are in order of falling score."""
     kept = np.ones(len(rivals), dtype=bool)
-    # Whoever has a worse-scored rival may suppress; whether it does depends on whether it stays itself.
+    # A row with a worse-scored rival suppresses it only if it stays itself.
     for row in np.flatnonzero(np.triu(rivals, k=1).any(axis=1)):
         if kept[row]:
             kept[row + 1 :] &= ~rivals[row, row + 1 :]
@@ -74,7 +85,7 @@ def _kept(rivals: NDArray[np.bool_]) -> Ints:
 
 
 def _weighted_mean(detections: Detections, owner: Ints, best: Detections) -> Boxes3D:
-    """Mean centre and size of the detections by owner (N,), with the heading of the K best ones."""
+    """Return the mean centre and size of the detections by owner (N,), with the heading of the K best ones."""
     weight = np.maximum(detections.score, _LEAST_WEIGHT)
     share = weight / np.bincount(owner, weights=weight, minlength=len(best))[owner]
     extent: Floats = np.zeros((len(best), 6))
@@ -83,7 +94,7 @@ def _weighted_mean(detections: Detections, owner: Ints, best: Detections) -> Box
 
 
 def _first_embedding(detections: Detections, owner: Ints) -> Floats | None:
-    """(K, D) for K owners (N,): the embedding of the first of each one's detections that has any."""
+    """Return the embeddings (K, D) of K owners (N,): each the first of its detections' that is valid."""
     if detections.embedding is None:
         return None
     _, present = directions(detections.embedding)
@@ -93,7 +104,7 @@ def _first_embedding(detections: Detections, owner: Ints) -> Floats | None:
 
 
 def _seen_by(detections: Detections, owner: Ints, count: int) -> Mask | None:
-    """(count, A) who saw any of each owner's detections (N,)."""
+    """Return which agents (count, A) saw any of each owner's detections (N,)."""
     if detections.seen_by is None:
         return None
     seen = np.zeros((count, detections.seen_by.shape[1]), dtype=bool)

@@ -28,14 +28,23 @@ class Registry(Generic[T]):
         self.kind = kind
         self._home, self._group = home, group
         self._entries: dict[str, T] = {}
+        self._aliases: dict[str, str] = {}
 
-    def register(self, name: str) -> Callable[[T], T]:
-        """Decorator that enters the decorated object under `name`."""
+    def register(self, name: str, *, alias: str | None = None) -> Callable[[T], T]:
+        """Return a decorator that enters the decorated object under `name`.
+
+        Args:
+            name: of the entry.
+            alias: a second name that is found too, but not listed, so that lists count the entry once.
+        """
 
         def enter(entry: T) -> T:
-            if name in self._entries:
-                raise DuplicateNameError(f"{self.kind} {name!r} is already registered")
+            for each in (name, *([] if alias is None else [alias])):
+                if each in self._entries or each in self._aliases:
+                    raise DuplicateNameError(f"{self.kind} {each!r} is already registered")
             self._entries[name] = entry
+            if alias is not None:
+                self._aliases[alias] = name
             return entry
 
         return enter
@@ -45,6 +54,7 @@ class Registry(Generic[T]):
         self._load_home()
         # Whoever gives no string is told so, too: the annotation does not keep anybody from it.
         if isinstance(name, str):
+            name = self._aliases.get(name, name)
             if name in self._entries:
                 return self._entries[name]
             for point in self._points():
@@ -59,7 +69,7 @@ class Registry(Generic[T]):
         return tuple(sorted({*self._entries, *(point.name for point in self._points())}))
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and name in self.names()
+        return isinstance(name, str) and self._aliases.get(name, name) in self.names()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())

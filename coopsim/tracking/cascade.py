@@ -12,7 +12,7 @@ from coopsim.geometry.assignment import Assigner, Pairs
 from coopsim.support.checks import require_finite_number
 from coopsim.tracking.affinity.affinity import Affinity
 from coopsim.tracking.tracked import Tracked
-from coopsim.types import Detections, Mask
+from coopsim.types import Detections, Ints, Mask
 
 Chooser = Callable[[Any], Mask]
 """Who takes part in a stage: tracks or detections to a mask (N,)."""
@@ -43,11 +43,6 @@ def score_below(threshold: float) -> Chooser:
     return lambda of: of.score < threshold
 
 
-def of_class(*labels: int) -> Chooser:
-    """Those of these classes."""
-    return lambda of: np.isin(of.label, labels)
-
-
 @dataclass(frozen=True, slots=True)
 class Stage:
     """One round of matching.
@@ -71,18 +66,21 @@ class Stage:
 
 
 class Cascade:
-    """Matches tracks to detections of the same class, in stages.
+    """Association of tracks and detections of the same class, in stages.
 
     Args:
         stages: tried in order.
+        class_groups: a number for each label; labels of one number may match. None: only a class with itself.
     """
 
-    def __init__(self, stages: Sequence[Stage]) -> None:
+    def __init__(self, stages: Sequence[Stage], class_groups: Sequence[int] | None = None) -> None:
         self._stages = tuple(stages)
+        self._class_groups = None if class_groups is None else np.array(class_groups, dtype=np.int64)
 
     def match(self, tracks: Tracked, found: Detections) -> Pairs:
-        """Indices of matched tracks and of their detections, (K,) each."""
+        """Return the indices of matched tracks and of their detections, (K,) each."""
         rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        track_class, found_class = self._class_of(tracks.label), self._class_of(found.label)
         free_row, free_column = np.ones(len(tracks), dtype=bool), np.ones(len(found), dtype=bool)
         for stage in self._stages:
             left = np.flatnonzero(free_row & stage.tracks(tracks))
@@ -90,9 +88,12 @@ class Cascade:
             if not (len(left) and len(right)):
                 continue
             affinity = stage.affinity(tracks[left], found[right])
-            affinity = np.where(tracks.label[left, None] == found.label[right], affinity, -np.inf)
+            affinity = np.where(track_class[left, None] == found_class[right], affinity, -np.inf)
             row, column = stage.assigner(affinity, stage.gate)
             rows.append(left[row])
             columns.append(right[column])
             free_row[left[row]] = free_column[right[column]] = False
         return np.concatenate(rows), np.concatenate(columns)
+
+    def _class_of(self, label: Ints) -> Ints:
+        return label if self._class_groups is None else self._class_groups[label]

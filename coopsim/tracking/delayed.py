@@ -19,8 +19,8 @@ from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.tracker import Tracker, sane
 from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
 
-OWN = ""
-"""The source of what an agent measured itself; it sorts before all names."""
+RECEIVER = ""
+"""The source of the receiver's own measurements; it sorts before the names of all senders."""
 
 MakeTracker = Callable[[], Tracker | TrackersByClass]
 
@@ -39,7 +39,7 @@ class Measurement:
     """What one source detected at one moment.
 
     Attributes:
-        source: who; `OWN` for the agent itself.
+        source: who; `RECEIVER` for the agent itself.
         captured_ns: when.
         detections: in the tracker's frame.
     """
@@ -49,7 +49,7 @@ class Measurement:
     detections: Detections
 
 
-class LateMeasurements(ABC):
+class DelayedMeasurements(ABC):
     """A tracker together with a way to take in what comes late.
 
     Args:
@@ -58,7 +58,7 @@ class LateMeasurements(ABC):
         first: the source whose measurements come first; the others follow in order of their names.
     """
 
-    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN) -> None:
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         self.tracker, self._fusion, self._first = make_tracker(), fusion, first
 
     @abstractmethod
@@ -89,7 +89,7 @@ class LateMeasurements(ABC):
         return [latest[source] for source in self._in_order(latest)]
 
 
-class AsIfCurrent(LateMeasurements):
+class AsIfCurrent(DelayedMeasurements):
     """Takes the newest measurement of each source as if it were captured now: objects lag behind by the delay."""
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
@@ -100,7 +100,7 @@ _WORTHLESS_NS = 5 * NS_PER_S
 """What was captured longer ago is not moved on, and who has been silent for longer is forgotten: names may change."""
 
 
-class PredictForward(LateMeasurements):
+class PredictForward(DelayedMeasurements):
     """Moves what is late to where it should be by now.
 
     Every other source has a tracker of its own, in its own time, and what it detects moves on with the velocity that
@@ -108,7 +108,7 @@ class PredictForward(LateMeasurements):
     velocity confirms it, and the error grows from frame to frame.
     """
 
-    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN) -> None:
+    def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         super().__init__(make_tracker, fusion, first)
         self._make_tracker = make_tracker
         self._sources: dict[str, Tracker | TrackersByClass] = {}
@@ -121,7 +121,7 @@ class PredictForward(LateMeasurements):
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         found, captured_ns = sane(measurement.detections), min(measurement.captured_ns, now_ns)
-        if measurement.source == OWN:
+        if measurement.source == RECEIVER:
             return found
         source = self._sources.get(measurement.source) or self._make_tracker()
         overtaken = source.time_ns is not None and captured_ns <= source.time_ns
@@ -144,7 +144,7 @@ class _Moment:
     awaited: bool = False
 
 
-class RewindAndReplay(LateMeasurements):
+class RewindAndReplay(DelayedMeasurements):
     """Goes back to when a measurement was captured, and tracks again from there.
 
     Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. Costs as
@@ -162,7 +162,7 @@ class RewindAndReplay(LateMeasurements):
     """
 
     def __init__(
-        self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = OWN, window_s: float = 1.0
+        self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER, window_s: float = 1.0
     ) -> None:
         super().__init__(make_tracker, fusion, first)
         require_positive(window_s=window_s)
@@ -215,7 +215,7 @@ class RewindAndReplay(LateMeasurements):
         return tracks
 
 
-LATE: Registry[type[LateMeasurements]] = Registry("way to take in late measurements")
-LATE.register("as_current")(AsIfCurrent)
-LATE.register("predict")(PredictForward)
-LATE.register("replay")(RewindAndReplay)
+DELAYED: Registry[type[DelayedMeasurements]] = Registry("way to take in delayed measurements")
+DELAYED.register("as_current")(AsIfCurrent)
+DELAYED.register("predict")(PredictForward)
+DELAYED.register("replay")(RewindAndReplay)

@@ -47,6 +47,25 @@ class Latest:
 
 
 @dataclass(frozen=True, slots=True)
+class DecayingScore(Latest):
+    """The score of the last detection, times `decay` for each frame without one.
+
+    A track that was sure becomes doubtful while nothing is seen of it.
+
+    Attributes:
+        decay: factor per frame without a detection, in [0, 1]; 1: the score stays, as with `Latest`.
+    """
+
+    decay: float = 0.9
+
+    def __post_init__(self) -> None:
+        require_probability(decay=self.decay)
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        return before * self.decay
+
+
+@dataclass(frozen=True, slots=True)
 class ShrunkMean:
     """The mean over a track's life, a frame without a detection counting 0, drawn to a prior while it is young.
 

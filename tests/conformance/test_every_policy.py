@@ -13,13 +13,13 @@ import coopsim
 from coopsim.comms.codecs.codec import codecs_of
 from coopsim.comms.uplinks.uplink import UPLINKS, ShareDetections
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.delayed import LATE
+from coopsim.tracking.delayed import DELAYED
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 FRAME_NS = 100_000_000
 EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
 
-WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in LATE.names()]
+WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in DELAYED.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
 LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).needs.uplink != "none"]
 SWITCHED = [(name, late) for name, late in WAYS if name in LISTENING]
@@ -77,7 +77,7 @@ def test_the_same_message_twice_changes_nothing(name: str, late: str) -> None:
         for k in range(9):
             heard = message(name, boxes([[20 + k, 0], [-30, 5]]), k * FRAME_NS)
             frames.append(observe(k * FRAME_NS, boxes([[20 + k, 0]]), *[heard] * copies))
-        return play(begin(name, late=late), *frames)
+        return play(begin(name, delayed=late), *frames)
 
     for once, again in zip(reports(1), reports(2), strict=True):
         np.testing.assert_array_equal(once.id, again.id)
@@ -94,7 +94,7 @@ def test_a_message_that_comes_again_and_again_is_no_second_object(name: str) -> 
 
 @pytest.mark.parametrize(("name", "late"), WAYS)
 def test_a_message_older_than_any_track(name: str, late: str) -> None:
-    policy = begin(name, late=late)
+    policy = begin(name, delayed=late)
     play(policy, *(observe(k * FRAME_NS, boxes([[20 + k, 0]])) for k in range(30, 36)))
     ancient = message(name, boxes([[-40, 9]]), 0)
     reports = play(policy, observe(36 * FRAME_NS, boxes([[56, 0]]), ancient))
@@ -262,7 +262,7 @@ def wandering(name: str, kinds: Sequence[str | None]) -> list[Observation]:
 @pytest.mark.parametrize(("name", "late"), WAYS)
 def test_embeddings_of_any_kind(name: str, late: str) -> None:
     for kinds in (["good"], ["good", "wide"], ["good", "nan", None, "huge", "zero", "wide", "infinite", "empty"]):
-        reports = play(begin(name, late=late), *wandering(name, kinds))
+        reports = play(begin(name, delayed=late), *wandering(name, kinds))
         assert any(len(tracks) for tracks in reports[3:])
 
 
@@ -280,7 +280,7 @@ def test_a_typo_in_a_setting_is_answered_with_what_is_accepted(name: str) -> Non
     with pytest.raises(coopsim.errors.CoopsimError, match=r"hits|least_chance"):
         coopsim.make_policy(name, hitz=3)
     with pytest.raises(coopsim.errors.CoopsimError, match="Did you mean 'predict'"):
-        coopsim.make_policy(name, late="predikt")
+        coopsim.make_policy(name, delayed="predikt")
 
 
 @pytest.mark.parametrize(("name", "late"), SWITCHED)
@@ -289,7 +289,7 @@ def test_with_everything_switched_on_bad_input_does_no_harm(name: str, late: str
     rows = np.tile([10.0, 0, 0.8, 4.5, 1.9, 1.6, 0.0], (4, 1))
     rows[1, 0], rows[2, 6], rows[3, 3] = np.nan, np.inf, -1.0
     bad = Detections(Boxes3D.from_array(rows), np.full(4, 0.9), np.zeros(4, dtype=int))
-    good, policy = boxes([[10, 0], [20, 5], [35, -5]]), begin(name, late=late, align=True)
+    good, policy = boxes([[10, 0], [20, 5], [35, -5]]), begin(name, delayed=late, align=True)
     frames = [observe(0, good), observe(FRAME_NS, boxes([]))]
     for k, found in enumerate([good, bad, boxes([]), good, good, good], start=2):
         heard = message(name, bad if k == 3 else found, k * FRAME_NS)

@@ -105,10 +105,10 @@ def test_the_demonstration_takes_whatever_the_environment_does(tmp_path: Path, m
     }
     command = ["demo", *QUICK, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]
     command += [word for name, value in given.items() for word in ("--option", f"{name}={value}")]
-    policies = f"no_fusion,late_fusion(late=replay,align=True),{mine}"
+    policies = f"no_fusion,late_fusion(delayed=replay,align=True),{mine}"
     assert main([*command, "--policies", policies]) == 0
     rows = json.loads(numbers.read_text())
-    assert [row["policy"] for row in rows] == ["no_fusion", "late_fusion(align=True, late=replay)", mine]
+    assert [row["policy"] for row in rows] == ["no_fusion", "late_fusion(align=True, delayed=replay)", mine]
     assert {row["latency"] for row in rows} == {"the channel's"}
     report = (tmp_path / "demo.html").read_text()
     assert "<dt>codec</dt><dd>compact</dd>" in report and "position_noise_m" not in report
@@ -154,13 +154,13 @@ def test_places_of_files_are_recorded_by_name(tmp_path: Path) -> None:
 def test_replay_and_leaderboard_take_policies_as_bench_does(
     recordings: Path, tmp_path: Path, mine: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for policy in ("late_fusion(late=replay,hits=2)", mine):
+    for policy in ("late_fusion(delayed=replay,hits=2)", mine):
         assert main(["replay", str(recordings), "--detections", "ego,1", "--policy", policy]) == 0
     printed = capsys.readouterr().out
-    assert "late_fusion(hits=2, late=replay)" in printed and mine in printed
+    assert "late_fusion(delayed=replay, hits=2)" in printed and mine in printed
     command = ["leaderboard", str(recordings), "--detections", "ego,1", "--out", str(tmp_path / "board")]
-    assert main([*command, "--policies", f"late_fusion,late_fusion(late=replay,hits=2),{mine}"]) == 0
-    assert "late_fusion(hits=2, late=replay)" in (tmp_path / "board" / "leaderboard.md").read_text()
+    assert main([*command, "--policies", f"late_fusion,late_fusion(delayed=replay,hits=2),{mine}"]) == 0
+    assert "late_fusion(delayed=replay, hits=2)" in (tmp_path / "board" / "leaderboard.md").read_text()
 
 
 def test_an_interrupted_recording_can_be_played(tmp_path: Path) -> None:

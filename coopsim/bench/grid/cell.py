@@ -45,7 +45,7 @@ class Cell:
     """One run of a benchmark.
 
     Attributes:
-        policy: as it was asked for: a name, or a name with parameters, `late_fusion(late=replay)`.
+        policy: as it was asked for: a name, or a name with parameters, `late_fusion(delayed=replay)`.
         condition: what is done to the agents.
         seed: decides everything in the run.
         frames: length of the run.

@@ -227,7 +227,7 @@ class Recogniser(SimulatedDetector):
 
 def test_embeddings_go_from_the_detector_to_the_tracker_and_over_the_air() -> None:
     env = coopsim.parallel_env("crossing", **SMALL, detector=Recogniser(), latency_s=0.1)
-    policy = coopsim.make_policy("dino_codt")
+    policy = coopsim.make_policy("dino_codt_tracking")
     observations, _ = env.reset(seed=1)
     policy.reset(env.agent_specs, seed=1)
     while env.agents:
@@ -237,7 +237,7 @@ def test_embeddings_go_from_the_detector_to_the_tracker_and_over_the_air() -> No
     states = [policy._states[name].tracks.tracker.state for name in observations]  # type: ignore[attr-defined]
     memories = [each.tracked.appearance for state in states for each in state if len(each.tracked)]
     assert memories and all(memory.known.all() for memory in memories)
-    plain = coopsim.evaluate("dino_codt", **SMALL, latency_s=0.1, seed=1).score["bytes_per_s"]
+    plain = coopsim.evaluate("dino_codt_tracking", **SMALL, latency_s=0.1, seed=1).score["bytes_per_s"]
     assert env.score()["bytes_per_s"] > 2 * plain
 
 

@@ -64,7 +64,7 @@ def test_an_object_keeps_its_id_from_one_agent_to_the_next() -> None:
 
 @pytest.mark.parametrize("late", ["predict", "as_current"])
 def test_latency_is_bridged_by_the_velocity_only_where_asked(late: str) -> None:
-    policy, sender, delay = begin(late=late), Sender("rsu_0"), 3
+    policy, sender, delay = begin(delayed=late), Sender("rsu_0"), 3
     sent = [sender.says(frame, 1.2 * frame) for frame in range(20)]
     for frame in range(delay, 20):
         tracks = policy.track("cav_0", observe(frame, detections(), sent[frame - delay]))

@@ -40,9 +40,9 @@ class Half(coopsim.Policy):
         ("late_fusion", "late_fusion", {}),
         (" late_fusion() ", "late_fusion", {}),
         (
-            "late_fusion( late = replay,hits=2, gate=-.5)",
-            "late_fusion(gate=-0.5, hits=2, late=replay)",
-            {"late": "replay", "hits": 2, "gate": -0.5},
+            "late_fusion( delayed = replay,hits=2, gate=-.5)",
+            "late_fusion(delayed=replay, gate=-0.5, hits=2)",
+            {"delayed": "replay", "hits": 2, "gate": -0.5},
         ),
         ("a(b='c d', e=[1, f], g=None)", "a(b='c d', e=[1, f], g=None)", {"b": "c d", "e": [1, "f"], "g": None}),
         ("a(b='True', c=True)", "a(b='True', c=True)", {"b": "True", "c": True}),
@@ -60,7 +60,7 @@ def test_commas_in_brackets_divide_no_policies() -> None:
 
 
 def test_a_name_a_module_and_a_file_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert isinstance(PolicySpec.parse("late_fusion(late=replay)").make(), LateFusion)
+    assert isinstance(PolicySpec.parse("late_fusion(delayed=replay)").make(), LateFusion)
     assert isinstance(PolicySpec.parse("coopsim.agents.late_fusion:LateFusion").make(), LateFusion)
     (tmp_path / "mine.py").write_text(MINE)
     made = PolicySpec.parse(f"{tmp_path}/mine.py:Blind(patience=3)").make()
@@ -83,12 +83,12 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
     ("written", "error", "message"),
     [
         ("late_fusoin", UnknownNameError, "Did you mean 'late_fusion'"),
-        ("late_fusion(lat=replay)", UnknownNameError, "unknown parameter of policy 'late_fusion' 'lat'.*'late'"),
-        ("late_fusion(late=reply)", CoopsimError, "Did you mean 'replay'"),
+        ("late_fusion(delay=replay)", UnknownNameError, "unknown parameter of policy 'late_fusion' 'delay'.*'delayed'"),
+        ("late_fusion(delayed=reply)", CoopsimError, "Did you mean 'replay'"),
         ("late_fusion(replay)", InvalidValueError, "parameters must be name=value"),
-        ("late_fusion(late=a+b)", InvalidValueError, "parameters must be name=value"),
-        ("late_fusion(late=open('x'))", InvalidValueError, "parameters must be name=value"),
-        ("late_fusion(late={{'b', 'a'}})", InvalidValueError, "parameters must be name=value"),
+        ("late_fusion(delayed=a+b)", InvalidValueError, "parameters must be name=value"),
+        ("late_fusion(delayed=open('x'))", InvalidValueError, "parameters must be name=value"),
+        ("late_fusion(delayed={{'b', 'a'}})", InvalidValueError, "parameters must be name=value"),
         ("late_fusion(", InvalidValueError, r"must be name, name\(parameter=value"),
         ("", InvalidValueError, r"must be name, name\(parameter=value"),
         ("nunpy:X", InvalidValueError, "there is no module 'nunpy'. Did you mean.*'numpy'"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coopsim.errors import UnknownNameError
 from coopsim.fusion.pooling import merge_duplicates, pool
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
@@ -89,3 +90,13 @@ def test_embeddings_of_another_width_than_the_first_are_none() -> None:
 def test_pooling_nobody() -> None:
     for groups in ([], [Detections.empty()] * 2):
         assert len(merge_duplicates(pool(groups), 0.2)) == 0
+
+
+def test_nms_keeps_the_best_box_as_it_is() -> None:
+    both = found((0.0, 0.9, 0), (0.6, 0.6, 0), (20.0, 0.5, 0))
+    mean, nms = (merge_duplicates(both, 0.2, merge) for merge in ("mean", "nms"))
+    assert nms.boxes.center[:, 0].tolist() == [0.0, 20.0]
+    np.testing.assert_allclose(mean.boxes.center[:, 0], [0.24, 20.0])
+    assert nms.score.tolist() == mean.score.tolist() == [0.9, 0.5]
+    with pytest.raises(UnknownNameError, match=r"unknown merge 'median'.*mean, nms"):
+        merge_duplicates(both, 0.2, "median")

@@ -9,9 +9,10 @@ from some_tracks import cars, tracks
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.assignment import greedy, hungarian
 from coopsim.tracking.affinity.affinity import center_distance, giou_3d, iou_3d
-from coopsim.tracking.cascade import Cascade, Stage, of_class, score_below, score_from
+from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections
+from coopsim.types.taxonomy import SUPERCLASS_NUMBERS
 
 
 def pairs(cascade: Cascade, known: Tracked, found: Detections) -> list[tuple[int, int]]:
@@ -49,12 +50,11 @@ def test_a_stage_may_be_for_some_only() -> None:
     assert pairs(Cascade([lost]), tracks(0, 20, score=[0.9, 0.1]), found) == [(1, 2)]
 
 
-def test_rules_by_class() -> None:
-    near, far = (
-        Stage(center_distance, hungarian, gate, found=of_class(label)) for gate, label in ((-1.0, 7), (-3.0, 0))
-    )
-    known, found = tracks(0, 10, label=[7, 0]), cars(2, 12, label=[7, 0])
-    assert pairs(Cascade([near, far]), known, found) == [(1, 1)]
+def test_classes_of_one_group_match_where_asked() -> None:
+    known, found = tracks(0, 10, label=[2, 0]), cars(0.1, 10.1, label=[3, 2])
+    stages = [Stage(giou_3d, hungarian, gate=-0.2)]
+    assert pairs(Cascade(stages), known, found) == []
+    assert pairs(Cascade(stages, SUPERCLASS_NUMBERS), known, found) == [(0, 0)]
 
 
 def test_an_empty_stage_does_not_end_the_cascade() -> None:

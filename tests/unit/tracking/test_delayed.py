@@ -12,7 +12,7 @@ from some_tracks import FRAME_NS, cars
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.pooling import merge_duplicates
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.tracking.delayed import LATE, OWN, AsIfCurrent, Measurement, PredictForward, RewindAndReplay
+from coopsim.tracking.delayed import DELAYED, RECEIVER, AsIfCurrent, Measurement, PredictForward, RewindAndReplay
 from coopsim.types import Detections, Tracks
 
 SPEED_M_S = 12.0
@@ -40,11 +40,11 @@ def seen(source: str, frame: int, rng: np.random.Generator) -> Measurement:
 def test_rewind_and_replay_is_exact_once_all_has_arrived(fusion: object, seed: int) -> None:
     rng = np.random.default_rng(seed)
     frames = 40
-    taken = [seen(source, k, rng) for k in range(frames) for source in (OWN, "rsu_0", "cav_1")]
+    taken = [seen(source, k, rng) for k in range(frames) for source in (RECEIVER, "rsu_0", "cav_1")]
     on_time = RewindAndReplay(ab3dmot, fusion)  # type: ignore[arg-type]
     late = RewindAndReplay(ab3dmot, fusion)  # type: ignore[arg-type]
     arrives = [
-        m.captured_ns // FRAME_NS + (0 if m.source == OWN or k > 3 * (frames - 8) else int(rng.integers(0, 7)))
+        m.captured_ns // FRAME_NS + (0 if m.source == RECEIVER or k > 3 * (frames - 8) else int(rng.integers(0, 7)))
         for k, m in enumerate(taken)
     ]
     differed = False
@@ -61,7 +61,7 @@ def test_rewind_and_replay_is_exact_once_all_has_arrived(fusion: object, seed: i
 def test_the_same_measurement_twice_counts_once() -> None:
     once, twice = RewindAndReplay(lambda: ab3dmot(hits=2)), RewindAndReplay(lambda: ab3dmot(hits=2))
     for k in range(4):
-        own = Measurement(OWN, k * FRAME_NS, cars(k * 1.0))
+        own = Measurement(RECEIVER, k * FRAME_NS, cars(k * 1.0))
         heard = Measurement("cav_1", max(k - 1, 0) * FRAME_NS, cars(30.0))
         expected = once.step([own, heard], k * FRAME_NS)
         assert same(twice.step([own, heard, heard], k * FRAME_NS), expected)
@@ -71,7 +71,7 @@ def test_the_same_measurement_twice_counts_once() -> None:
 def test_what_is_older_than_the_window_is_left_out_and_memory_stays() -> None:
     tracks = RewindAndReplay(lambda: ab3dmot(hits=1), window_s=0.5)
     for k in range(100):
-        shown = tracks.step([Measurement(OWN, k * FRAME_NS, cars(0.0))], k * FRAME_NS)
+        shown = tracks.step([Measurement(RECEIVER, k * FRAME_NS, cars(0.0))], k * FRAME_NS)
         old = tracks.step([Measurement("cav_1", (k - 8) * FRAME_NS, cars(50.0))], k * FRAME_NS)
         assert same(shown, old) and len(shown) == 1
     assert len(tracks._moments) == 6
@@ -81,11 +81,11 @@ def test_what_is_older_than_the_window_is_left_out_and_memory_stays() -> None:
 def test_strategies_differ_by_how_far_tracks_lag(late_frames: int) -> None:
     """One car that only another agent sees: its position error is the delay times its speed, or next to nothing."""
     lag_m = {}
-    for name in LATE:
-        tracks = LATE.get(name)(ab3dmot)
+    for name in DELAYED:
+        tracks = DELAYED.get(name)(ab3dmot)
         for k in range(60):
             heard = [Measurement("rsu_0", (k - late_frames) * FRAME_NS, cars(SPEED_M_S * 0.1 * (k - late_frames)))]
-            shown = tracks.step([Measurement(OWN, k * FRAME_NS, cars()), *heard], k * FRAME_NS)
+            shown = tracks.step([Measurement(RECEIVER, k * FRAME_NS, cars()), *heard], k * FRAME_NS)
         lag_m[name] = SPEED_M_S * 0.1 * k - float(shown.boxes.center[0, 0])
     assert lag_m["as_current"] == pytest.approx(SPEED_M_S * 0.1 * late_frames, abs=0.3)
     assert abs(lag_m["predict"]) < 0.3
@@ -124,8 +124,8 @@ def test_who_is_silent_for_long_is_forgotten_and_what_is_far_too_old_left_out() 
     assert "rsu_0" not in tracks._sources
 
 
-@pytest.mark.parametrize("name", LATE.names())
-@pytest.mark.parametrize(("first", "order"), [(OWN, [9, 3, 7]), ("b", [7, 9, 3])])
+@pytest.mark.parametrize("name", DELAYED.names())
+@pytest.mark.parametrize(("first", "order"), [(RECEIVER, [9, 3, 7]), ("b", [7, 9, 3])])
 def test_the_newest_of_each_source_the_most_trusted_first(name: str, first: str, order: list[int]) -> None:
     seen: list[float] = []
 
@@ -136,8 +136,8 @@ def test_the_newest_of_each_source_the_most_trusted_first(name: str, first: str,
     def taken(source: str, score: float) -> Measurement:
         return Measurement(source, 0, replace(cars(0.0), score=np.array([score])))
 
-    tracks = LATE.get(name)(ab3dmot, watch, first)
-    tracks.step([taken("b", 7), taken("a", 3), taken(OWN, 9)], 0)
+    tracks = DELAYED.get(name)(ab3dmot, watch, first)
+    tracks.step([taken("b", 7), taken("a", 3), taken(RECEIVER, 9)], 0)
     assert seen == order
 
 
@@ -147,18 +147,18 @@ def test_of_one_source_only_the_newest_counts() -> None:
     assert tracks.step(arrived, 90).boxes.center[:, 0].tolist() == [90.0]
 
 
-@pytest.mark.parametrize("name", LATE.names())
+@pytest.mark.parametrize("name", DELAYED.names())
 def test_time_that_goes_back_is_refused_and_changes_nothing(name: str) -> None:
-    tracks = LATE.get(name)(ab3dmot)
-    expected = [tracks.step([Measurement(OWN, k, cars(0))], k) for k in (0, FRAME_NS)][-1]
+    tracks = DELAYED.get(name)(ab3dmot)
+    expected = [tracks.step([Measurement(RECEIVER, k, cars(0))], k) for k in (0, FRAME_NS)][-1]
     with pytest.raises(InvalidValueError, match="time must not go back"):
-        tracks.step([Measurement(OWN, 5, cars(9))], 5)
+        tracks.step([Measurement(RECEIVER, 5, cars(9))], 5)
     assert same(tracks.tracker.report(), expected)
 
 
-@pytest.mark.parametrize("name", LATE.names())
+@pytest.mark.parametrize("name", DELAYED.names())
 def test_a_measurement_from_the_future_counts_as_one_of_now(name: str) -> None:
-    ahead, now = LATE.get(name)(ab3dmot), LATE.get(name)(ab3dmot)
+    ahead, now = DELAYED.get(name)(ab3dmot), DELAYED.get(name)(ab3dmot)
     for k in range(3):
         future = Measurement("cav_1", (k + 5) * FRAME_NS, cars(0.0))
         current = Measurement("cav_1", k * FRAME_NS, cars(0.0))
@@ -169,7 +169,7 @@ def test_as_if_current_is_the_plain_tracker() -> None:
     wrapped, plain = AsIfCurrent(ab3dmot), ab3dmot()
     for k in range(6):
         own, other = cars(1.0 * k), cars(30.0)
-        measured = [Measurement("b", 0, other), Measurement(OWN, k * FRAME_NS, own)]
+        measured = [Measurement("b", 0, other), Measurement(RECEIVER, k * FRAME_NS, own)]
         assert same(wrapped.step(measured, k * FRAME_NS), plain.step_in_turn([own, other], k * FRAME_NS))
 
 
@@ -179,5 +179,5 @@ def test_replay_misses_nothing_before_news_of_it_can_have_arrived_and_waits_for_
     for k in range(30):
         late = k - 3
         heard = [Measurement("rsu_0", late * FRAME_NS, cars(SPEED_M_S * 0.1 * late))] if 0 <= late < 10 else []
-        shown.append(len(tracks.step([Measurement(OWN, k * FRAME_NS, cars()), *heard], k * FRAME_NS)))
+        shown.append(len(tracks.step([Measurement(RECEIVER, k * FRAME_NS, cars()), *heard], k * FRAME_NS)))
     assert shown[6:15] == [1] * 9 and shown[20:] == [0] * 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,13 +16,13 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.affinity.affinity import center_distance, giou_3d
-from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, of_class, score_from
+from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, score_from
 from coopsim.tracking.lifecycle import ByScore, HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.track_scoring import Latest, Likelihood, ShrunkMean
 from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker, Turn
-from coopsim.types import Detections, Tracks
+from coopsim.types import Detections, Mask, Tracks
 
 FRAME_NS = 100_000_000
 
@@ -161,6 +162,9 @@ def test_later_groups_may_be_taken_otherwise() -> None:
 
 
 def test_rules_by_class_and_by_score_make_a_tracker() -> None:
+    def of_class(label: int) -> Callable[[Detections], Mask]:
+        return lambda found: found.label == label
+
     stages = [Stage(center_distance, hungarian, gate, found=of_class(label)) for label, gate in ((0, -4.0), (7, -0.5))]
     tracker = Tracker(ConstantVelocity(), Cascade(stages), ByScore(report=0.5, drop=0.2, age=3, coast=0))
 

@@ -123,10 +123,10 @@ def test_a_scenario_says_nothing_beside_the_grids_conditions(own: str, tmp_path:
 def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -> None:
     path = tmp_path / "grid.yaml"
     path.write_text(
-        "policies: [late_fusion(late=replay)]\nlatencies_ms: [0, 100]\noptions: {vehicles: 8, lidar: null}\n"
+        "policies: [late_fusion(delayed=replay)]\nlatencies_ms: [0, 100]\noptions: {vehicles: 8, lidar: null}\n"
     )
     grid = find_grid(path=path, more_policies=["no_fusion"], seeds=(4,), options={"vehicles": 9}).grid()
-    assert grid.policies == ("late_fusion(late=replay)", "no_fusion") and grid.latencies_ms == (0, 100)
+    assert grid.policies == ("late_fusion(delayed=replay)", "no_fusion") and grid.latencies_ms == (0, 100)
     assert grid.seeds == (4,) and grid.options == {"vehicles": 9, "lidar": None}
     assert find_grid(path=path, policies=TWO).grid().policies == TWO
     with pytest.raises(InvalidValueError, match=r"^losses must be"):  # not the file's fault

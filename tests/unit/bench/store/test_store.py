@@ -20,7 +20,7 @@ from coopsim.bench.store.parquet import decode, encode
 from coopsim.bench.store.store import Store
 from coopsim.errors import InvalidValueError, StoreError
 
-CELL = Cell("late_fusion(late=replay)", Condition("crossing", 0.1, 0.2, 0.3, 0.4, 1e6), 7, 5)
+CELL = Cell("late_fusion(delayed=replay)", Condition("crossing", 0.1, 0.2, 0.3, 0.4, 1e6), 7, 5)
 RESULT = CellResult(
     CELL,
     {"MOTA": 61.25, "MOTP": math.nan},

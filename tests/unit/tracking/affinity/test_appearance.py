@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from some_tracks import FRAME_NS, cars, tracks
 
-from coopsim.agents.dino_codt import NIMBLE, DinoCoDT
+from coopsim.agents.dino_codt_tracking import NIMBLE, DinoCoDTTracking
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.pooling import pool
 from coopsim.geometry.assignment import hungarian
@@ -22,7 +22,7 @@ from coopsim.tracking.affinity.appearance import Appearance
 from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.delayed import OWN, Measurement, RewindAndReplay
+from coopsim.tracking.delayed import RECEIVER, Measurement, RewindAndReplay
 from coopsim.tracking.lifecycle import HitsAndAge, Remembered, VelocityAdaptiveAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
@@ -68,10 +68,10 @@ def behind_a_van(hidden: int = 12) -> list[Detections]:
 def test_after_a_long_occlusion_looks_bring_the_id_back() -> None:
     """Boxes alone lose both people; told to wait for them, they take each for the other."""
     frames = behind_a_van()
-    reports = run(DinoCoDT().make_tracker(), frames)
+    reports = run(DinoCoDTTracking().make_tracker(), frames)
     assert [len(report) for report in reports[13:24]] == [0] * 11, "what is only remembered is not reported"
-    lost = run(DinoCoDT().make_tracker(), [blind(each) for each in frames])
-    swapped = run(DinoCoDT(age=20).make_tracker(), [blind(each) for each in frames])
+    lost = run(DinoCoDTTracking().make_tracker(), [blind(each) for each in frames])
+    swapped = run(DinoCoDTTracking(age=20).make_tracker(), [blind(each) for each in frames])
     before = ids_from_left(reports[11])
     assert len(before) == 2
     assert ids_from_left(reports[-1]) == before
@@ -88,7 +88,7 @@ def test_too_long_too_far_or_too_different_is_not_the_same() -> None:
 
 
 def tracker(**appearance: float) -> TrackersByClass:
-    return DinoCoDT(appearance=Appearance(**appearance)).make_tracker()  # type: ignore[arg-type]
+    return DinoCoDTTracking(appearance=Appearance(**appearance)).make_tracker()  # type: ignore[arg-type]
 
 
 def noisy(frames: list[Detections]) -> list[Detections]:
@@ -102,14 +102,14 @@ def test_without_embeddings_boxes_and_age_alone_decide() -> None:
     rule = VelocityAdaptiveAge(3, 2, 0.2)
     plain = Tracker(ConstantVelocity(), Cascade([Stage(iou_3d, hungarian, 0.01)]), rule)
     expected = run(TrackersByClass(plain, {NIMBLE: ab3dmot()}), crowd)
-    assert len(expected[-1]) and same(run(DinoCoDT().make_tracker(), crowd), expected)
+    assert len(expected[-1]) and same(run(DinoCoDTTracking().make_tracker(), crowd), expected)
 
 
 def test_one_object_that_two_agents_place_apart_is_one_track() -> None:
     """Pose noise moves the other agent's boxes by a metre: no overlap, but the same looks at the same time."""
     for k, found in enumerate(([RED, RED], [RED, BLUE], [RED, NONE])):
         frames = [pool([people((0.1 * t, 0, found[0])), people((0.1 * t, 1.0, found[1]))]) for t in range(6)]
-        assert len(run(DinoCoDT().make_tracker(), frames)[-1]) == (1 if k == 0 else 2)
+        assert len(run(DinoCoDTTracking().make_tracker(), frames)[-1]) == (1 if k == 0 else 2)
 
 
 def test_two_objects_that_one_agent_sees_are_two_however_alike() -> None:
@@ -151,7 +151,7 @@ def test_the_id_lives_on_in_another_agents_boxes_however_they_are_placed() -> No
             seen = {first} if k < 12 else {then}
             own, other = people((0.1 * k, 0, RED)), people((0.1 * k + 4.4, 0, RED))
             frames.append(pool([own if "own" in seen else people(), other if "other" in seen else people()]))
-        reports = run(DinoCoDT().make_tracker(), frames)
+        reports = run(DinoCoDTTracking().make_tracker(), frames)
         assert [len(report) for report in reports[2:]] == [1] * 22
         assert len({int(report.id[0]) for report in reports[2:]}) == 1, f"{first}, then {then}"
 
@@ -159,7 +159,7 @@ def test_the_id_lives_on_in_another_agents_boxes_however_they_are_placed() -> No
 def test_both_see_it_and_then_the_other_alone() -> None:
     both = [pool([people((0.1 * k, 0, RED)), people((0.1 * k + 4.4, 0, RED))]) for k in range(12)]
     alone = [pool([people(), people((0.1 * k + 4.4, 0, RED))]) for k in range(12, 24)]
-    reports = run(DinoCoDT().make_tracker(), both + alone)
+    reports = run(DinoCoDTTracking().make_tracker(), both + alone)
     assert reports[11].id.tolist() == reports[-1].id.tolist()
 
 
@@ -167,7 +167,7 @@ def test_a_repeated_view_refreshes_the_memory() -> None:
     """From its own side the other agent sees another colour; after one frame of both, the track is known by both."""
     turned = 0.95 * RED + np.sqrt(1 - 0.95**2) * BLUE
     both = [pool([people((0, 0, RED)), people((1, 0, turned))]) for _ in range(4)]
-    trackers = DinoCoDT().make_tracker()
+    trackers = DinoCoDTTracking().make_tracker()
     run(trackers, both)
     memory = trackers.state[1].tracked.appearance
     assert len(memory) == 1
@@ -198,11 +198,11 @@ def test_no_agents_view_is_lost_by_another_view_of_its_own(seed: int) -> None:
 def test_rewind_and_replay_is_exact_with_embeddings(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene = [[each[rng.random(len(each)) < 0.8] for _ in "ab"] for each in noisy(behind_a_van())]
-    on_time, late = (RewindAndReplay(DinoCoDT().make_tracker, DinoCoDT().fuse) for _ in "ab")
+    on_time, late = (RewindAndReplay(DinoCoDTTracking().make_tracker, DinoCoDTTracking().fuse) for _ in "ab")
     delayed: list[Measurement] = []
     differed = False
     for k, (mine, theirs) in enumerate(scene):
-        own, heard = Measurement(OWN, k * FRAME_NS, mine), Measurement("cav_1", k * FRAME_NS, theirs)
+        own, heard = Measurement(RECEIVER, k * FRAME_NS, mine), Measurement("cav_1", k * FRAME_NS, theirs)
         expected = on_time.step([own, heard], k * FRAME_NS)
         arrived = [*delayed, own, heard] if k == len(scene) - 1 else [own, *delayed[: k % 3]]
         got = late.step(arrived, k * FRAME_NS)
@@ -265,4 +265,4 @@ def test_bad_settings(setting: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         Appearance(**setting)  # type: ignore[arg-type]
     with pytest.raises(InvalidValueError, match=r"write Appearance\(\)"):
-        DinoCoDT(appearance=Appearance)  # type: ignore[arg-type]
+        DinoCoDTTracking(appearance=Appearance)  # type: ignore[arg-type]

@@ -1,0 +1,86 @@
+"""The tracking side of DINO-CoDT (He et al., sec. III-F to III-H): rules by class, re-identification, age by speed.
+
+Its detector is not part of this policy, nor is the network that makes embeddings: any detector or embedder may give
+them, the paper's are DINOv2's. Without them, boxes alone decide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coopsim.agents.late_fusion import PooledBoxes
+from coopsim.catalog import POLICIES
+from coopsim.geometry.assignment import Assigner, greedy, hungarian
+from coopsim.support.checks import require_choice, require_flag, require_instance, require_number
+from coopsim.tracking.affinity.affinity import giou_3d, iou_3d
+from coopsim.tracking.affinity.appearance import Appearance
+from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
+from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
+from coopsim.tracking.tracker import Tracker
+from coopsim.types.taxonomy import SUPERCLASS_NUMBERS, Superclass
+
+NIMBLE = Superclass.PEDESTRIAN.classes
+"""Classes that turn at will: people, on foot or on two wheels."""
+
+_GATES = {"iou_3d": ("in (0, 1]", lambda gate: 0 < gate <= 1), "giou_3d": ("in [-1, 1]", lambda gate: -1 <= gate <= 1)}
+_AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
+
+
+@POLICIES.register("dino_codt_tracking")
+@dataclass(kw_only=True, eq=False)
+class DinoCoDTTracking(PooledBoxes):
+    """Each class by its own motion model and assignment; embeddings match what boxes leave over.
+
+    Further parameters: `PooledBoxes`.
+
+    Attributes:
+        gate: smallest affinity of a match: in (0, 1] with "iou_3d", in [-1, 1] with "giou_3d". The paper finds -0.5 to
+            -0.2 best (sec. IV-E-2), which only GIoU reaches.
+        affinity: what compares boxes, "iou_3d" (sec. III-G) or "giou_3d".
+        motion: which of the paper's two assignments of motion models to classes. "section_3f": vehicles and trucks by
+            constant velocity, people and two-wheelers by constant turn rate and acceleration (CTRA). "section_4b", with
+            which its results were made: cars, people and two-wheelers by CTRA, vans, trucks and buses by constant
+            velocity.
+        by_superclass: match boxes within a superclass of the paper's Table I, not only within a class; a track keeps
+            the class that it began with.
+        hits: frames with a detection, consecutive or not, until a track is reported.
+        age: frames without a detection until the track of a standing object is dropped (A_c; one for all classes).
+        age_per_m_s: frames more per m/s (alpha). The paper finds 1.0 to 1.2 best (sec. IV-E-2).
+        appearance: how embeddings are used; None: with the defaults.
+    """
+
+    gate: float = 0.01
+    affinity: str = "iou_3d"
+    motion: str = "section_3f"
+    by_superclass: bool = False
+    hits: int = 3
+    age: int = 2
+    age_per_m_s: float = 0.2
+    appearance: Appearance | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("affinity", self.affinity, _AFFINITIES)
+        require_choice("motion", self.motion, ("section_3f", "section_4b"))
+        accepted, accepts = _GATES[self.affinity]
+        require_number(f"{accepted} with affinity {self.affinity!r}", accepts, gate=self.gate)
+        require_flag(by_superclass=self.by_superclass)
+        require_instance(Appearance, appearance=self.appearance)
+        super().__post_init__()
+
+    def make_tracker(self) -> TrackersByClass:
+        turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # nobody walks backwards faster
+        by_class: dict[tuple[int, ...], Tracker] = {NIMBLE: self._tracker(turning, greedy)}
+        if self.motion == "section_4b":
+            by_class[Superclass.VEHICLE.classes] = self._tracker(ConstantTurnRateAcceleration(), hungarian)
+        return TrackersByClass(self._tracker(ConstantVelocity(), hungarian), by_class)
+
+    def _tracker(self, motion: Motion, assigner: Assigner) -> Tracker:
+        appearance = self.appearance or Appearance()
+        rule = VelocityAdaptiveAge(self.hits, self.age, self.age_per_m_s)
+        lifecycle = Remembered(rule, self.hits, appearance.frames)
+        by_boxes = Stage(_AFFINITIES[self.affinity], assigner, self.gate, tracks=lifecycle.in_sight)
+        stages = Cascade([by_boxes, appearance.stage()], SUPERCLASS_NUMBERS if self.by_superclass else None)
+        return Tracker(motion, stages, lifecycle, appearance=appearance)

@@ -1,0 +1,36 @@
+"""The geometric half of YOLOO's association (Gu et al., eq. 8-9): the flexible geometric constraint, matched greedily.
+
+The other half of its cost, the learned similarity of point clouds, is not part of this policy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coopsim.agents.late_fusion import PooledBoxes
+from coopsim.catalog import POLICIES
+from coopsim.geometry.assignment import greedy
+from coopsim.tracking.affinity.affinity import fgam
+from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.tracker import Tracker
+
+
+@POLICIES.register("yoloo_geometry")
+@dataclass(kw_only=True, eq=False)
+class YolooGeometry(PooledBoxes):
+    """Greedy matching by F-GAM: no pair farther apart than the smaller box's diagonal, and no gate to tune.
+
+    Further parameters: `PooledBoxes`.
+
+    Attributes:
+        hits: frames with a detection, consecutive or not, until a track is reported.
+        age: frames without a detection until a track is dropped.
+    """
+
+    hits: int = 3
+    age: int = 2
+
+    def make_tracker(self) -> Tracker:
+        return Tracker(ConstantVelocity(), Cascade([Stage(fgam, greedy, gate=0.0)]), HitsAndAge(self.hits, self.age))
