@@ -1,6 +1,6 @@
-"""Show the fitted detector beside the real one and the default: docs/reference/detector.svg, and a table of distances.
+"""Show the fitted detector beside the real one and the default: docs/results/detector.svg, and a table of distances.
 
-    python scripts/plot_detector.py DATA [--out docs/reference/detector.svg] [--seeds 8]
+    python scripts/plot_detector.py DATA [--out docs/results/detector.svg] [--seeds 8]
 
 DATA has v2v4real/train. The simulation is highway and urban_grid with two connected cars and no people, without LiDARs
 (expected returns). Distances are Kolmogorov-Smirnov's, from 0 (alike) to 1, between what is real and each of the
@@ -41,7 +41,7 @@ def main() -> None:
     """Read the arguments, run, draw, print."""
     parser = argparse.ArgumentParser(description="Draw real and simulated detections.")
     parser.add_argument("data", type=Path, help="folder with v2v4real/train")
-    parser.add_argument("--out", type=Path, default=Path("docs/reference/detector.svg"))
+    parser.add_argument("--out", type=Path, default=Path("docs/results/detector.svg"))
     parser.add_argument("--seeds", type=int, default=8)
     args = parser.parse_args()
     seeds = range(args.seeds)

@@ -23,7 +23,7 @@ PAGES = {
 NOT_RUN = {
     "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
     "actors.md": "registers a model, which would be there in all tests after it",
-    "answers.md": "has placeholders",
+    "delays_poses_budgets.md": "has placeholders",
     "benchmark.md": "takes minutes",
     "codecs.md": "a whole episode",
 }
@@ -78,3 +78,36 @@ def test_links_lead_somewhere() -> None:
             if not file.exists() or (anchor and anchor not in anchors):
                 broken.append(f"{page.relative_to(ROOT)}: {target}")
     assert not broken
+
+
+MOST_COLUMNS = 100
+
+TO_BE_WRAPPED = (
+    "CHANGELOG.md",
+    "README.md",
+    "docs/learn/reading_the_report.md",
+    "docs/reference/actors.md",
+    "docs/reference/benchmark.md",
+    "docs/reference/cameras.md",
+    "docs/reference/channel.md",
+    "docs/reference/codecs.md",
+    "docs/reference/localization.md",
+    "docs/reference/metrics.md",
+    "docs/reference/policies.md",
+    "docs/reference/scenarios.md",
+)
+
+
+def test_lines_are_short() -> None:
+    """Prose is wrapped; tables and blocks of code are not prose."""
+    long = []
+    for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(ROOT.glob("docs/**/*.md"))):
+        if str(page.relative_to(ROOT)) in TO_BE_WRAPPED:
+            continue
+        in_code = False
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
+            fence = line.lstrip().startswith("```")
+            in_code ^= fence
+            if len(line) > MOST_COLUMNS and not (in_code or fence or line.lstrip().startswith("|")):
+                long.append(f"{page.relative_to(ROOT)}:{number}: {len(line)} characters")
+    assert not long
