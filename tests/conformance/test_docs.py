@@ -93,7 +93,6 @@ TO_BE_WRAPPED = (
     "docs/reference/actors.md",
     "docs/reference/benchmark.md",
     "docs/reference/cameras.md",
-    "docs/reference/channel.md",
     "docs/reference/codecs.md",
     "docs/reference/localization.md",
     "docs/reference/metrics.md",
@@ -115,3 +114,13 @@ def test_lines_are_short() -> None:
             if len(line) > MOST_COLUMNS and not (in_code or fence or line.lstrip().startswith("|")):
                 long.append(f"{page.relative_to(ROOT)}:{number}: {len(line)} characters")
     assert not long
+
+
+def test_files_that_pages_name_exist() -> None:
+    named = {
+        (page, file)
+        for page, text in PAGES.items()
+        for file in re.findall(r"`((?:coopsim|envs|agents|tests|scripts|examples|docs)/[\w/]+\.\w+)`", text)
+    }
+    assert named
+    assert not [f"{page}: {file}" for page, file in sorted(named) if not (ROOT / file).exists()]
