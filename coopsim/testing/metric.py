@@ -1,0 +1,102 @@
+"""The conformance check of a metric."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.metric import METRICS, Metric
+from coopsim.types import GroundTruth, Tracks
+
+_FRAMES = 12
+
+
+def check_metric(metric: str | Metric | type[Metric]) -> None:
+    """Check that a metric keeps what scores, tables and reports rely on.
+
+    It must be described in one line; give a number or None for any log, an empty one included; give the same value
+    again, whatever numbers identify objects and tracks; leave the logs as they are; and not call tracks that are all
+    false better than tracks that are all right.
+
+    Args:
+        metric: a registered name, a class or an object.
+
+    Raises:
+        AssertionError: says what is wrong.
+        UnknownNameError: no metric of that name is registered.
+    """
+    entry = METRICS.get(metric) if isinstance(metric, str) else metric
+    made = entry() if isinstance(entry, type) else entry
+    name = metric if isinstance(metric, str) else type(made).__name__
+    assert isinstance(made, Metric), f"{name} must be a coopsim.metrics.Metric, got {made!r}"
+    assert made.meaning and "\n" not in made.meaning, f"{name}: `meaning` must be one line, got {made.meaning!r}"
+    assert format(12.345, made.form), f"{name}: `form` must be a format of numbers, got {made.form!r}"
+    right = _value(made, name, _log(shift_m=0.0))
+    again = _value(made, name, _log(shift_m=0.0))
+    assert _close(right, again), f"{name} must give the same value for the same log"
+    renamed = _value(made, name, _log(shift_m=0.0, first_id=1000))
+    assert _close(right, renamed), f"{name} must not depend on the numbers of ids, got {right} and {renamed}"
+    for log in (Evaluator(), _log(objects=0), _log(tracks=0)):
+        _value(made, name, log)
+    right, false = (_value(made, name, _log(shift_m=shift_m, gaps=False)) for shift_m in (0.0, 20.0))
+    if right is not None and false is not None and not (math.isnan(right) or math.isnan(false)):
+        better = false < right if made.less_is_better else false > right
+        direction = "less" if made.less_is_better else "more"
+        assert not better, (
+            f"{name} says that {direction} is better, and gives {right} for perfect tracks but {false} for false ones"
+        )
+
+
+def _value(metric: Metric, name: str, evaluator: Evaluator) -> float | None:
+    pool = LogPool.of([evaluator.log], bytes_per_s=100.0)
+    before = LogPool.of([evaluator.log])
+    value = metric.value(pool)
+    assert value is None or isinstance(value, (int, float, np.number)), (
+        f"{name} must be a number or None, got {value!r}"
+    )
+    for log, untouched in zip(pool.logs, before.logs, strict=True):
+        for column in untouched.__dataclass_fields__:
+            same = np.array_equal(getattr(log, column), getattr(untouched, column))
+            assert same, f"{name} must leave the logs as they are, and changed {column}"
+    return None if value is None else float(value)
+
+
+def _log(shift_m: float = 0.0, first_id: int = 1, objects: int = 3, tracks: int = 3, gaps: bool = True) -> Evaluator:
+    """Score objects that drive in a row, and as many tracks `shift_m` beside them; with gaps, both are absent at times."""
+    evaluator = Evaluator()
+    for frame in range(_FRAMES):
+        present = [k for k in range(3) if (frame + 2 * k) % 5 or not gaps]
+        there, found = present[:objects], present[:tracks]
+        truth = GroundTruth(np.array(there, dtype=np.int64) + first_id, _row(there, frame, 0.0), _labels(there))
+        count = len(found)
+        evaluator.update(
+            truth,
+            Tracks(
+                np.array(found, dtype=np.int64) + 7 * first_id,
+                _row(found, frame, shift_m),
+                np.zeros((count, 2)),
+                np.linspace(0.4, 0.9, count),
+                _labels(found),
+            ),
+        )
+    return evaluator
+
+
+def _row(members: list[int], frame: int, shift_m: float) -> Boxes3D:
+    rows = np.array([[10.0 * k + frame, shift_m, 0.8, 4.5, 1.9, 1.6, 0.0] for k in members])
+    return Boxes3D.from_array(rows.reshape(-1, 7))
+
+
+def _labels(members: list[int]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return classes: two cars and a pedestrian."""
+    return np.array([7 if k == 2 else 0 for k in members], dtype=np.int64)
+
+
+def _close(a: float | None, b: float | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-9) or (math.isnan(a) and math.isnan(b))
