@@ -17,6 +17,7 @@ from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, newest
@@ -117,7 +118,8 @@ def benchmark(
     engine = engine or Engine()
     policies = check(grid)
     store = Store(folder)
-    jobs = [Job.of(cell, grid.options, policies[cell.policy]) for cell in grid.cells()]
+    metrics = MetricSpec.all()  # after `check`, which loads the policies' files
+    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics) for cell in grid.cells()]
     store.begin([job.key for job in jobs])
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}

@@ -1,4 +1,4 @@
-"""Every policy on one recording set: the table both ways as Markdown and CSV, and MOTA over recall as a picture."""
+"""Ranking of policies on a set of recordings: tables as Markdown and CSV, and MOTA over recall as a picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tabulate import tabulate
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
-from coopsim.bench.report.table import COLUMNS, format_value, score_row
+from coopsim.bench.report.table import columns, format_value, score_row
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.recall_averages import RECALL_POINTS
 from coopsim.metrics.score import Score
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Results = Mapping[str, RecordingsEvaluation]
-"""By the policy's name."""
+"""Evaluations by policy."""
 
 _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ignored"}
 
@@ -30,19 +30,19 @@ _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ign
 def evaluate_each(
     path: str | Path, detections: Sequence[str], policies: Sequence[str], **options: Any
 ) -> Iterator[tuple[str, RecordingsEvaluation | Exception]]:
-    """Run policies over a recording set, one for each step of the iterator: its name, and how it did or what it raised.
+    """Run policies over a set of recordings. Each step of the iterator gives a name, and its evaluation or exception.
 
-    Policies and their environments are made once before that, so that a slip in the last costs no run of the first.
+    All policies and environments are made once before the first run, so that a mistake in the last costs no run.
 
     Args:
-        path: the set's folder.
+        path: folder of the recordings.
         detections: names under `detections/`; each is one agent.
         policies: as `PolicySpec` reads them.
         **options: of the replay environment, the same for all.
 
     Raises:
-        CoopsimError: a name is unknown or a value not accepted, before any run; or, from the iterator, a file is
-            broken, which none of the policies can help.
+        CoopsimError: a name is unknown or a value is not accepted, before any run; or a file is broken, from the
+            iterator.
     """
     replayed = {"path": path, "detections": detections, **options}
     for name in policies:
@@ -57,12 +57,12 @@ def _evaluation_or_error(
         return evaluate_recordings(name, path, detections, **options)
     except RecordingError:
         raise
-    except Exception as error:  # a user's policy may raise anything, and the others must not suffer
+    except Exception as error:  # a user's policy may raise anything, and the others go on
         return error
 
 
 def rows_of(results: Results) -> list[dict[str, Any]]:
-    """One row per policy and protocol: `policy`, `false positives`, and the values by column name."""
+    """Return a row per policy and protocol: `policy`, `false positives`, and the values by column."""
     return [
         {
             "policy": name,
@@ -75,25 +75,26 @@ def rows_of(results: Results) -> list[dict[str, Any]]:
 
 
 def to_markdown(results: Results, title: str) -> str:
-    """Two tables, false positives counted and ignored, best sAMOTA first."""
+    """Format two tables, false positives counted and ignored, by falling sAMOTA."""
+    shown = columns()
     parts = [f"# {title}\n"]
     for protocol, heading in _PROTOCOLS.items():
         rows = [row for row in rows_of(results) if row["false positives"] == protocol]
         rows.sort(key=lambda row: -row["sAMOTA"])
-        cells = [[row["policy"], *(format_value(row[name], form) for name, form in COLUMNS)] for row in rows]
-        heads, align = ["policy", *(name for name, _ in COLUMNS)], ["left", *["right"] * len(COLUMNS)]
+        cells = [[row["policy"], *(format_value(row[name], form) for name, form in shown)] for row in rows]
+        heads, align = ["policy", *(name for name, _ in shown)], ["left", *["right"] * len(shown)]
         table = tabulate(cells, heads, tablefmt="github", colalign=align, disable_numparse=True)
         parts.append(f"## {heading.capitalize()}\n\n{table}\n")
     return "\n".join(parts)
 
 
 def to_csv(results: Results) -> str:
-    """All rows, unrounded."""
+    """Format all rows as CSV, unrounded."""
     return to_csv_text(rows_of(results))
 
 
 def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Levels of recall, and MOTA there in per cent, mean over the agents that reach it; (K,) each."""
+    """Return the levels of recall (K,) and MOTA there (K,) in per cent, mean over the agents that reach the level."""
     total, reached = np.zeros(RECALL_POINTS + 1), np.zeros(RECALL_POINTS + 1)
     for agent in score.agents.values():
         for point in agent.sweep.points if agent.sweep is not None else ():
@@ -105,7 +106,7 @@ def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any
 
 
 def plot(results: Results, title: str) -> str:
-    """MOTA over recall as SVG, a panel for each protocol, a line for each policy."""
+    """Plot MOTA over recall as SVG, with a panel for each protocol and a line for each policy."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)

@@ -30,6 +30,9 @@ from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
 
+SOURCE = "__coopsim_source__"
+"""Name under which a module that was made by `load_source` has its text."""
+
 _SHAPE = re.compile(r"(?P<target>[^()\s][^()]*?)\s*(?:\((?P<parameters>.*)\))?", re.DOTALL)
 
 
@@ -81,7 +84,7 @@ class PolicySpec:
         if ":" not in self.target:
             return POLICIES.get(self.target)
         place, name = self.target.rsplit(":", 1)
-        module = _import(place) if self.source is None else _execute(place, self.source)
+        module = _import(place) if self.source is None else load_source(place, self.source)
         found = getattr(module, name, None)
         if found is None:
             raise UnknownNameError(
@@ -183,10 +186,15 @@ def _modules_beside(name: str) -> list[str]:
 
 
 @cache
-def _execute(path: str, source: str) -> ModuleType:
-    """The module that a file makes; a file is no part of a package, so nothing beside it can be imported."""
+def load_source(path: str, source: str) -> ModuleType:
+    """Execute the text of a file as a module, once per process; it cannot import other files of its folder.
+
+    Raises:
+        InvalidValueError: the text raises an exception.
+    """
     module = ModuleType(f"coopsim_policy_{Path(path).stem}")
     module.__file__ = path
+    module.__dict__[SOURCE] = source
     sys.modules[module.__name__] = module  # where dataclasses look for the names in annotations
     try:
         exec(compile(source, path, "exec"), module.__dict__)

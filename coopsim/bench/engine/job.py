@@ -20,6 +20,7 @@ import coopsim
 from coopsim.bench.evaluate import OnFrame, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.metric_spec import MetricSpec, keep_named
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
 
@@ -40,17 +41,21 @@ class Job:
         options: of its environment, beside the condition.
         policy: the cell's.
         decided_by: its `fingerprint`.
+        metrics: the registered metrics of its result, beside the built-in ones.
     """
 
     cell: Cell
     options: Mapping[str, Any]
     policy: PolicySpec
     decided_by: str
+    metrics: tuple[MetricSpec, ...] = ()
 
     @classmethod
-    def of(cls, cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> Job:
-        """The job for a cell."""
-        return cls(cell, options, policy, fingerprint(cell, options, policy))
+    def of(
+        cls, cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: tuple[MetricSpec, ...] = ()
+    ) -> Job:
+        """Make the job of a cell."""
+        return cls(cell, options, policy, fingerprint(cell, options, policy, metrics), metrics)
 
     @property
     def key(self) -> str:
@@ -104,19 +109,18 @@ def died(job: Job, how: str) -> Outcome:
 def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
-    evaluation = evaluate(job.policy.make(), cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
+    policy = job.policy.make()
+    for metric in job.metrics:
+        metric.load()
+    evaluation = evaluate(policy, cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
     score = evaluation.score
     return CellResult(
         cell,
-        values=_numbers(score.values),
-        agents={name: _numbers(agent.values) for name, agent in score.agents.items()},
+        values=keep_named(score.values, job.metrics),
+        agents={name: keep_named(agent.values, job.metrics) for name, agent in score.agents.items()},
         rewards=np.asarray(evaluation.rewards, np.float64),
         messages=asdict(evaluation.messages),
     )
-
-
-def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items()}
 
 
 def _told(error: Exception) -> str:

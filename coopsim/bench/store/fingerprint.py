@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import packages_distributions, version
@@ -15,6 +15,7 @@ from typing import Any
 
 import coopsim
 from coopsim.bench.grid.cell import Cell
+from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
 from coopsim.config.mappings import UNREADABLE, beside
@@ -29,31 +30,38 @@ _PACKAGES = ("numpy", "numba", "scipy", "highway-env")
 _CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml")
 
 
-def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec) -> str:
-    """Everything that decides the result of a cell, as JSON with sorted keys.
+def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: Sequence[MetricSpec] = ()) -> str:
+    """Return everything that decides the result of a cell, as JSON with sorted keys.
 
     That is the cell, the options of the environment, the contents of files that they name, and the code: coopsim's
-    version and sources, those of the package or file that a user's policy is from, and `package_versions`.
+    version and sources, those of the package or file of a user's policy and metrics, and `package_versions`.
 
     Args:
-        cell: what is run.
-        options: of the environment, beside the cell's condition; plain data.
-        policy: the cell's.
+        cell: the cell.
+        options: further options of its environment; plain data.
+        policy: the cell's policy.
+        metrics: registered metrics whose values are in the result.
 
     Raises:
-        InvalidValueError: an option is no plain data.
+        InvalidValueError: an option is not plain data.
     """
-    package = policy.policy_class().__module__.partition(".")[0]
-    # A version alone would not do: sources that are being worked on keep theirs.
+    # A version alone would not do: sources under development keep theirs.
     code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": _sources_digest("coopsim")}}
-    if policy.source is not None:
-        code["policy"] = _digest(policy.source.encode())
-    elif package != "coopsim":
-        code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
+    sources = [("policy", policy.policy_class().__module__, policy.source)]
+    sources += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
+    for name, module, source in sources:
+        package = module.partition(".")[0]
+        if source is not None:
+            code[name] = _digest(source.encode())
+        elif package != "coopsim":
+            code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
     plain = plain_options(options)
     files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files((cell.condition.scenario, plain))))}
     code["packages"] = package_versions()
-    decided = {"layout": LAYOUT, "cell": asdict(cell), "options": plain, "code": code, "files": files}
+    names = sorted(metric.name for metric in metrics)
+    decided = {
+        "layout": LAYOUT, "cell": asdict(cell), "options": plain, "metrics": names, "code": code, "files": files
+    }  # fmt: skip
     return json.dumps(decided, sort_keys=True)
 
 

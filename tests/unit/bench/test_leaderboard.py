@@ -20,6 +20,7 @@ POLICIES = ("no_fusion", "late_fusion")
 
 MINE = """
 import coopsim
+from coopsim.agents import Needs
 
 class Fails(coopsim.Policy):
     needs = coopsim.Needs(uplink="none")
@@ -27,7 +28,7 @@ class Fails(coopsim.Policy):
         raise KeyError("my own slip")
 
 class Looks(Fails):
-    cameras = "front"
+    needs = Needs("none", cameras="front")
 """
 
 

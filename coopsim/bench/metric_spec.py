@@ -1,0 +1,70 @@
+"""Registered metrics as plain data, so that other processes compute the same values and a store knows their code."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from coopsim.bench.policy_spec import SOURCE, load_source
+from coopsim.errors import InvalidValueError
+from coopsim.metrics.built_in import BUILT_IN, custom_metrics
+from coopsim.metrics.metric import METRICS
+
+
+@dataclass(frozen=True, slots=True)
+class MetricSpec:
+    """Where a metric that a user or package registered comes from.
+
+    Attributes:
+        name: as it is registered.
+        module: that registers it.
+        path: of the module's file, where it is not importable because it came with a policy (`file.py:Class`).
+        source: text of that file; None for an importable module.
+    """
+
+    name: str
+    module: str
+    path: str | None = None
+    source: str | None = None
+
+    @classmethod
+    def all(cls) -> tuple[MetricSpec, ...]:
+        """Describe every registered metric that is not built in.
+
+        Raises:
+            InvalidValueError: a metric is registered by a script itself, which other processes cannot import.
+        """
+        specs = []
+        for name, metric in custom_metrics().items():
+            module = type(metric).__module__
+            if module == "__main__":
+                raise InvalidValueError(
+                    f"metric {name!r} must be registered in a module, or in the file of a policy, for a benchmark's "
+                    "processes to load it; it is registered in the script that runs"
+                )
+            content = vars(sys.modules[module])
+            source = content.get(SOURCE)
+            specs.append(cls(name, module, None if source is None else str(content["__file__"]), source))
+        return tuple(specs)
+
+    def load(self) -> None:
+        """Have the metric registered in this process.
+
+        Raises:
+            InvalidValueError: the module does not register it.
+        """
+        if self.name not in METRICS:
+            if self.source is not None and self.path is not None:
+                load_source(self.path, self.source)
+            else:
+                importlib.import_module(self.module)
+        if self.name not in METRICS:
+            raise InvalidValueError(f"metric {self.name!r} is not registered by the module {self.module!r}")
+
+
+def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
+    """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
+    named = {spec.name for spec in metrics}
+    return {name: float(value) for name, value in values.items() if name in BUILT_IN or name in named}

@@ -1,0 +1,156 @@
+"""A metric that a user registers: its value is in the score, every table, the store and the report."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import coopsim
+from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.grid.grid import Grid
+from coopsim.bench.leaderboard import to_csv, to_markdown
+from coopsim.bench.report.publish import about, publish
+from coopsim.bench.store.store import Store
+from coopsim.cli import main
+from coopsim.metrics import METRICS, LogPool, Metric
+
+SMALL = {"vehicles": 6, "pedestrians": 2, "lidar": None}
+
+MODULE = """
+from coopsim.metrics import METRICS, Metric
+
+@METRICS.register("reported boxes")
+class Reported(Metric):
+    meaning, unit, form, less_is_better = "all reported boxes", "", ".0f", True
+    def value(self, pool):
+        return pool.reported
+"""
+
+POLICY = """
+from coopsim.agents.no_fusion import NoFusion
+
+class Mine(NoFusion):
+    pass
+"""
+
+
+@pytest.fixture(autouse=True)
+def registry() -> Iterator[None]:
+    """Forget what a test registers."""
+    before = dict(METRICS._entries)
+    yield
+    METRICS._entries.clear()
+    METRICS._entries.update(before)
+
+
+@pytest.fixture
+def registered() -> None:
+    @METRICS.register("reported boxes")
+    class Reported(Metric):
+        meaning, unit, form, less_is_better = "all reported boxes", "", ".0f", True
+
+        def value(self, pool: LogPool) -> float | None:
+            return pool.reported
+
+
+@pytest.mark.usefixtures("registered")
+def test_it_is_in_the_score_and_its_table() -> None:
+    score = coopsim.evaluate("late_fusion", seed=1, max_cycles=5, **SMALL).score
+    reported = [score.agents[name]["reported boxes"] for name in score.agents]
+    assert score["reported boxes"] == pytest.approx(sum(reported) / len(reported)) and min(reported) > 0
+    for part in (score.classes, score.superclasses, score.bands):
+        assert all("reported boxes" in each.values for each in part.values())
+    assert "reported boxes" in score.table().splitlines()[0]
+    assert score.to_dict()["reported boxes"] == score["reported boxes"]
+    assert score.ignoring_false_positives()["reported boxes"] == score["reported boxes"]
+
+
+def test_a_metric_may_have_no_value_and_none_for_parts() -> None:
+    @METRICS.register("never")
+    class Never(Metric):
+        meaning = "nothing"
+
+        def value(self, pool: LogPool) -> float | None:
+            return None
+
+    @METRICS.register("frames")
+    class Frames(Metric):
+        meaning, whole_only = "frames", True
+
+        def value(self, pool: LogPool) -> float | None:
+            return float(sum(len(log.truth_start) - 1 for log in pool.logs))
+
+    score = coopsim.evaluate("no_fusion", seed=1, max_cycles=5, **SMALL).score
+    assert "never" not in score.values and score["frames"] == 5
+    assert not any("frames" in each.values for each in score.classes.values())
+    assert score.table().splitlines()[2].split()[-1] == "5.0"
+
+
+@pytest.mark.usefixtures("registered")
+def test_it_is_in_the_tables_of_the_commands(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(recordings), "--detections", "ego"]) == 0
+    assert "reported boxes" in capsys.readouterr().out
+    out = tmp_path / "board"
+    command = ["leaderboard", str(recordings), "--detections", "ego", "--policies", "no_fusion", "--out", str(out)]
+    assert main(command) == 0
+    assert "reported boxes" in capsys.readouterr().out
+    assert all("reported boxes" in (out / f"leaderboard.{kind}").read_text() for kind in ("md", "csv"))
+    results = {"no_fusion": coopsim.evaluate_recordings("no_fusion", recordings, ("ego",))}
+    assert "reported boxes" in to_markdown(results, "t") and "reported boxes" in to_csv(results)
+
+
+def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
+    """In processes that load it from the file of a policy, also for the cells of another policy."""
+    (tmp_path / "mine.py").write_text(MODULE + POLICY)
+    grid = Grid(("no_fusion", f"{tmp_path / 'mine.py'}:Mine"), frames=5, options=SMALL)
+    results = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
+    assert not any(result.failed for result in results), results
+    assert all(result.values["reported boxes"] > 0 for result in results)
+    assert [result.values for result in Store(tmp_path / "out").results()] == [result.values for result in results]
+    publish(tmp_path / "out", results, about(grid, ""), clips=0)
+    page, markdown, table = (
+        (tmp_path / "out" / name).read_text() for name in ("report.html", "report.md", "results.csv")
+    )
+    assert '<div data-metric="reported boxes"' in page and "all reported boxes" in page
+    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    assert {"name": "reported boxes", "less": True} in data["metrics"]
+    assert "reported boxes" in markdown.split("##")[1] and "reported boxes" in table.splitlines()[0]
+
+
+def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:
+    keys = []
+    for text in (MODULE + POLICY, MODULE.replace("pool.reported", "pool.objects") + POLICY, POLICY):
+        program = (
+            "import sys\n"
+            "from coopsim.bench.benchmark import check\n"
+            "from coopsim.bench.engine.job import Job\n"
+            "from coopsim.bench.grid.grid import Grid\n"
+            "from coopsim.bench.metric_spec import MetricSpec\n"
+            "grid = Grid(('no_fusion', 'mine.py:Mine'), frames=5)\n"
+            "policies = check(grid)\n"
+            "print(Job.of(grid.cells()[0], {}, policies['no_fusion'], MetricSpec.all()).key)\n"
+        )
+        (tmp_path / "mine.py").write_text(text)
+        done = subprocess.run(
+            [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        keys.append(done.stdout)
+    assert len(set(keys)) == 3
+
+
+def test_a_script_s_own_metric_is_refused_before_the_first_cell(tmp_path: Path) -> None:
+    program = MODULE + (
+        "import coopsim\n"
+        "from coopsim.bench.grid.grid import Grid\n"
+        "coopsim.benchmark(Grid(('no_fusion',), frames=2), 'out')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "metric 'reported boxes' must be registered in a module" in done.stderr
