@@ -32,9 +32,9 @@ class Reported(Metric):
 """
 
 POLICY = """
-from coopsim.agents.no_fusion import NoFusion
+import coopsim
 
-class Mine(NoFusion):
+class Mine(coopsim.POLICIES.get("no_fusion")):
     pass
 """
 

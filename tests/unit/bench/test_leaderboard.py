@@ -20,7 +20,6 @@ POLICIES = ("no_fusion", "late_fusion")
 
 MINE = """
 import coopsim
-from coopsim.agents import Needs
 
 class Fails(coopsim.Policy):
     needs = coopsim.Needs(uplink="none")
@@ -28,7 +27,7 @@ class Fails(coopsim.Policy):
         raise KeyError("my own slip")
 
 class Looks(Fails):
-    needs = Needs("none", cameras="front")
+    needs = coopsim.Needs(uplink="none", cameras="front")
 """
 
 

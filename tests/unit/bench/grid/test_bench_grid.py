@@ -15,6 +15,7 @@ from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.conditions import environment_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import PRESETS, find_grid
+from coopsim.bench.policy_spec import PolicySpec
 from coopsim.comms.channel.channel_files import channel_config
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_count
@@ -217,3 +218,13 @@ def test_a_channel_may_be_a_file(tmp_path: Path) -> None:
 def test_a_channel_beside_the_grid_leaves_it_what_is_its(channel: Any, message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         environment_options(Cell("late_fusion", Condition()), {"channel": channel})
+
+
+@pytest.mark.parametrize("name", ["quick", "latency", "bandwidth"])
+def test_every_receiver_gives_the_best_answer_it_has_to_delayed_messages(name: str) -> None:
+    """Otherwise a table under latency compares defaults, not methods; `late_fusion` shows both."""
+    policies = set(find_grid(name).grid().policies)
+    assert {"late_fusion", "late_fusion(delayed=replay)"} <= policies
+    for text in policies - {"no_fusion", "late_fusion", "late_fusion(delayed=predict)"}:
+        best = "predict" if text.startswith("track_to_track") else "replay"  # tracks have no measurements to replay
+        assert PolicySpec.parse(text).parameters == {"delayed": best}, text
