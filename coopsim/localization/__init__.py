@@ -1,1 +1,1 @@
-"""Where agents believe they are: noise of global poses, odometry, and what agents state of both."""
+"""Localization of agents: noise of global poses, odometry, and the covariances that agents state."""

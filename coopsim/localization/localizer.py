@@ -1,9 +1,7 @@
-"""Where an agent believes it is: a noisy global pose and a drifting odometry.
+"""Localization of an agent: a noisy global pose (`pose_noise`) and a drifting odometry.
 
-The global pose errs as `coopsim.localization.pose_noise` says. Odometry errs a little in each step, and the errors
-add up, as wheel
-encoders and gyroscopes do. All errors are drawn whatever their size, so that two runs that differ only in how large
-the noise is share its shape.
+Odometry has a small error in each step, and the errors add up, as those of wheel encoders and gyroscopes do. All errors
+are drawn whatever their size, so that two runs that differ only in the size of the noise share its shape.
 """
 
 from __future__ import annotations
@@ -26,13 +24,13 @@ class LocalizationConfig:
     """Standard deviations of the localization's errors; all zero is perfect knowledge.
 
     Attributes:
-        pose: the global pose's errors.
+        pose: errors of the global pose.
         odometry_noise_m: of x and of y of the motion, in each frame.
-        odometry_heading_noise_rad: of the turn, in each frame.
-        odometry_scale: of the share by which all distances are measured too long, which is drawn for each episode.
-        odometry_drift_rad_s: of the turn that is measured where there is none (a gyroscope's bias), drawn likewise.
-        covariance_scale: the agent states the covariance of its pose times this number: 1 is honest, less is
-            overconfident. None: it states none.
+        odometry_heading_noise_rad: of the rotation, in each frame.
+        odometry_scale: of the share by which all distances are overestimated, drawn once per episode.
+        odometry_drift_rad_s: of a constant rate of rotation (a gyroscope's bias), drawn once per episode.
+        covariance_scale: factor on the covariance that the agent states of its pose: 1 is honest, less is
+            overconfident. None: it states no covariance.
     """
 
     pose: PoseNoise = field(default_factory=PoseNoise)
@@ -57,14 +55,14 @@ class LocalizationConfig:
 
 
 class Localizer:
-    """One agent's localization over one episode. It must be asked once in each frame, in order.
+    """One agent's localization over one episode. Call `localize` once per frame, in order.
 
     Args:
         config: the size of the errors.
         seed: the episode's seed.
         agent: the agent's name, which owns the random streams.
         dt_s: time between two frames.
-        stands: a roadside unit, which is surveyed once: its odometry is exactly "did not move".
+        stands: the agent is a roadside unit, whose odometry is exactly no motion.
     """
 
     def __init__(
@@ -87,10 +85,10 @@ class Localizer:
         self._estimate: SE3 | None = None
 
     def localize(self, world_SE3_base: SE3) -> tuple[PoseEstimate, Odometry]:
-        """The estimates for a true pose; the first frame's odometry is no motion.
+        """Return the estimates for a true pose; the first frame's odometry is no motion.
 
-        Without reception the pose is the last one, moved by the odometry. An episode that begins without begins
-        where the agent is.
+        During an outage the pose is the last one, moved by the odometry. An episode that begins with an outage begins
+        with the true pose.
         """
         moves = self._previous is not None and not self._stands
         motion = self._measure(world_SE3_base)
@@ -108,7 +106,7 @@ class Localizer:
         return estimate, Odometry(motion)
 
     def _measure(self, world_SE3_base: SE3) -> Floats:
-        """(4,) measured motion since the last frame, in its base frame."""
+        """Return the measured motion (4,) since the last frame, in that frame's base frame: x, y, z m, yaw rad."""
         error = self._odometry_rng.standard_normal(4) * self._step_sigma
         previous, self._previous = self._previous, world_SE3_base
         if previous is None or self._stands:

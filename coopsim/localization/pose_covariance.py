@@ -1,4 +1,4 @@
-"""What an agent that knows its errors' sizes would report of its pose: the covariance of x, y and heading."""
+"""Covariance of x, y and heading that an agent states of its pose, by the sizes of its errors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from coopsim.localization.pose_noise import PoseNoise
 
 
 class PoseCovariance:
-    """The covariance of one agent's pose error over one episode; asked once in each frame, in order.
+    """The covariance of one agent's pose error over one episode. Call one method once per frame, in order.
 
-    With reception it is that of the error's parts, before anything of the episode is known. Without, it is carried on
-    to first order through the composition of pose and measured motion (Smith, Self and Cheeseman 1990), in which the
-    odometry's constant errors grow together and its noise does not.
+    With reception it is the prior covariance of the error's parts. During an outage it is propagated to first order
+    through the composition of pose and measured motion (Smith, Self and Cheeseman 1990), in which the odometry's
+    constant errors add up coherently and its noise does not.
 
     Args:
         noise: of the global pose.
-        odometry_sigma: (3,) standard deviations of the motion's noise in a frame: x, y m and turn rad.
+        odometry_sigma: (3,) standard deviations of the motion's noise in a frame: x, y m and yaw rad.
         scale: standard deviation of the odometry's scale.
-        drift_rad: standard deviation of the turn that is measured in a frame where there is none.
+        drift_rad: standard deviation of the odometry's constant rotation in a frame.
         dt_s: time between two frames.
     """
 
@@ -31,10 +31,10 @@ class PoseCovariance:
         self._constant = np.square([scale, drift_rad])
         self._frames = 0
         self._random = np.zeros((3, 3))
-        self._by_constant = np.zeros((3, 2))  # how the pose moves with scale and drift
+        self._by_constant = np.zeros((3, 2))  # derivative of the pose by scale and drift
 
     def received(self) -> Floats:
-        """(3, 3) of a pose that was received in this frame."""
+        """Return the covariance (3, 3) of a pose that was received in this frame."""
         noise = self._noise
         self._frames += 1
         jumped = -math.expm1(-noise.jumps_per_s * self._dt_s * self._frames)
@@ -44,9 +44,12 @@ class PoseCovariance:
         return self._random
 
     def carried(self, yaw_rad: float, motion: Floats, *, moves: bool) -> Floats:
-        """(3, 3) of a pose that had that heading and was carried on by a measured motion (4,): x, y, z m, turn rad.
+        """Return the covariance (3, 3) of a pose that odometry carried on in this frame.
 
-        Without `moves` the motion is known to be none.
+        Args:
+            yaw_rad: heading before the motion.
+            motion: (4,) measured: x, y, z m, yaw rad.
+            moves: False for an agent that is known to stand.
         """
         self._frames += 1
         if moves:

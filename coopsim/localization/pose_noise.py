@@ -1,8 +1,8 @@
-"""How the global pose of one agent errs over an episode.
+"""Errors of one agent's global pose over an episode.
 
 White noise is the protocol of the cooperative-perception papers (V2X-ViT, Xu et al. 2022, sec. 5: Gaussian noise on
-position and heading). A receiver's errors are not white: they wander (an Ornstein-Uhlenbeck process), have a constant
-part, jump where reflections come and go, and stop when there is no signal.
+position and heading). Errors of a satellite receiver are not white: they wander (an Ornstein-Uhlenbeck process), have a
+constant part, jump when reflections come and go, and there are outages without a signal.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from coopsim.support.rng import stream
 
 @dataclass(frozen=True, slots=True)
 class PoseNoise:
-    """Standard deviations and times of the global pose's errors; the default has none.
+    """Standard deviations and times of the global pose's errors; the default has no errors.
 
     Attributes:
         position_noise_m: of x and of y.
         heading_noise_rad: of the heading.
         distribution: of these two, "gaussian" or "laplace" (longer tails, with the same standard deviation).
-        correlation_s: over which these two lose their correlation to 1/e; 0: they are white.
-        position_bias_m: of a constant part of x and of y, which is drawn for each episode.
-        heading_bias_rad: the same of the heading.
-        jump_m: of a part of x and of y that is 0 at first, and another after each jump.
+        correlation_s: time over which the correlation of these two falls to 1/e; 0: they are white.
+        position_bias_m: of a constant part of x and of y, drawn once per episode.
+        heading_bias_rad: of a constant part of the heading, drawn once per episode.
+        jump_m: of an offset of x and of y, which is 0 at first and drawn anew at each jump.
         jumps_per_s: mean number of jumps per second.
-        outage_s: mean duration of an outage, in which the pose is carried on by odometry.
-        outages_per_s: mean number of beginning outages per second of reception.
+        outage_s: mean duration of an outage, in which odometry carries the pose on.
+        outages_per_s: mean number of outages that begin, per second of reception.
     """
 
     position_noise_m: float = 0.0
@@ -61,13 +61,13 @@ class PoseNoise:
 
 
 class PoseError:
-    """One agent's errors over one episode; asked once in each frame, in order.
+    """One agent's errors over one episode. Call `step` once per frame, in order.
 
-    Every part has its own stream and takes the same draws whatever its size: runs that differ only in how large the
-    noise is share its shape.
+    Every part has its own stream and takes the same draws whatever its size: runs that differ only in the size of the
+    noise share its shape.
 
     Args:
-        noise: what there is.
+        noise: the size of the errors.
         seed: the episode's seed.
         agent: the agent's name, which owns the streams.
         dt_s: time between two frames.
@@ -80,12 +80,12 @@ class PoseError:
         )
         bias = [noise.position_bias_m, noise.position_bias_m, 0.0, noise.heading_bias_rad]
         self._bias = stream(seed, "pose bias", agent).standard_normal(4) * bias
-        self._wander: Floats | None = None
+        self._normal: Floats | None = None
         self._offset = np.zeros(4)
-        self._dark = False
+        self._in_outage = False
 
     def step(self) -> Floats | None:
-        """This frame's error (4,) of x, y, z m and heading rad in the world frame; None during an outage."""
+        """Return this frame's error (4,) of x, y, z m and heading rad in the world frame; None during an outage."""
         noise = self._noise
         error = self._shape(self._correlated()) * [
             noise.position_noise_m,
@@ -94,35 +94,35 @@ class PoseError:
             noise.heading_noise_rad,
         ]
         self._jump()
-        # Reception and outage are the two states of a chain whose stays are exponential, as its rates say.
-        leave_per_s = 1 / noise.outage_s if self._dark else noise.outages_per_s
-        if self._outages.random() < self._chance(leave_per_s):
-            self._dark = not self._dark
-        return None if self._dark else error + self._bias + self._offset
+        # Reception and outage are the states of a Markov chain whose durations are exponential.
+        leave_per_s = 1 / noise.outage_s if self._in_outage else noise.outages_per_s
+        if self._outages.random() < self._probability(leave_per_s):
+            self._in_outage = not self._in_outage
+        return None if self._in_outage else error + self._bias + self._offset
 
     def _correlated(self) -> Floats:
-        """(4,) standard normal numbers, an Ornstein-Uhlenbeck process sampled in frames."""
+        """Return standard normal numbers (4,), an Ornstein-Uhlenbeck process sampled in frames."""
         fresh = self._white.standard_normal(4)
-        if self._wander is None or not self._noise.correlation_s:
-            self._wander = fresh
+        if self._normal is None or not self._noise.correlation_s:
+            self._normal = fresh
         else:
             kept = math.exp(-self._dt_s / self._noise.correlation_s)
-            self._wander = kept * self._wander + math.sqrt(1 - kept**2) * fresh
-        return self._wander
+            self._normal = kept * self._normal + math.sqrt(1 - kept**2) * fresh
+        return self._normal
 
     def _shape(self, normal: Floats) -> Floats:
-        """Numbers of unit variance with the distribution, from normal ones with the same ranks."""
+        """Convert normal numbers to the distribution, with unit variance and the same ranks."""
         if self._noise.distribution == "gaussian":
             return normal
-        tail = 2 * ndtr(-np.abs(normal))  # the chance to be farther out, which a Laplace's quantile is the logarithm of
+        tail = 2 * ndtr(-np.abs(normal))  # tail probability, whose logarithm is a Laplace quantile
         laplace: Floats = -np.sign(normal) * np.log(tail) / math.sqrt(2)
         return laplace
 
     def _jump(self) -> None:
         due, offset = self._jumps.random(), self._jumps.standard_normal(2)
-        if due < self._chance(self._noise.jumps_per_s):
+        if due < self._probability(self._noise.jumps_per_s):
             self._offset = np.array([*offset * self._noise.jump_m, 0.0, 0.0])
 
-    def _chance(self, per_s: float) -> float:
-        """That something that happens so often happens in a frame."""
+    def _probability(self, per_s: float) -> float:
+        """Return the probability of at least one event in a frame, for a Poisson process of `per_s` events a second."""
         return -math.expm1(-per_s * self._dt_s)

@@ -1,21 +1,21 @@
-"""What sensors may measure at most: beyond, a number is a slip of units, and would be sensed as nothing at all."""
+"""Limits of sensors' settings, beyond which a number is a slip of units."""
 
 from __future__ import annotations
 
 FARTHEST_MOUNT_M = 100.0
-"""From an agent to a sensor that it carries, along each axis."""
+"""Distance from an agent to a sensor that it carries, along each axis."""
 
 FARTHEST_M = 10_000.0
-"""From a sensor to what it sees."""
+"""Range of a sensor."""
 
 NEAREST_M = 0.001
-"""The same at least, for cameras: OpenGL's buffer of depths becomes too coarse for what is nearer."""
+"""Near plane of a camera: with a nearer one, OpenGL's depth buffer would be too coarse."""
 
 FOCAL_PX = (0.001, 1e6)
-"""Shortest and longest focal length: one sees all before it in a pixel, the other a millimetre in a kilometre."""
+"""Shortest and longest focal length: the view ahead in one pixel, and a millimetre at a kilometre."""
 
 FARTHEST_AXIS_PX = 1e6
-"""From a picture's first pixel to the optical axis."""
+"""Distance from a picture's first pixel to the optical axis."""
 
 MOST_RAYS = 2**23
-"""Of a sweep: more would fill the memory. 128 beams in 16384 columns are a quarter of that."""
+"""Rays of a sweep; more would fill the memory. 128 beams in 16384 columns are a quarter of this."""

@@ -1,4 +1,4 @@
-"""Rays against triangles, by Intel's Embree through embreex."""
+"""Ray casting against triangles by Intel's Embree, through embreex."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from coopsim.types import Ints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayHits:
-    """Where R rays end.
+    """The first hits of R rays.
 
     Attributes:
         range_m: (R,) float32, inf where nothing was hit.
@@ -28,7 +28,7 @@ class RayHits:
 
 
 class RayScene:
-    """A frame's triangles, ready for rays; shared by all sensors.
+    """A frame's triangles, shared by all sensors.
 
     What rays need beyond the triangles is made when first asked for: the grid's sweeps
     (`coopsim.sensors.lidar.cast.ray_grid`) do
@@ -43,29 +43,29 @@ class RayScene:
 
     @cached_property
     def normals(self) -> Floats:
-        """(F, 3) outward unit normals."""
+        """Outward unit normals, (F, 3)."""
         return self.triangles.normals
 
     @cached_property
     def _origin(self) -> Floats:
-        """Where to measure from: embree computes in float32, which kilometres from here is centimetres."""
+        """Origin of embree's coordinates, whose float32 would be off by centimetres at kilometres from it."""
         return self.triangles.middle_m
 
     @cached_property
     def _embree(self) -> tuple[Any, Any]:
-        """The scene, and the mesh that it needs to be kept."""
+        """The scene, and its mesh, which must live as long."""
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        scene = EmbreeScene(robust=True)  # else rays slip through between faces that share an edge
+        scene = EmbreeScene(robust=True)  # otherwise rays slip through between faces that share an edge
         local = np.ascontiguousarray(self.triangles.vertices - self._origin, dtype=np.float32)
         return scene, TriangleMesh(scene, local, np.ascontiguousarray(self.triangles.faces, dtype=np.int32))
 
     def cast(self, origin_m: Floats, directions: NDArray[np.floating]) -> RayHits:
-        """Cast rays from one point, or each from its own.
+        """Cast rays and return their first hits.
 
         Args:
-            origin_m: (3,) or (R, 3), world frame.
+            origin_m: (3,) start of all rays, or (R, 3), world frame.
             directions: (R, 3) unit vectors, world frame.
         """
         rays = np.ascontiguousarray(directions, dtype=np.float32)

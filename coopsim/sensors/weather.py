@@ -1,15 +1,16 @@
-"""Rain and fog: what the air between a sensor and the world takes away, and what it throws back into a LiDAR.
+"""Rain, fog and water: dimmed light, echoes of the air itself, and wet surfaces.
 
 Rain dims by 1.076 R^0.67 dB/km, at R mm/h, as measured on optical links (Carbonneau and Wisely, SPIE 3232, 1998; in
-ITU-R P.1814), for visible and near infrared light alike. That is 0.6 to 0.85 of what the drops below take by geometry,
-twice their cross section. Goodin et al. ("Predicting the Influence of Rain on LIDAR in ADAS", Electronics 2019) have
-0.01 R^0.6 per metre, 34 times as much at 10 mm/h, which is fog of 75 m; it is not followed. Theirs is that rain makes
-ranges noisier, by 0.02 r (1 - exp(-R))^2. Clutter is drawn drop by drop, as LISA does (Kilic et al., arXiv 2107.07004):
-drops are as large and as many as Marshall and Palmer (1948) say, and one returns if it covers enough of the beam.
+ITU-R P.1814), for visible and near infrared light alike. That is 0.6 to 0.85 of the extinction by the drops
+below, twice their geometric cross section. Goodin et al. ("Predicting the Influence of Rain on LIDAR in ADAS",
+Electronics 2019) have 0.01 R^0.6 per metre, 34 times as much at 10 mm/h, which equals fog of 75 m; their attenuation is
+not used, but their range noise, 0.02 r (1 - exp(-R))^2, is. Clutter is drawn drop by drop, as in LISA (Kilic et al.,
+arXiv 2107.07004): drops have the sizes and density of Marshall and Palmer (1948), and a drop returns if it covers
+enough of the beam.
 
 Fog follows Hahner et al. ("Fog Simulation on Real LiDAR Point Clouds for 3D Object Detection in Adverse Weather", ICCV
-2021): it dims by ln(20) / V per metre, V being the visibility (meteorological optical range), and returns the pulse
-from all along its way, most from the first metre that the receiver sees. Numbers that no paper is named for are ours.
+2021): it dims by ln(20) / V per metre, V being the visibility (meteorological optical range), and echoes the pulse all
+along its way, most in the first metre that the receiver sees. Numbers without a source are ours.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ WATER_INDEX = 1.33
 
 _LIGHT_M_S = 299_792_458.0
 _PULSE_S = 20e-9  # half-power width, Hahner et al.
-_OVERLAP_M = (0.9, 1.0)  # where the receiver begins to see the beam, and where it sees all of it; Hahner et al.
+_OVERLAP_M = (0.9, 1.0)  # ranges at which the receiver begins to see the beam and sees all of it; Hahner et al.
 _BACKSCATTER = 0.046  # of fog, per steradian, times visibility / m; Hahner et al., after Rasshofer et al. 2011
-_TARGET = 1e-6 / np.pi  # what Hahner et al. take a target's differential reflectivity for, beside fog's
+_TARGET = 1e-6 / np.pi  # differential reflectivity of a target, relative to fog's; Hahner et al.
 _FOG_SPREAD = 0.05  # standard deviation of the logarithm of a fog return's range: a thin shell; ours
 
 _DROPS_PER_M3_MM = 8000.0  # Marshall and Palmer
 _DROP_REFLECTIVITY = 0.02  # of water, met head-on: ((n - 1) / (n + 1))^2 with n = 1.33; LISA has 1.328
 _APERTURE_M = 0.01  # the beam's width at the sensor: Ouster OS1 data sheet
-_SPREAD_RAD = 0.003  # and its divergence: LISA's, and a Velodyne's to the sides (VLS-128 manual, table F-1)
+_SPREAD_RAD = 0.003  # the beam's divergence: LISA's, and a Velodyne's to the sides (VLS-128 manual, table F-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class Weather:
 
     Attributes:
         rain_mm_h: rain rate: up to 2.5 is light, to 10 moderate, to 50 heavy, beyond violent; at most 200.
-        fog_visibility_m: how far one sees (contrast falls to 5 %); below 1000 m it is called fog. Inf: clear air.
+        fog_visibility_m: distance at which contrast falls to 5 %; below 1000 m it is called fog. Inf: clear air.
         wetness: share of all surfaces under a film of water, in [0, 1]; see `reflect`.
     """
 
@@ -61,18 +62,18 @@ class Weather:
 
     @property
     def extinction_per_m(self) -> float:
-        """What of the light is lost per metre."""
+        """Extinction coefficient of light, per metre."""
         rain_db_km = 1.076 * self.rain_mm_h**0.67
         return float(rain_db_km * np.log(10.0) / 10_000 + np.log(20.0) / self.fog_visibility_m)
 
     @property
     def range_noise_per_m(self) -> float:
-        """Standard deviation of a range, as a share of it, that rain adds."""
+        """Standard deviation that rain adds to ranges, as a share of the range."""
         return float(0.02 * np.expm1(-self.rain_mm_h) ** 2)
 
     @property
     def has_clutter(self) -> bool:
-        """Whether the air throws anything back."""
+        """Whether the air itself returns echoes."""
         return self.rain_mm_h > 0 or self.fog_visibility_m < np.inf
 
 
@@ -89,15 +90,15 @@ def wet_albedo(albedo: Floats) -> Floats:
 
 
 class WeatherClutter:
-    """What rain and fog throw back into a sensor.
+    """Echoes of rain and fog in a LiDAR.
 
     Attributes:
-        mean_drops: how many drops in a beam that meets nothing can be told from nothing, on average.
+        mean_drops: mean number of detectable drops in a beam that meets nothing else.
 
     Args:
         weather: rain and fog.
-        reference_range_m: at which a white surface's energy is 1.
-        least_energy: below which an echo of the air is not told from nothing.
+        reference_range_m: range at which a white surface's energy is 1.
+        least_energy: least energy of a detectable echo of the air.
         most_m: range of the sensor.
     """
 
@@ -111,12 +112,12 @@ class WeatherClutter:
         per_m = beam_m2 * _DROPS_PER_M3_MM / self._tail_per_mm * np.exp(-self._tail_per_mm * self._least_mm)
         per_m *= weather.rain_mm_h > 0
         steps = np.diff(self._range_m) * (per_m[1:] + per_m[:-1]) / 2
-        self._expected = np.concatenate([[0.0], np.cumsum(steps)])  # drops up to each range that can be told
+        self._expected = np.concatenate([[0.0], np.cumsum(steps)])  # detectable drops up to each range
         self.mean_drops = float(self._expected[-1])
         self._fog_m, self._fog_energy = _fog_echo(weather.fog_visibility_m, self._extinction, reference_range_m)
 
     def draw(self, rays: int, rng: np.random.Generator) -> tuple[Singles, Singles]:
-        """Range (m, inf for none) and energy of the air's strongest echo, for each of a number of rays."""
+        """Draw range (m, inf for none) and energy of the air's strongest echo, for each of a number of rays."""
         chance, size = rng.standard_exponential((2, rays))
         fog_m = self._fog_m * np.exp(_FOG_SPREAD * rng.standard_normal(rays))
         met = np.flatnonzero(chance < self.mean_drops)
@@ -126,12 +127,12 @@ class WeatherClutter:
         foggy = self._fog_energy >= self._least
         range_m = np.where(foggy, fog_m, np.inf).astype(np.float32)
         strongest = np.full(rays, self._fog_energy if foggy else 0.0, np.float32)
-        met, drop_m, energy = (part[energy > strongest[met]] for part in (met, drop_m, energy))
+        met, drop_m, energy = (array[energy > strongest[met]] for array in (met, drop_m, energy))
         range_m[met], strongest[met] = drop_m, energy
         return range_m, strongest
 
     def _smallest_drop_mm(self, range_m: Floats) -> Floats:
-        """Diameter of a drop whose echo has the least energy: it covers (diameter / beam)^2 of the beam."""
+        """Return the diameter of a drop with the least energy; a drop covers (diameter / beam)^2 of the beam."""
         dimmed = np.exp(-2 * self._extinction * range_m)
         seen = _DROP_REFLECTIVITY * dimmed * (self._reference_m / range_m) ** 2
         diameter_mm: Floats = 1e3 * _beam_m(range_m) * np.sqrt(self._least / seen)
@@ -143,9 +144,9 @@ def _beam_m(range_m: Floats) -> Floats:
 
 
 def _fog_echo(visibility_m: float, extinction_per_m: float, reference_range_m: float) -> tuple[float, float]:
-    """Range and energy of fog's strongest echo: Hahner et al., eq. 12, for a pulse cos^2(pi t / (2 width)).
+    """Return range and energy of fog's strongest echo: Hahner et al., eq. 12, for a pulse cos^2(pi t / (2 width)).
 
-    Time is counted from the pulse's peak, as a sensor's ranges are, and not from its beginning, as in the paper; their
+    Time is counted from the pulse's peak, as a sensor's ranges are, and not from its beginning as in the paper, whose
     code (generate_integral_lookup_table.py) shifts ranges by the same three metres.
     """
     if visibility_m == np.inf:

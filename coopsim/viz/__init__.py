@@ -1,1 +1,1 @@
-"""Pictures."""
+"""Pictures of frames and models."""

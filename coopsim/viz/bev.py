@@ -18,19 +18,19 @@ from coopsim.viz import palette
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
-"""How much of the world the picture's width shows."""
+"""Width of the world that the picture shows."""
 
 SCALE_BAR_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevFrame:
-    """What a bird's-eye picture shows, all in the world frame.
+    """Content of a bird's-eye picture, all in the world frame.
 
     Attributes:
         time_ns: since the episode's start.
         actors: the truth.
-        agents: true places, by name.
+        agents: true poses, by name.
         points: (N, 3) m.
         tracks: by reporting agent.
     """
@@ -43,16 +43,16 @@ class BevFrame:
 
 
 def outlines(boxes: Boxes3D) -> Floats:
-    """Footprints (N, 4, 2) m, counter-clockwise from front-left."""
+    """Return footprints (N, 4, 2) m, counter-clockwise from front-left."""
     return boxes.corners[:, :4, :2]
 
 
 class BevRenderer:
     """Draws frames over a map: truth grey, connected agents yellow, tracks by the colour of their id.
 
-    North (y) is up. The view is centred on the agents and steps in tens of metres, so that it holds still.
-    Ids of different agents have nothing to do with each other, and most objects are tracked by several: the first
-    agent's tracks are bold and on top, so that a change of colour is a change of its id.
+    North (y) is up. The view is centred on the agents in steps of 20 m, so that it does not move in every frame. Ids of
+    different agents are unrelated, and most objects are tracked by several agents: the first agent's tracks are bold
+    and on top, so that a change of colour is a change of its id.
 
     Args:
         road_map: outlines to draw beneath.
@@ -73,26 +73,26 @@ class BevRenderer:
         self._ground: tuple[tuple[float, float], Any] | None = None
 
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
-        """The picture, (H, W, 3) uint8; needs no display."""
+        """Return the picture, (H, W, 3) uint8; needs no display."""
         self._paint(frame)
         pixels: NDArray[np.uint8] = self._pygame.surfarray.array3d(self._surface)
         return np.ascontiguousarray(pixels.transpose(1, 0, 2))
 
     def show(self, frame: BevFrame) -> None:
-        """The picture in a window, which opens at the first call.
+        """Show the picture in a window, which opens at the first call.
 
         Raises:
             InvalidValueError: there is no screen to open it on.
         """
         if self._window is None:
             self._window = self._open()
-        self._pygame.event.pump()  # a window that takes no events counts as hanging
+        self._pygame.event.pump()  # a window that handles no events counts as hanging
         self._paint(frame)
         self._window.get_surface().blit(self._surface, (0, 0))
         self._window.flip()
 
     def close(self) -> None:
-        """Close the window, if there is one; the next `show` opens another."""
+        """Close the window, if one is open; the next `show` opens another."""
         if self._window is not None:
             self._window.destroy()
             self._window = None
@@ -100,7 +100,7 @@ class BevRenderer:
     def _open(self) -> Any:
         try:
             self._pygame.display.init()
-            # A window of its own, where pygame.display has but one for all environments of a process.
+            # Not pygame.display's window, of which there is one for all environments of a process.
             return self._pygame.Window("coopsim", self._size)
         except self._pygame.error as error:
             raise InvalidValueError(
@@ -164,7 +164,7 @@ class BevRenderer:
     def _polygons(self, corners: Floats, centre: tuple[float, float], color: palette.RGB, width: int) -> None:
         for polygon in self._pixels(corners, centre):
             self._pygame.draw.polygon(self._surface, color, polygon, width)
-            # From near the middle to the front: which way it heads.
+            # A line from near the middle to the front shows the heading.
             front, middle = (polygon[0] + polygon[3]) / 2, polygon.mean(axis=0)
             tick = color if width else palette.BACKGROUND
             self._pygame.draw.line(self._surface, tick, front, 0.4 * front + 0.6 * middle, max(width, 2))
@@ -176,7 +176,7 @@ class BevRenderer:
         return np.clip(pixels, -1e4, 1e4)
 
     def _text(self, text: str, spot: NDArray[Any], color: palette.RGB) -> None:
-        # On a dark halo, to be read over points and boxes.
+        # With a dark halo, to be readable over points and boxes.
         for layer, shifts in ((palette.BACKGROUND, ((-1, 0), (1, 0), (0, -1), (0, 1))), (color, ((0, 0),))):
             letters = self._font.render(text, True, layer)
             for dx, dy in shifts:

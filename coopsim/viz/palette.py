@@ -1,4 +1,4 @@
-"""Colours that mean something, the same in every picture and in the report; ids keep theirs."""
+"""Colours with a meaning, the same in every picture and in the report."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ MAP: dict[str, RGB] = {
     "crosswalks": (70, 75, 84),
     "buildings": (58, 52, 48),
 }
-"""Colours of a road map's polygons by field, in the order in which they are painted."""
+"""Colours of a road map's polygons by field, in the order of painting."""
 
 HUE_STEP = 0.38196601125
-"""Successive ids step around the colour wheel (1 is a whole turn) by the golden angle: neighbours never look alike."""
+"""Step of successive ids around the colour wheel (1 is a turn): the golden angle, so that neighbours differ."""
 
 SATURATION, LIGHTNESS = 0.75, 0.68
-"""Of tracks; light enough that blue, too, stands out from the road."""
+"""Of tracks' colours; light enough that blue, too, stands out from the road."""
 
 
 def track_color(track_id: int) -> RGB:
-    """The colour of a track's id."""
+    """Return the colour of a track's id."""
     hue = (track_id * HUE_STEP) % 1.0
     red, green, blue = colorsys.hls_to_rgb(hue, LIGHTNESS, SATURATION)
     return round(red * 255), round(green * 255), round(blue * 255)

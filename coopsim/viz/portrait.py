@@ -1,4 +1,4 @@
-"""Pictures of models: each alone on the ground, seen from its front left; and a sheet of many."""
+"""Pictures of models, each alone on the ground, seen from its front left; and sheets of such pictures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from coopsim.world.snapshot import Actors, StaticPart
 _FOV_RAD = np.radians(24.0)
 _HEADING_RAD, _PITCH_RAD = np.radians(218.0), np.radians(16.0)
 _SMOOTHING = 3
-"""Pixels that are drawn for one that is shown, along either axis."""
+"""Pixels drawn for each pixel shown, along either axis."""
 
 _GROUND_COLOR = (160, 164, 160)
 _LABEL_PX = 14
@@ -36,13 +36,13 @@ def portrait(
     phase: float = 0.0,
     size_px: tuple[int, int] = (192, 144),
 ) -> NDArray[np.uint8]:
-    """A picture (H, W, 3) of a model, as large as fits.
+    """Draw a model as large as fits; return the picture (H, W, 3).
 
     Args:
-        model: what to draw.
+        model: to draw.
         color: (3,) uint8, its paint.
         accent: (3,) uint8, its second paint.
-        phase: how far through its cycle of poses, in [0, 1).
+        phase: position in its cycle of poses, in [0, 1).
         size_px: width and height.
     """
     width, height = (side * _SMOOTHING for side in size_px)
@@ -65,7 +65,7 @@ def portrait(
 
 
 def contact_sheet(pictures: Sequence[tuple[str, NDArray[np.uint8]]], columns: int) -> Image.Image:
-    """Pictures of one size (H, W, 3), each with a line of text below, row by row."""
+    """Arrange pictures of one size (H, W, 3), each with a line of text below, row by row."""
     height, width = pictures[0][1].shape[:2]
     rows = -(-len(pictures) // columns)
     sheet = Image.new("RGB", (columns * width, rows * (height + _LABEL_PX)), "white")
@@ -79,7 +79,7 @@ def contact_sheet(pictures: Sequence[tuple[str, NDArray[np.uint8]]], columns: in
 
 
 def _viewpoint(boxes: Boxes3D, lens: Intrinsics) -> SE3:
-    """`world_SE3_camera` from which the box just fits into the picture."""
+    """Return the `world_SE3_camera` from which the box just fits into the picture."""
     cos, sin = np.cos(_PITCH_RAD), np.sin(_PITCH_RAD)
     level = SE3.from_xyz_yaw([0.0, 0.0, 0.0], _HEADING_RAD)
     axes = level.rotation @ np.array([[0.0, -sin, cos], [-1.0, 0.0, 0.0], [0.0, -cos, -sin]])

@@ -1,1 +1,1 @@
-"""LiDAR: beams, sweeps, returns."""
+"""LiDAR: beam tables, sweeps, returns."""

@@ -1,8 +1,8 @@
-"""Where the beams of two LiDARs of the world point, degrees: what the calibrations that came with those units say.
+"""Beam angles of two real LiDARs in degrees, from the calibrations that came with the units.
 
 A data sheet gives the first and the last beam; a unit's calibration gives all, and no two units have the same. Beams
-are from the top one to the bottom one. All are taken to start in one point: calibrations also have offsets of a few
-centimetres, and of up to 0.22 m upwards in the HDL-64E, and corrections of range, which are left out.
+are from top to bottom. All are assumed to start in one point: the calibrations' offsets of a few centimetres (in the
+HDL-64E up to 0.22 m upwards) and their corrections of range are left out.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ def _numbers(text: str) -> Floats:
     return np.array(text.split(), dtype=np.float64)
 
 
-# A Velodyne HDL-64E S3: `vert_correction` and `rot_correction` of params/64e_s3-xiesc.yaml, which the ROS driver
-# velodyne has had since 2018 (pull request 205), and MRPT as its default; to 0.001 degrees. An upper block of 32 beams
-# 1/3 degree apart and a lower one of 1/2 degree, as the manual says. The driver subtracts rot_correction from a
-# clockwise angle, so it is counted to the left.
+# A Velodyne HDL-64E S3: `vert_correction` and `rot_correction` of params/64e_s3-xiesc.yaml in the ROS driver velodyne
+# (since 2018, pull request 205), also the default of MRPT; to 0.001 degrees. As in the manual, the upper 32 beams are
+# 1/3 degree apart and the lower 32 beams 1/2 degree. The driver subtracts rot_correction from a clockwise angle, so it
+# is counted to the left.
 HDL_64E_ELEVATION_DEG = _numbers("""
     1.96 1.562 1.293 0.895 0.591 0.204 -0.089 -0.452 -0.756 -1.143 -1.459 -1.81 -2.091 -2.488 -2.792 -3.119 -3.469
     -3.819 -4.157 -4.53 -4.809 -5.135 -5.483 -5.889 -6.19 -6.56 -6.849 -7.23 -7.552 -7.943 -8.219 -8.563 -8.775 -9.3
@@ -35,9 +35,9 @@ HDL_64E_LEFT_DEG = _numbers("""
 """)
 
 # An Ouster OS1-128, calibrated in 2022 (serial number 122246000293): `beam_altitude_angles` and `beam_azimuth_angles`
-# of its metadata, which come with the tests of Ouster's SDK (tests/metadata/3_0_1_os-122246000293.json, 2023). They
-# span 42.4 degrees, as in the data sheet of rev. 7, 0.74 lower than there; the beams are in four columns 8 firings of
-# 1024 apart. The SDK subtracts the azimuths from a counter-clockwise angle, so they are counted clockwise.
+# of its metadata in the tests of Ouster's SDK (tests/metadata/3_0_1_os-122246000293.json, 2023). They span 42.4
+# degrees, as in the data sheet of rev. 7, but 0.74 degrees lower; the beams are in four columns, 8 firings of 1024
+# apart. The SDK subtracts the azimuths from a counter-clockwise angle, so they are counted clockwise.
 OS1_128_ELEVATION_DEG = _numbers("""
     20.47 20.21 19.89 19.54 19.23 18.97 18.66 18.31 18 17.72 17.4 17.05 16.74 16.45 16.13 15.77 15.45 15.15 14.83 14.47
     14.15 13.85 13.52 13.17 12.83 12.52 12.19 11.83 11.5 11.18 10.85 10.5 10.14 9.82 9.49 9.14 8.79 8.45 8.13 7.76 7.42

@@ -1,9 +1,9 @@
-"""What a LiDAR would see of each actor, without casting its rays: for environments that have none.
+"""Expected LiDAR returns of each actor, without casting rays: for environments without a LiDAR.
 
-An actor's box is seen from a sensor as a rectangle, `angular width / column step` columns wide and as many beams high
-as lie between its bottom and its top. The share of it that nothing hides is estimated by lines of sight to nine points
-of that rectangle, which other actors' boxes and the boxes around solid scenery block. In rain and fog, what is
-left is the share that a surface of usual brightness gives back through that air.
+A sensor sees an actor's box as a rectangle, `angular width / column step` columns wide and as many beams high as lie
+between its bottom and its top. Its visible share is estimated by lines of sight to nine points of that rectangle, which
+other actors' boxes and the boxes around solid scenery block. In rain and fog, only the share that a surface of usual
+brightness returns through that air is counted.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from coopsim.types import Ints, Mask
 from coopsim.world.snapshot import Actors, StaticPart
 
 _ACROSS = np.array([-0.4, 0.0, 0.4])
-"""Where the lines of sight end, in widths from the middle of the rectangle."""
+"""Ends of the lines of sight, in widths from the middle of the rectangle."""
 
 _UP = np.array([0.15, 0.5, 0.85])
-"""The same in heights from its bottom."""
+"""Ends of the lines of sight, in heights from the bottom of the rectangle."""
 
 _BOUNCED = 0.24
-"""Reflectivity times cosine of incidence: the mean of what LiDARs meet of actors at the crossing and on the highway."""
+"""Mean reflectivity times cosine of incidence of LiDARs' hits on actors at the crossing and on the highway."""
 
-_REFERENCE_M, _DROPOUT_ENERGY = 50.0, 0.02  # as of a `LidarConfig`, unless told otherwise
+_REFERENCE_M, _DROPOUT_ENERGY = 50.0, 0.02  # the defaults of `LidarConfig`
 
-_SLACK_M = 1e-3  # for rounding, in deciding which obstacles are worth a closer look
+_SLACK_M = 1e-3  # for rounding, in the preselection of obstacles
 
 
 class LineOfSight:
-    """Expected returns from every actor; one object serves any number of agents.
+    """Estimates the returns from every actor; one object serves any number of agents.
 
     Args:
-        static: the scenery. Of each solid piece in it, the upright box around it hides what is behind.
-        pattern: the beams of the sensor that there is not.
-        columns: its firings per turn.
-        range_m: how far it would see.
+        static: the scenery. The upright box around each solid component of it hides what is behind.
+        pattern: beams of the imagined sensor.
+        columns: its firings per revolution.
+        range_m: its range.
         weather: around it; None is dry and clear.
     """
 
@@ -55,16 +55,19 @@ class LineOfSight:
         range_m: float,
         weather: Weather | None = None,
     ) -> None:
-        solid = [piece for part in static if is_closed(part.vertices, part.faces) for piece in _pieces(part)]
+        solid = [box for part in static if is_closed(part.vertices, part.faces) for box in _component_boxes(part)]
         self._scenery = np.array(solid).reshape(-1, 7)
         self._elevation = np.sort(pattern.elevation_rad)
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m
         self._extinction_per_m = (weather or Weather()).extinction_per_m
 
     def expected_returns(self, origin_m: Floats, actors: Actors, own_id: int | None) -> Ints:
-        """How many returns a sensor at `origin_m` (3,) in the world may expect of each of N actors, (N,).
+        """Return the expected number (N,) of returns from each of N actors.
 
-        None of the actor that carries it, which hides nothing, either.
+        Args:
+            origin_m: (3,) the sensor's position in the world frame.
+            actors: N of them.
+            own_id: the actor that carries the sensor: it gives no returns and hides nothing.
         """
         boxes = actors.boxes.array
         others = actors.id != (-1 if own_id is None else own_id)
@@ -78,7 +81,7 @@ class LineOfSight:
         return returns
 
     def _share_returned(self, distance_m: Floats) -> Floats | float:
-        """(N,) of the rays that end on something so far away; in clear air all are taken to be."""
+        """Return the share (N,) of rays on surfaces so far away that return; in clear air all do."""
         if self._extinction_per_m == 0:
             return 1.0
         through = np.exp(-2 * self._extinction_per_m * distance_m)
@@ -101,20 +104,19 @@ class LineOfSight:
 
 
 def _width_across(toward: Floats, boxes: Floats) -> Floats:
-    """(N,) m, how wide boxes (N, 7) look along the directions `toward` (N, 2)."""
+    """Return the widths (N,) m of boxes (N, 7) across the directions `toward` (N, 2)."""
     aside = np.arctan2(toward[:, 1], toward[:, 0]) - boxes[:, 6]
     width: Floats = boxes[:, 3] * np.abs(np.sin(aside)) + boxes[:, 4] * np.abs(np.cos(aside))
     return width
 
 
-def _pieces(part: StaticPart) -> list[Floats]:
-    """Upright boxes (7,) around the pieces of a part that do not hang together."""
-    ends = part.faces[:, [0, 1, 0, 2]].reshape(-1, 2).T
-    count = len(part.vertices)
-    pieces, piece = connected_components(
-        coo_array((np.ones(ends.shape[1]), ends), shape=(count, count)), directed=False
-    )
-    corners = [part.vertices[piece == k] for k in range(pieces)]
+def _component_boxes(part: StaticPart) -> list[Floats]:
+    """Return upright boxes (7,) around the connected components of a part."""
+    edges = part.faces[:, [0, 1, 0, 2]].reshape(-1, 2).T
+    vertices = len(part.vertices)
+    adjacency = coo_array((np.ones(edges.shape[1]), edges), shape=(vertices, vertices))
+    components, component = connected_components(adjacency, directed=False)
+    corners = [part.vertices[component == k] for k in range(components)]
     spans = [(points.min(axis=0), points.max(axis=0)) for points in corners if len(points) > 1]
     return [np.array([*(low + high) / 2, *(high - low), 0.0]) for low, high in spans]
 
@@ -123,9 +125,10 @@ def _pieces(part: StaticPart) -> list[Floats]:
 def _visible_shares(
     origin: Floats, boxes: Floats, wanted: Mask, obstacles: Floats, blocks: Mask, across: Floats, up: Floats
 ) -> Floats:
-    """(N,) share of lines from `origin` to boxes (N, 7) that no other of the obstacles (M, 7), boxes first, blocks.
+    """Return the share (N,) of unblocked lines from `origin` to each box (N, 7); 0 for boxes not `wanted` (N,).
 
-    None of boxes that are not `wanted` (N,).
+    Obstacles (M, 7) begin with the boxes; those in the mask `blocks` (M,) block lines to other boxes. Lines end at all
+    pairs of `across` and `up`.
     """
     shares = np.zeros(len(boxes))
     cos, sin = np.cos(obstacles[:, 6]), np.sin(obstacles[:, 6])
@@ -140,7 +143,7 @@ def _visible_shares(
         width = boxes[n, 3] * abs(y * cos[n] - x * sin[n]) + boxes[n, 4] * abs(x * cos[n] + y * sin[n])
         candidates = 0
         for m in range(len(obstacles)):
-            # Most obstacles are beside all lines: farther from the middle one than both are wide.
+            # Most obstacles are farther from the middle line than both are wide, so they block no line.
             reach = radius[m] + farthest * width + _SLACK_M
             if m != n and blocks[m] and _is_near(origin, obstacles[m], (x, y, distance), reach):
                 between[candidates] = m
@@ -163,7 +166,7 @@ def _visible_shares(
 
 @njit(cache=True, nogil=True)
 def _is_near(start: Floats, box: Floats, line: tuple[float, float, float], reach_m: float) -> bool:
-    """Whether the middle of a box is within reach of a horizontal line: unit vector and length from `start`."""
+    """Return whether a box's middle is within `reach_m` of a horizontal line from `start` (unit vector, length)."""
     dx, dy = box[0] - start[0], box[1] - start[1]
     along = min(max(dx * line[0] + dy * line[1], 0.0), line[2])
     aside_x, aside_y = dx - along * line[0], dy - along * line[1]
@@ -172,7 +175,7 @@ def _is_near(start: Floats, box: Floats, line: tuple[float, float, float], reach
 
 @njit(cache=True, nogil=True)
 def _cuts(start: Floats, end: Floats, box: Floats, cos: float, sin: float) -> bool:
-    """Whether a line between two points meets a box (7,), by its slabs (Kay and Kajiya 1986)."""
+    """Return whether a line between two points meets a box (7,), by its slabs (Kay and Kajiya 1986)."""
     enter, leave = 0.0, 1.0
     for axis in range(3):
         if axis == 0:

@@ -1,4 +1,4 @@
-"""Whether a sensor can see from where it is mounted."""
+"""Checks that a sensor can see from its mounting."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ _ALL_AROUND = RayGrid(np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0]), np.ze
 
 
 def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: Model | None) -> None:
-    """Raise `InvalidValueError` if a sensor would be under the ground, or inside the body that carries it.
+    """Require a LiDAR above the ground and outside the body that carries it.
 
     Args:
         sensor: its name, for the message.
-        config: where it is.
+        config: its mounting.
         height_m: of the agent's body.
         body: that carries it; None for a mast, which is as thin as a line.
+
+    Raises:
+        InvalidValueError: it is under the ground, or inside the body.
     """
     require_above_ground(f"lidar {sensor!r}", config.above_m, height_m)
     at = config.base_SE3_sensor(height_m).translation
@@ -34,7 +37,7 @@ def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: 
 
 
 def require_above_ground(sensor: str, above_m: float, height_m: float) -> None:
-    """Raise `InvalidValueError` if a sensor so far above a body of this height would not be over the ground."""
+    """Raise `InvalidValueError` unless a sensor `above_m` over a body of this height is above the ground."""
     if height_m + above_m <= 0:
         raise InvalidValueError(
             f"{sensor} is {-height_m - above_m:g} m under the ground: above_m = {above_m:g} counts from the top of a "
@@ -43,7 +46,7 @@ def require_above_ground(sensor: str, above_m: float, height_m: float) -> None:
 
 
 def _is_inside(body: Model, point_m: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-    """Whether a point in the body's own axes sees it on all sides."""
+    """Return whether a point in the body's axes sees the body on all sides."""
     count = len(body.faces)
     alone = Triangles(
         body.vertices, body.faces, np.full(count, STATIC_ID), body.reflectivity, np.zeros((count, 3), dtype=np.uint8)

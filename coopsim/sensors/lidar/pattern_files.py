@@ -1,4 +1,4 @@
-"""Beam tables from files, for sensors of one's own."""
+"""Beam tables from files, for custom sensors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CHECKS: dict[str, Callable[..., None]] = {
 
 
 def find_pattern(name: str) -> BeamPattern:
-    """A beam table by its name in `PATTERNS` or, if it ends in .csv, .yaml or .yml, by its path.
+    """Return a beam table by its name in `PATTERNS` or, if it ends in .csv, .yaml or .yml, by its path.
 
     Raises:
         UnknownNameError: no such name.
@@ -43,7 +43,7 @@ def load_pattern(path: str | Path) -> BeamPattern:
     `BeamPattern`.
 
     Raises:
-        InvalidValueError: names the file, where known the line, and what is wrong.
+        InvalidValueError: names the file, the line if known, and what is wrong.
     """
     path = Path(path)
     table = _from_csv(path) if path.suffix.lower() == ".csv" else _from_yaml(path)
@@ -57,7 +57,7 @@ def load_pattern(path: str | Path) -> BeamPattern:
 
 def _from_csv(path: Path) -> dict[str, list[float]]:
     try:
-        text = path.read_text(encoding="utf-8-sig")  # spreadsheets begin their files with a byte order mark
+        text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidValueError(f"cannot read the beam table {path}: {error}") from error
     reader = csv.reader(text.splitlines())

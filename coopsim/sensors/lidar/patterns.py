@@ -1,4 +1,4 @@
-"""Beam tables: where the beams of spinning LiDARs point."""
+"""Beam tables: the directions of spinning LiDARs' beams."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from coopsim.support.registry import Registry
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamPattern:
-    """The beams of a LiDAR, all fired once per column.
+    """The beam table of a LiDAR; all beams are fired once per column.
 
     Attributes:
-        name: the sensor's.
-        elevation_rad: (B,), positive upwards, in any order, any distance apart.
-        azimuth_rad: (B,) how far each beam points to the left of its column (counter-clockwise, seen from above); None:
-            all straight ahead.
+        name: of the sensor.
+        elevation_rad: (B,), positive upwards, in any order and spacing.
+        azimuth_rad: (B,) angle of each beam to the left of its column (counter-clockwise from above); None: all zero.
     """
 
     name: str
@@ -49,11 +48,11 @@ class BeamPattern:
 
     @property
     def offset_rad(self) -> Floats:
-        """(B,) `azimuth_rad`, zeros where there is none."""
+        """`azimuth_rad`, zeros if None, (B,)."""
         return np.zeros(len(self.elevation_rad)) if self.azimuth_rad is None else self.azimuth_rad
 
     def directions(self, columns: int) -> Floats:
-        """(B * columns, 3) unit vectors in the sensor's frame, beam by beam, counter-clockwise from x."""
+        """Return unit vectors (B * columns, 3) in the sensor's frame, beam by beam, counter-clockwise from x."""
         azimuth = np.arange(columns) * (2 * np.pi / columns) + self.offset_rad[:, None]
         elevation = self.elevation_rad[:, None]
         x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
@@ -62,7 +61,7 @@ class BeamPattern:
 
 
 PATTERNS: Registry[BeamPattern] = Registry("beam table")
-"""Beam tables of real sensors, by name: of a model's design, or of one unit where its makers publish no design."""
+"""Beam tables of real sensors, by name: a model's design, or one unit's calibration if no design is published."""
 
 
 def _register(name: str, elevation_deg: ArrayLike, clockwise_deg: ArrayLike | None = None) -> None:
@@ -82,10 +81,10 @@ _register("HDL-32E", np.linspace(10.67, -30.67, 32))
 _register("HDL-64E", HDL_64E_ELEVATION_DEG, -HDL_64E_LEFT_DEG)
 _register("OS1-128", OS1_128_ELEVATION_DEG, OS1_128_CLOCKWISE_DEG)
 
-# Hesai Pandar64, the design: pandarGeneral_internal.cc of Hesai's open driver. A sixth of a degree apart around the
-# horizon, up to 6 degrees at the ends; fired in groups that point aside, clockwise positive. The driver has channel 58
-# at -9.885; angle_correction_Pandar64.csv, which comes with it, has every channel 0.079 lower but this one 0.239 lower,
-# and a unit's file in Hesai's SDK 2.0 (Pandar64E3X) has it at -10.084 between neighbours at -9.080 and -11.052.
+# Hesai Pandar64, the design: pandarGeneral_internal.cc of Hesai's open driver. Beams are 1/6 degree apart around the
+# horizon, up to 6 degrees at the ends; fired in groups with azimuth offsets, clockwise positive. Channel 58 is
+# corrected from the driver's -9.885: the driver's angle_correction_Pandar64.csv has every channel 0.079 lower but this
+# one 0.239 lower, and a unit's file in Hesai's SDK 2.0 (Pandar64E3X) has -10.084 between -9.080 and -11.052.
 _PANDAR64 = """
     14.882 11.032 8.059 5.057 3.04 2.028 1.86 1.688 1.522 1.351 1.184 1.013 0.846 0.675 0.508 0.337 0.169 0 -0.169
     -0.337 -0.508 -0.675 -0.845 -1.013 -1.184 -1.351 -1.522 -1.688 -1.86 -2.028 -2.198 -2.365 -2.536 -2.7 -2.873 -3.04

@@ -1,7 +1,7 @@
-"""What becomes of rays that hit something: who returns, how far away it seems, and the points in the agent's frame.
+"""From hits to returns: energy, drop-out, range noise, and points in the agent's frame.
 
 Energy is that of a white surface met head-on at `reference_range_m`, times reflectivity * cos(incidence) / range^2 (the
-LiDAR equation for a surface larger than the beam), times what the air lets through there and back.
+LiDAR equation for a surface larger than the beam), times the air's transmission there and back.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CLUTTER_ID = -1
 
 
 class Optics(NamedTuple):
-    """Numbers of a sensor and of the air; see `LidarConfig` and `Weather`."""
+    """Numbers of the sensor and of the air; see `LidarConfig` and `Weather`."""
 
     min_range_m: float
     max_range_m: float
@@ -34,13 +34,13 @@ class Optics(NamedTuple):
 
 
 class Echoes(NamedTuple):
-    """What each of R rays met.
+    """What each of R rays hit.
 
     Attributes:
         range_m: (R,) inf where nothing was hit.
         bounced: (R,) reflectivity * cos(incidence).
         face: (R,) of the scene, -1 where nothing was hit.
-        clutter_m: (R,) range of what the air throws back, inf for nothing; or (0,) in clear air.
+        clutter_m: (R,) range of the air's own echo, inf for none; or (0,) in clear air.
         clutter_energy: (R,) or (0,).
     """
 
@@ -53,11 +53,16 @@ class Echoes(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def reflect(face: Ints, cosine: Singles, reflectivity: Floats, wetness: float) -> Singles:
-    """Reflectivity times cosine of incidence, (R,), of rays on faces (R,), whose reflectivity is given (F,).
+    """Return reflectivity times cosine of incidence, (R,).
 
-    A film of water darkens (see `wet_albedo`) and mirrors away what falls on it aslant, in both directions (Fresnel,
-    by the approximation of Schlick 1994): wet is dark, and more so far away. `wetness` is the share of surfaces under
-    water.
+    A film of water darkens (see `wet_albedo`), and at grazing incidence mirrors light away in both directions (Fresnel,
+    by the approximation of Schlick 1994): wet surfaces are darker, and more so far away.
+
+    Args:
+        face: (R,) that the rays hit, -1 for none.
+        cosine: (R,) of incidence.
+        reflectivity: (F,) of the faces.
+        wetness: share of surfaces under water.
     """
     bounced = np.zeros(len(face), np.float32)
     mirrored = ((WATER_INDEX - 1.0) / (WATER_INDEX + 1.0)) ** 2
@@ -84,17 +89,17 @@ def receive(
     directions: Singles,
     poses: tuple[Floats, Floats, Ints],
 ) -> tuple[Singles, Singles, Ints, Ints]:
-    """The points that return, with intensity, beam, and instance.
+    """Return the points (N, 3) m that come back, in the base frame, with intensity, beam, and instance, (N,) each.
 
     Args:
         optics: of sensor and air.
         echoes: of R rays.
         instance: (F,) of the faces.
-        own_id: rays on this instance give no return.
+        own_id: instance that gives no return.
         draws: standard normal (R,) and standard exponential (R,) numbers.
         directions: (B, C, 3) unit vectors, sensor frame, R = B * C.
-        poses: base_SE3_sensor of S sectors of the turn: rotations (S, 3, 3), translations (S, 3) m; and the sector of
-            each column (C,).
+        poses: base_SE3_sensor in S sectors of the revolution: rotations (S, 3, 3), translations (S, 3) m; and the
+            sector of each column (C,).
     """
     (normal, exponential), (rotations, translations, sectors) = draws, poses
     beams, columns = directions.shape[0], directions.shape[1]
@@ -104,8 +109,8 @@ def receive(
     for beam in range(beams):
         for column in range(columns):
             ray = beam * columns + column
-            who = np.int64(CLUTTER_ID) if echoes.face[ray] < 0 else instance[echoes.face[ray]]
-            if who == own_id:
+            hit = np.int64(CLUTTER_ID) if echoes.face[ray] < 0 else instance[echoes.face[ray]]
+            if hit == own_id:
                 continue
             distance, energy, is_clutter = _strongest(optics, echoes, ray)
             if not optics.min_range_m <= distance <= optics.max_range_m:
@@ -120,17 +125,17 @@ def receive(
                 for k in range(3):
                     along += rotations[pose, axis, k] * directions[beam, column, k]
                 points[count, axis] = translations[pose, axis] + along * reading
-            # What sensors report is calibrated for range: what is left is the surface, and the air.
+            # Sensors report intensity calibrated for range: the surface's and the air's effects are left.
             bright = energy * (distance / optics.reference_range_m) ** 2
             intensity[count], row[count] = min(bright, 1.0), beam
-            source[count] = CLUTTER_ID if is_clutter else who
+            source[count] = CLUTTER_ID if is_clutter else hit
             count += 1
     return points[:count], intensity[:count], row[:count], source[:count]
 
 
 @njit(cache=True, nogil=True)
 def _strongest(optics: Optics, echoes: Echoes, ray: int) -> tuple[float, float, bool]:
-    """Range and energy of a ray's strongest echo, and whether that is clutter."""
+    """Return range and energy of a ray's strongest echo, and whether it is clutter."""
     distance, energy = float(echoes.range_m[ray]), 0.0
     if distance < np.inf:
         energy = echoes.bounced[ray] * (optics.reference_range_m / distance) ** 2

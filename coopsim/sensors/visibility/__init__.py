@@ -1,1 +1,1 @@
-"""How well each actor could be seen, is seen, and what hides it: for training and analysis."""
+"""Visibility of each actor to each agent, and what hides it: for training and analysis."""

@@ -1,7 +1,6 @@
-"""What an agent's cameras could show of each actor, what they show, and what hides the rest.
+"""Visibility of actors to an agent's cameras: the pixels that could show each, those that do, and what hides the rest.
 
-The same as `coopsim.sensors.visibility.lidar_visibility` by pixels, one ray through the middle of each, as pictures
-are made of.
+The same as `coopsim.sensors.visibility.lidar_visibility`, by one ray through the middle of each pixel.
 """
 
 from __future__ import annotations
@@ -14,15 +13,15 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.visibility.lidar_visibility import (
+from coopsim.sensors.visibility.crossings import (
     NOTHING,
     Crossings,
     count_crossings,
-    end_to_end,
-    follow,
-    heights_of,
+    height_span,
+    join_crossings,
+    trace_rays,
 )
-from coopsim.sensors.visibility.towards import towards
+from coopsim.sensors.visibility.ray_candidates import may_hit
 from coopsim.support.arrays import frozen
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody
@@ -30,11 +29,11 @@ from coopsim.world.snapshot import Actors, AgentBody
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelVisibility:
-    """How well one agent's cameras together show each of N actors.
+    """Visibility of N actors to one agent's cameras together.
 
     Attributes:
         id: (N,) of the actors.
-        pixels: (N,) that would show each if it were alone in the world.
+        pixels: (N,) that would show each actor if it were alone in the world.
         visible: (N,) share of `pixels` that do show it, in [0, 1]; 0 where there are none.
         occluder: (N,) id of what most of its other pixels show, as in `Visibility`.
     """
@@ -52,25 +51,25 @@ class PixelVisibility:
 
 
 def measure_pixels(cameras: Sequence[Camera], scene: RayScene, body: AgentBody, actors: Actors) -> PixelVisibility:
-    """The visibility of all actors but the agent itself, whose own body is not in its pictures.
+    """Measure the visibility of all actors but the agent itself, whose own body is not in its pictures.
 
     Args:
         cameras: the agent's.
-        scene: what there is.
+        scene: the frame's triangles.
         body: the agent.
         actors: those in the scene, N of them, in the world frame.
     """
     others = actors if body.actor_id is None else actors[actors.id != body.actor_id]
     parts = [_crossings(camera, scene, body, others) for camera in cameras]
-    crossings = end_to_end(parts, [camera.intrinsics.width * camera.intrinsics.height for camera in cameras])
+    crossings = join_crossings(parts, [camera.intrinsics.width * camera.intrinsics.height for camera in cameras])
     return PixelVisibility(others.id, *count_crossings(crossings, others.id))
 
 
 def _crossings(camera: Camera, scene: RayScene, body: AgentBody, others: Actors) -> Crossings:
     pose, lens = body.world_SE3_base.compose(camera.base_SE3_camera(body.height_m)), camera.intrinsics
     rays = pose.rotate(lens.unit_rays)
-    ahead = towards(others.boxes, pose.translation, rays)
+    ahead = may_hit(others.boxes, pose.translation, rays)
     start_m = pose.apply(camera.near_m * lens.rays[ahead])
     range_m = 0.0, (camera.far_m - camera.near_m) * lens.stretch.reshape(-1)[ahead].astype(np.float64)
     own = NOTHING if body.actor_id is None else body.actor_id
-    return follow(scene, start_m, rays[ahead], range_m, heights_of(others), own)
+    return trace_rays(scene, start_m, rays[ahead], range_m, height_span(others), own)

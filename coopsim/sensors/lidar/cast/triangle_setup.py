@@ -15,7 +15,7 @@ from coopsim.types import Ints
 
 _Vector = tuple[float, float, float]
 
-_WIDEST_RAD = np.float32(3.1)  # a triangle beside the axis spans less than half a turn; what is near that may be on it
+_WIDEST_RAD = np.float32(3.1)  # a triangle off the axis spans less than half a turn; a nearly half turn may be on it
 _AXIS_M2 = 1e-6  # a corner within a millimetre of the axis has no azimuth
 _PLANE_M = 1e-7  # a sensor within 0.1 um of a triangle's plane sees its edge
 _SLOPE_SLACK = np.float32(1e-5)
@@ -23,14 +23,14 @@ _ZERO, _ONE, _TURN = np.float32(0.0), np.float32(1.0), np.float32(2 * math.pi)
 
 
 class Scene(NamedTuple):
-    """F triangles and who looks at them.
+    """F triangles, in P parts, and the sensor's pose.
 
     Attributes:
         vertices: (V, 3) m, world frame.
         faces: (F, 3) int.
-        parts: runs of both, P.
-        rotation: (3, 3) of the sensor: its axes in the world, in columns.
-        origin: (3,) m, where the sensor is.
+        parts: runs of faces and vertices.
+        rotation: (3, 3) of the sensor: columns are its axes in the world.
+        origin: (3,) m, of the sensor.
     """
 
     vertices: Floats
@@ -41,7 +41,7 @@ class Scene(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """Room for V vertices as a sensor sees them.
+    """V vertices as the sensor sees them.
 
     Attributes:
         local: (V, 3) m, sensor frame.
@@ -55,15 +55,15 @@ class Corners(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """Room for what F triangles are drawn by: each part's that may meet a ray, from its first face's row on.
+    """Triangles prepared for drawing: those of each part that may be hit, from the row of its first face on.
 
     Attributes:
-        counts: (P,) how many the parts have.
-        edges: (F, 9) three edge functions' coefficients of cos a, sin a and tan e.
+        counts: (P,) number of each part's.
+        edges: (F, 9) coefficients of cos a, sin a and tan e in three edge functions.
         plane: (F, 3) float64, coefficients of the inverse horizontal distance.
         offset_m: (F,) distance of the sensor from the plane.
         azimuth: (F, 2) first and last, rad.
-        rows: (F, 2) first beam and the one behind the last.
+        rows: (F, 2) first beam, and last beam + 1.
         face: (F,) index into the scene's faces.
     """
 
@@ -78,7 +78,7 @@ class Shapes(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _azimuth(x: np.float32, y: np.float32) -> np.float32:
-    """Arctangent of y / x, rad, to 1e-5; by a polynomial (Abramowitz and Stegun 4.4.47), as it vectorizes."""
+    """Return atan2(y, x), rad, to 1e-5, by a polynomial that vectorizes (Abramowitz and Stegun 4.4.47)."""
     wide, deep = abs(x), abs(y)
     ratio = min(wide, deep) / max(max(wide, deep), np.float32(1e-20))
     q = ratio * ratio
@@ -106,9 +106,10 @@ def _place(scene: Scene, corners: Corners) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
-    """Whether the sensor is in the upright box around vertices `first` to `last`; and which azimuths the box may cover.
+    """Bound vertices `first` to `last` by an upright box.
 
-    The azimuths are those of the upright cylinder around the box: their middle, and how far they reach to either side.
+    Returns:
+        Whether the sensor is in the box; middle and half width (rad) of the azimuths of the cylinder around the box.
     """
     low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for v in range(first, last):
@@ -125,7 +126,7 @@ def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reaches(middle: float, half: float, sector: tuple[float, float]) -> bool:
-    """Whether azimuths of a middle and half width meet a sector, given in the same way."""
+    """Return whether azimuths, given by middle and half width, overlap a sector, given likewise."""
     apart = middle - sector[0]
     return bool(abs(apart - 2 * math.pi * np.rint(apart / (2 * math.pi))) <= half + sector[1])
 
@@ -147,7 +148,7 @@ def _less(p: _Vector, q: _Vector) -> _Vector:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_on_axis(p0: _Vector, p1: _Vector, p2: _Vector, turn: _Vector) -> bool:
-    """Whether the sensor's axis meets a triangle or nearly a corner; `turn` is how each edge goes round the axis."""
+    """Return whether the sensor's axis meets a triangle or nearly a corner; `turn` has each edge's sense about it."""
     nearest_m2 = min(p0[0] * p0[0] + p0[1] * p0[1], p1[0] * p1[0] + p1[1] * p1[1], p2[0] * p2[0] + p2[1] * p2[1])
     left, right = turn[0] >= 0.0, turn[0] <= 0.0
     for way in turn[1:]:
@@ -157,7 +158,7 @@ def _is_on_axis(p0: _Vector, p1: _Vector, p2: _Vector, turn: _Vector) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_not_above(tangent: Singles, slope: np.float32) -> int:
-    """The first row of falling tangents that is not above a slope."""
+    """Return the first row of falling tangents that is not above a slope."""
     low, high = 0, len(tangent)
     while low < high:
         middle = (low + high) // 2
@@ -172,10 +173,10 @@ def _first_not_above(tangent: Singles, slope: np.float32) -> int:
 def _span(
     azimuth: tuple[np.float32, np.float32, np.float32], slope: tuple[np.float32, np.float32, np.float32], on_axis: bool
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """First and last azimuth (rad), lowest and highest slope of a triangle, by its corners' azimuths and slopes.
+    """Return first and last azimuth (rad), lowest and highest slope of a triangle, by its corners' azimuths and slopes.
 
-    An edge's slope over azimuth is a sinusoid: between its corners it rises above both, if they are above the horizon,
-    to at most theirs divided by the cosine of half the angle between them.
+    An edge's slope over azimuth is a sinusoid: between two corners above the horizon it rises to at most their slope
+    divided by the cosine of half the angle between them.
     """
     low, high = min(slope[0], min(slope[1], slope[2])), max(slope[0], max(slope[1], slope[2]))
     left, right = azimuth[1] - azimuth[0], azimuth[2] - azimuth[0]
@@ -222,8 +223,8 @@ def set_up(scene: Scene, tangent: Singles, sector: tuple[float, float], corners:
             p0 = (local[i, 0], local[i, 1], local[i, 2])
             p1 = (local[j, 0], local[j, 1], local[j, 2])
             p2 = (local[k, 0], local[k, 1], local[k, 2])
-            # Products of two corners, not of differences: a neighbour has the same two in turn, so the same product
-            # but for the sign.
+            # Products of two corners, not of differences: a neighbouring triangle has the same two corners in reverse,
+            # so exactly the opposite product.
             a = _cross(p1, p2)
             volume = _dot(p0, a)
             if outer_only and volume > 0.0:

@@ -15,7 +15,8 @@ from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import STATIC_ID, SceneGeometry
-from coopsim.sensors.visibility.lidar_visibility import NOTHING, Crossings, Visibility, VisibilityProbe, count_crossings
+from coopsim.sensors.visibility.crossings import NOTHING, Crossings, count_crossings
+from coopsim.sensors.visibility.lidar_visibility import Visibility, VisibilityProbe
 from coopsim.support.rng import stream
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 

@@ -14,7 +14,7 @@ from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.rigs import named_rig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import STATIC_ID
-from coopsim.sensors.visibility.lidar_visibility import NOTHING
+from coopsim.sensors.visibility.crossings import NOTHING
 from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart

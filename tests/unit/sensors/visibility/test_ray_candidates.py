@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.visibility.towards import towards
+from coopsim.sensors.visibility.ray_candidates import may_hit
 from coopsim.types import Mask
 
 
@@ -39,15 +39,15 @@ def test_no_ray_that_meets_a_box_is_left_out(seed: int, spread_m: float) -> None
     )
     origin_m, rays = rng.uniform(-2, 2, 3), all_around(rng)
     hit = np.any([meets(row, origin_m, rays) for row in rows], axis=0)
-    assert towards(Boxes3D.from_array(rows), origin_m, rays)[hit].all()
+    assert may_hit(Boxes3D.from_array(rows), origin_m, rays)[hit].all()
 
 
 def test_most_rays_look_past_a_box_far_away_wherever_it_is() -> None:
     rays = all_around(np.random.default_rng(0))
     for x_m, y_m in ((-30.0, 0.0), (-30.0, 0.01), (-30.0, -0.01), (30.0, 0.0), (0.0, 30.0), (20.0, -20.0)):
         box = Boxes3D.from_array([[x_m, y_m, 0.0, 4.0, 2.0, 1.5, 0.4]])
-        assert 0 < towards(box, np.zeros(3), rays).mean() < 0.01
+        assert 0 < may_hit(box, np.zeros(3), rays).mean() < 0.01
 
 
 def test_without_boxes_no_ray_is_needed() -> None:
-    assert not towards(Boxes3D.empty(), np.zeros(3), all_around(np.random.default_rng(0))).any()
+    assert not may_hit(Boxes3D.empty(), np.zeros(3), all_around(np.random.default_rng(0))).any()

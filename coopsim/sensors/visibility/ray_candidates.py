@@ -1,4 +1,4 @@
-"""Which rays from a point may meet one of some boxes: the others need not be cast to know what becomes of the boxes."""
+"""Preselection of the rays from a point that may hit some boxes, so that the others need not be cast."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 
 _CELLS = 360
-"""Around, and as many from the nadir to the zenith."""
+"""Cells of the full turn of azimuth, and as many from nadir to zenith."""
 
 _SLACK_M = 0.01
-"""By which boxes are taken for larger: actors fill theirs to a millimetre."""
+"""Enlargement of the boxes: actors fill theirs to a millimetre."""
 
 
-def towards(boxes: Boxes3D, origin_m: Floats, directions: Floats) -> Mask:
-    """(R,) whether a ray looks to where an upright cylinder around one of the boxes is: so do all that meet a box.
+def may_hit(boxes: Boxes3D, origin_m: Floats, directions: Floats) -> Mask:
+    """Return a mask (R,) of the rays that may hit a box: conservative, by each box's upright bounding cylinder.
 
     Args:
         boxes: N of them, upright.
-        origin_m: (3,) from which the rays start.
+        origin_m: (3,) start of all rays.
         directions: (R, 3) unit vectors.
     """
     elevation_rad = np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))
@@ -30,7 +30,7 @@ def towards(boxes: Boxes3D, origin_m: Floats, directions: Floats) -> Mask:
 
 
 def _covered(boxes: Boxes3D, origin_m: Floats) -> Mask:
-    """(_CELLS, _CELLS) by azimuth and elevation: whether a cylinder is there."""
+    """Return which cells of azimuth and elevation (_CELLS, _CELLS) a cylinder covers."""
     away = boxes.center - origin_m
     distance_m = np.hypot(away[:, 0], away[:, 1])
     radius_m = np.hypot(boxes.size[:, 0], boxes.size[:, 1]) / 2 + _SLACK_M
@@ -43,8 +43,8 @@ def _covered(boxes: Boxes3D, origin_m: Floats) -> Mask:
     middle_rad = np.arctan2(away[:, 1], away[:, 0])
     right, bottom = _cells(middle_rad - half_rad, lowest_rad)
     left, top = _cells(middle_rad + half_rad, highest_rad)
-    # Each is a rectangle of cells, of which four corners are enough: the rest are sums. It may reach half a turn beyond
-    # either end of the turn, so there are three turns, which are folded in the end.
+    # Each cylinder is a rectangle of cells, given by its four corners and filled by cumulative sums. It may reach half
+    # a turn beyond either end of the turn, so there are three turns, which are folded at the end.
     cells = np.zeros((3 * _CELLS, _CELLS + 2), dtype=np.int32)
     for row, column, sign in ((right, bottom, 1), (left + 1, bottom, -1), (right, top + 1, -1), (left + 1, top + 1, 1)):
         np.add.at(cells, (row + _CELLS, column), sign)
@@ -55,6 +55,6 @@ def _covered(boxes: Boxes3D, origin_m: Floats) -> Mask:
 
 
 def _cells(azimuth_rad: Floats, elevation_rad: Floats) -> tuple[Ints, Ints]:
-    """In which they are, counted from -pi and from the nadir."""
+    """Return the cells of directions, counted from -pi and from the nadir."""
     around, up = (azimuth_rad / (2 * np.pi) + 0.5) * _CELLS, (elevation_rad / np.pi + 0.5) * _CELLS
     return np.floor(around).astype(np.int64), np.floor(up).astype(np.int64)
