@@ -51,9 +51,9 @@ class Scenario:
         fitting = self.population.within(len(self.layout.slots), "vehicles", "vans", "buses", "motorcycles")
         fitting = fitting.within(len(self.layout.bays), "parked")
         if ways is not None:
-            fitting = fitting.within(ways.room, *feet, *(() if cycleways else wheels))
+            fitting = fitting.within(ways.capacity, *feet, *(() if cycleways else wheels))
         if cycleways is not None:
-            fitting = fitting.within(cycleways.room, *wheels)
+            fitting = fitting.within(cycleways.capacity, *wheels)
         object.__setattr__(self, "population", fitting)
 
     def _require_at_most(self, most: int, *names: str) -> None:

@@ -54,7 +54,7 @@ def on_highway(vehicles: int, **options: Any) -> CooperativeEnv:
     layout = long_highway(vehicles)
     middle_m = np.median([slot.along_m for slot in layout.slots])
     inner = sorted(range(len(layout.slots)), key=lambda k: abs(layout.slots[k].along_m - middle_m))
-    layout = replace(layout, connected_first=tuple(inner))
+    layout = replace(layout, connected_order=tuple(inner))
     population = Population(vehicles=vehicles, pedestrians=0, connected_cars=4, rsus=0)
     scenario = Scenario("long", layout, population)
     source = Simulation("long", scenario, SimulationOptions(max_cycles=10**6, **options), "detections")

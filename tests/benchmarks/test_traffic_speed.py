@@ -14,7 +14,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.people.people import People
 from coopsim.world.places.highway import make_highway
-from coopsim.world.places.layout import Layout, Slot
+from coopsim.world.places.layout import Layout, StartSlot
 from coopsim.world.population import Population
 from coopsim.world.scenario import make_scenario
 from coopsim.world.traffic.traffic import Traffic
@@ -26,12 +26,12 @@ def long_highway(vehicles: int) -> Layout:
     """The highway with room for so many; nobody is replaced, so that all are far from the road's end."""
     a_lane = -(-vehicles // 6)
     slots = tuple(
-        Slot((f"{way}_start", f"{way}_end", lane), 3_000.0 + k * SPACING_M + lane * SPACING_M / 3)
+        StartSlot((f"{way}_start", f"{way}_end", lane), 3_000.0 + k * SPACING_M + lane * SPACING_M / 3)
         for way in ("east", "west")
         for lane in range(3)
         for k in range(a_lane)
     )
-    return replace(make_highway(), slots=slots, connected_first=(0,), window_m=None, cruise_m_s=None)
+    return replace(make_highway(), slots=slots, connected_order=(0,), window_m=None, cruise_m_s=None)
 
 
 def step_ms(layout: Layout, vehicles: int, pedestrians: int, engine: str, steps: int) -> float:

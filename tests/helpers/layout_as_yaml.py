@@ -1,4 +1,4 @@
-"""Writes a layout that is made by code as a scenario file, as far as files can say it."""
+"""Write a built-in layout as a scenario file, as far as files can express it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from highway_env.road.lane import CircularLane
 
 from coopsim.world.places.layout import Footways, Layout
+from coopsim.world.places.road_network import CircularLane
 
 
 def write_layout(layout: Layout, path: Path, **sections: Any) -> Path:
-    """A file with the layout as its `place`, and other sections beside."""
-    lanes = {(start, end): layout.network.get_lane((start, end, 0)) for start, end, _ in layout.network.lanes_dict()}
+    """Write a file with the layout as its `place`, and other sections."""
+    lanes = {(start, end): layout.network.get_lane((start, end, 0)) for start, end, _ in layout.network.lanes}
     nodes: dict[str, list[float]] = {}
     for (start, end), lane in lanes.items():
         nodes.setdefault(start, _point(lane.position(0.0, 0.0)))
@@ -25,10 +25,10 @@ def write_layout(layout: Layout, path: Path, **sections: Any) -> Path:
     for road, lane in lanes.items():
         roads.append({"from": road[0], "to": road[1], "speed_m_s": lane.speed_limit, "width_m": lane.width})
         if isinstance(lane, CircularLane):
-            roads[-1] |= {"centre": _point(lane.center), "turn": "left" if lane.direction > 0 else "right"}
+            roads[-1] |= {"centre": _point(lane.center), "turn": "left" if lane.turn > 0 else "right"}
         if road in layout.priority:
             roads[-1]["priority"] = True
-    rank = {slot: place for place, slot in enumerate(layout.connected_first, start=1)}
+    rank = {slot: place for place, slot in enumerate(layout.connected_order, start=1)}
     starts = [
         {"road": list(slot.lane[:2]), "at_m": float(slot.along_m), "connected": rank[k]}
         for k, slot in enumerate(layout.slots)
@@ -60,7 +60,7 @@ def write_layout(layout: Layout, path: Path, **sections: Any) -> Path:
 
 
 def _walks(footways: Footways) -> dict[str, Any]:
-    """Ways in an order in which every node's neighbours are told in their own order."""
+    """Return ways in an order that keeps the order of every node's neighbours."""
     links = TopologicalSorter[tuple[int, int]]()
     for node, row in enumerate(footways.neighbours):
         around = [(min(node, other), max(node, other)) for other in row[row >= 0].tolist()]

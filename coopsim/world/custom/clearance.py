@@ -14,8 +14,8 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.custom.conflicts import middle_line
 from coopsim.world.custom.roads import Roads
 from coopsim.world.models import make_models
-from coopsim.world.places.layout import Bay, Slot
-from coopsim.world.traffic.traffic import PARKED_ASIDE_M
+from coopsim.world.places.layout import Bay, StartSlot
+from coopsim.world.traffic.rules import PARKED_ASIDE_M
 
 _PASSING_M = 1.7  # from the middle of a lane to the side of who is parked: a bus passes without stopping
 _SAMPLE_M = 1.0  # along an outline; no lane is so narrow
@@ -75,7 +75,7 @@ def along_outline(corners: Floats) -> Floats:
     return points
 
 
-def require_room_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: Kerbs) -> None:
+def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: Kerbs) -> None:
     """Whoever may stand in a bay must be off the roads, and off those in other bays.
 
     Raises:
@@ -94,7 +94,7 @@ def require_room_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: K
         )
 
 
-def require_room_to_start(slots: Sequence[Slot], entries: Sequence[Entry], roads: Roads) -> None:
+def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry], roads: Roads) -> None:
     """Nobody may start across another one's lane where that one starts.
 
     Raises:

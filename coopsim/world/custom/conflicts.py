@@ -5,11 +5,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from highway_env.road.lane import AbstractLane, StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.layout import Road
+from coopsim.world.places.road_network import Lane, Road, RoadNetwork, StraightLane
 
 _CHORD_M = 1.0  # of an arc: 2 cm from it at a radius of 6 m
 
@@ -19,7 +17,7 @@ def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
 
     Roads that follow each other, and those that part at one node, do not cross there.
     """
-    lines = {(start, end): middle_line(network.get_lane((start, end, 0))) for start, end, _ in network.lanes_dict()}
+    lines = {index[:2]: middle_line(lane) for index, lane in network.lanes.items() if index[2] == 0}
     found: set[Road] = set()
     for a, b in combinations(lines, 2):
         if a[0] == b[0] or a[1] == b[0] or b[1] == a[0]:
@@ -29,7 +27,7 @@ def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
     return tuple(road for road in lines if road in found)
 
 
-def middle_line(lane: AbstractLane) -> Floats:
+def middle_line(lane: Lane) -> Floats:
     """(K, 2) m, corners of a line that follows the lane's middle."""
     count = 2 if isinstance(lane, StraightLane) else max(2, int(np.ceil(lane.length / _CHORD_M)) + 1)
     return np.array([lane.position(along, 0.0) for along in np.linspace(0.0, lane.length, count)])

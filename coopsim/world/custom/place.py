@@ -28,18 +28,18 @@ from itertools import combinations, pairwise
 from typing import TypeVar
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.config.located_yaml import Entry
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count, require_finite_number
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.clearance import Kerbs, require_room_to_park, require_room_to_start
+from coopsim.world.custom.clearance import Kerbs, require_space_to_park, require_space_to_start
 from coopsim.world.custom.custom_scenery import read_building, read_tree
 from coopsim.world.custom.roads import Roads, read_roads
 from coopsim.world.custom.ways import Ways, read_ways
-from coopsim.world.places.layout import Bay, Layout, Road, Slot, flights_around, lane_outline, rectangle
+from coopsim.world.places.layout import Bay, Layout, StartSlot, flights_around, lane_outline, rectangle
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork
 from coopsim.world.places.scenery import town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M, spaced_slots
 from coopsim.world.population import Population
@@ -90,14 +90,14 @@ def read_place(entry: Entry) -> Place:
     road_map = _road_map(roads, walks, [outline for outline, _ in buildings])
     bays = _each(fields, "parked", lambda item, _: _bay(item, kerbs))
     if bays:
-        require_room_to_park(bays, fields["parked"].entries(), kerbs)
+        require_space_to_park(bays, fields["parked"].entries(), kerbs)
     low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
     ground = rectangle((low[0] - _AROUND_M, high[0] + _AROUND_M), (low[1] - _AROUND_M, high[1] + _AROUND_M))
     middle = fields["drones_around"].point() if "drones_around" in fields else (low + high) / 2
     layout = Layout(
         network=roads.network,
         slots=tuple(slot for slot, _ in starts),
-        connected_first=tuple(sorted(range(len(starts)), key=lambda k: starts[k][1])),
+        connected_order=tuple(sorted(range(len(starts)), key=lambda k: starts[k][1])),
         footways=walks.footways if walks else None,
         rsus=rsus,
         rsu_height_m=mast_m,
@@ -131,14 +131,14 @@ def _usual_population(layout: Layout) -> Population:
     vehicles = min(30, max(starts * 2 // 3, min(starts, 1)))
     return Population(
         vehicles=vehicles,
-        pedestrians=0 if layout.footways is None else min(8, layout.footways.room),
+        pedestrians=0 if layout.footways is None else min(8, layout.footways.capacity),
         connected_cars=min(3, (vehicles + 1) // 2),
         rsus=rsus,
         drones=0 if vehicles or rsus else 1,
     )
 
 
-def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[Slot, float]]:
+def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, float]]:
     """Slots, and their rank among those that become connected."""
     if "starts" not in fields:
         pieces = [(piece, name) for name, all_of_it in roads.pieces.items() for piece in all_of_it]
@@ -154,20 +154,20 @@ def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[Slot, float
                 f"starts in one lane must be at least {_APART_M:g} m apart, got {apart_m:.1f} m from that in line "
                 f"{item_a.line}"
             )
-    require_room_to_start([slot for slot, _ in starts], items, roads)
+    require_space_to_start([slot for slot, _ in starts], items, roads)
     return starts
 
 
 def _room_m(roads: Roads, piece: Road) -> float:
     """How much of a piece is there to start on: nothing of bends, of crossings, and right before these."""
     lane = roads.lane(piece)
-    if piece in roads.movements or hasattr(lane, "radius"):
+    if piece in roads.movements or isinstance(lane, CircularLane):
         return 0.0
     stops = any(movement[0] == piece[1] for movement in roads.movements)
     return max(0.0, float(lane.length) - (_STOPPING_M if stops else 0.0))
 
 
-def _start(roads: Roads, entry: Entry) -> tuple[Slot, float]:
+def _start(roads: Roads, entry: Entry) -> tuple[StartSlot, float]:
     fields = entry.fields(("road", "at_m"), ("route", "connected"))
     road = roads.find(fields["road"])
     along_m = float(fields["at_m"].checked(require_between, 0, round(roads.length_m(road), 3)))
@@ -181,10 +181,10 @@ def _start(roads: Roads, entry: Entry) -> tuple[Slot, float]:
                 raise fields["route"].error(f"route: there is no road from {step[0]!r} to {step[1]!r}")
             route = [*route, *roads.pieces[step]]
     rank = float(fields["connected"].checked(require_count, 1)) if "connected" in fields else np.inf
-    return Slot((*piece, 0), at_m, tuple(route)), rank
+    return StartSlot((*piece, 0), at_m, tuple(route)), rank
 
 
-def _apart_m(roads: Roads, a: Slot, b: Slot) -> float:
+def _apart_m(roads: Roads, a: StartSlot, b: StartSlot) -> float:
     """Between two starts, if they are in one lane; else infinite."""
     lanes = [roads.network.get_lane(slot.lane) for slot in (a, b)]
     places = [lane.position(slot.along_m, 0.0) for lane, slot in zip(lanes, (a, b), strict=True)]
@@ -226,7 +226,7 @@ def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
 
 
 def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
-    lanes = [quad for lane in roads.network.lanes_list() for quad in lane_outline(lane)] + _wedges(roads.network)
+    lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
     lines = lane_lines(roads.network, roads.movements)
     return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
@@ -234,7 +234,7 @@ def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> Road
 
 def _wedges(network: RoadNetwork) -> list[Floats]:
     """(3, 2) m, counter-clockwise: what lanes that meet at an angle leave open on the outside of the kink."""
-    lanes, wedges = network.lanes_dict(), []
+    lanes, wedges = network.lanes, []
     for (_, node, _), lane in lanes.items():
         for after in (other for index, other in lanes.items() if index[0] == node):
             turn = float(wrap_angle(after.heading_at(0.0) - lane.heading_at(lane.length)))

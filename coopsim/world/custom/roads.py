@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from highway_env.road.lane import AbstractLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.config.located_yaml import Entry
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.custom.conflicts import conflicting_roads
-from coopsim.world.places.layout import LANE_M, ROADS_AHEAD, Road
+from coopsim.world.places.layout import LANE_M, ROADS_AHEAD
+from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, add_straight, turning_loop
-from coopsim.world.traffic.engine.town_driving import LOOK_AHEAD_M
+from coopsim.world.traffic.rules import LOOK_AHEAD_M
 
 SHORTEST_M = 5.0
 """Of a piece: drivers change over to the next when the middle of a usual car is half its length from the end."""
@@ -48,7 +47,7 @@ class Roads:
     movements: tuple[Road, ...] = ()
     priority: tuple[Road, ...] = ()
 
-    def lane(self, piece: Road) -> AbstractLane:
+    def lane(self, piece: Road) -> Lane:
         """Of a piece."""
         return self.network.get_lane((*piece, 0))
 
@@ -76,7 +75,7 @@ class Roads:
     @property
     def fastest_m_s(self) -> float:
         """The highest speed limit."""
-        return float(max(lane.speed_limit for lane in self.network.lanes_list()))
+        return float(max(lane.speed_limit for lane in self.network.lanes.values()))
 
     @property
     def ahead(self) -> int:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.config.located_yaml import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import Footways
+from coopsim.world.places.road_network import RoadNetwork
 
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
@@ -112,9 +112,9 @@ def _stripes(a: Floats, b: Floats, network: RoadNetwork) -> list[Floats]:
     length_m = float(np.linalg.norm(b - a))
     starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
     along = (b - a) / max(length_m, 1e-9)
-    lanes = network.lanes_list()
+    lanes = network.lanes.values()
     return [
         _strip(a + start * along, a + (start + _STRIPE_M) * along, _CROSSWALK_HALF_M)
         for start in starts
-        if any(lane.on_lane(a + (start + _STRIPE_M / 2) * along) for lane in lanes)
+        if any(lane.contains(a + (start + _STRIPE_M / 2) * along) for lane in lanes)
     ]

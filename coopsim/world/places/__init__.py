@@ -1,1 +1,1 @@
-"""Places: roads, pavements and scenery of every scenario that comes along."""
+"""Built-in places: roads, scenery, and the ways of people."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from highway_env.road.road import RoadNetwork
-
 from coopsim.world.places.layout import Layout, lane_outline
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import Building, corner_buildings, row_of_buildings
 from coopsim.world.places.streets import Streets, add_arms, add_turns, corner_units, middle_of
 from coopsim.world.places.town_layout import town_layout
@@ -13,23 +12,21 @@ _QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
 
 def make_crossing() -> Layout:
-    """Four arms. Build the layout; it has no parameters and no randomness."""
+    """Build the layout with four arms; it has no parameters and no randomness."""
     return _junction(Streets())
 
 
 def make_t_junction() -> Layout:
-    """Three arms: the one that leads along y is missing."""
+    """Build the layout with three arms: the one that leads along y is missing."""
     return _junction(Streets(arms=(0, 2, 3)))
 
 
 def _junction(streets: Streets) -> Layout:
-    """Streets that meet, with turns between all of them by the rule of
-    `coopsim.world.traffic.highway_reference.junction`.
-    """
+    """Return streets that meet, with turns between all of them."""
     network = RoadNetwork()
     add_arms(network, streets)
     movements = add_turns(network, streets)
-    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + middle_of(streets)
+    surface = [quad for lane in network.lanes.values() for quad in lane_outline(lane)] + middle_of(streets)
     rsus = corner_units(9.5, streets.kerb_m + 5.5)
     return town_layout(streets, network, surface, (movements, ()), (_buildings(streets), ()), rsus)
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from highway_env.road.lane import StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3
 from coopsim.world.places.layout import (
@@ -19,13 +17,14 @@ from coopsim.world.places.layout import (
     MARKING,
     STEEL,
     Layout,
-    Slot,
+    StartSlot,
     box_part,
     flat_part,
     flights_around,
     mast_part,
     rectangle,
 )
+from coopsim.world.places.road_network import RoadNetwork, StraightLane
 from coopsim.world.snapshot import RoadMap
 
 LANES = 3
@@ -38,9 +37,9 @@ WINDOW_M = 220.0
 SPEED_M_S = 28.0
 CRUISE_M_S = 25.0  # below every lane's limit
 PLATOON_GAP_S = 0.4
-PLATOON_SPEED_M_S = 22.0  # well below the lane's limit: who may go faster closes up
+PLATOON_SPEED_M_S = 22.0  # well below the lane's limit, so that cars can close up
 PLATOON_CARS = 6
-PLATOON_LANE = 1  # others pass on both sides
+PLATOON_LANE = 1  # the middle: others pass on both sides
 PLATOON_HEAD_M = 60.0  # its first car starts behind this
 RSU_Y_M = -18.5
 RSU_HEIGHT_M = 6.0
@@ -69,7 +68,7 @@ def make_highway() -> Layout:
     return Layout(
         network=network,
         slots=slots,
-        connected_first=_connected_first(slots),
+        connected_order=_connected_order(slots),
         rsus=rsus,
         rsu_height_m=RSU_HEIGHT_M,
         speeds_m_s=(20.0, CRUISE_M_S, 30.0),
@@ -95,7 +94,7 @@ def make_highway() -> Layout:
 
 
 def make_platoon() -> Layout:
-    """The same road, on which the cars that may be connected keep to one lane, at `PLATOON_GAP_S`."""
+    """Build the same road, on which possibly connected cars keep to one lane, at `PLATOON_GAP_S`."""
     highway = make_highway()
 
     def rank(index: int) -> tuple[bool, bool, float]:
@@ -107,7 +106,7 @@ def make_platoon() -> Layout:
     order = tuple(sorted(range(len(highway.slots)), key=rank))
     return replace(
         highway,
-        connected_first=order,
+        connected_order=order,
         cars_first=PLATOON_CARS,
         convoy_gap_s=PLATOON_GAP_S,
         cruise_m_s=PLATOON_SPEED_M_S,
@@ -116,7 +115,7 @@ def make_platoon() -> Layout:
     )
 
 
-def _slots(network: RoadNetwork) -> tuple[Slot, ...]:
+def _slots(network: RoadNetwork) -> tuple[StartSlot, ...]:
     slots = []
     for name in ("east", "west"):
         for lane in range(LANES):
@@ -124,12 +123,12 @@ def _slots(network: RoadNetwork) -> tuple[Slot, ...]:
             middle = network.get_lane(index).local_coordinates(np.zeros(2))[0]
             # Lanes are staggered, so that cars do not begin side by side.
             first = middle - SPREAD_M + lane * SLOT_SPACING_M / LANES
-            slots += [Slot(index, float(x)) for x in np.arange(first, first + 2 * SPREAD_M + 1, SLOT_SPACING_M)]
+            slots += [StartSlot(index, float(x)) for x in np.arange(first, first + 2 * SPREAD_M + 1, SLOT_SPACING_M)]
     return tuple(slots)
 
 
-def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
-    """Cars going east, from the middle outwards, the passing lane's last; then the others."""
+def _connected_order(slots: tuple[StartSlot, ...]) -> tuple[int, ...]:
+    """Rank slots: cars going east, from the middle outwards, the passing lane's last; then the others."""
 
     def rank(index: int) -> tuple[bool, bool, float]:
         slot = slots[index]
@@ -140,7 +139,7 @@ def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
 
 
 def _lines(edge: float) -> list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
-    """Edge lines, solid; lane lines, dashed where episodes begin."""
+    """Return edge lines, solid, and lane lines, dashed where episodes begin."""
     solid = [
         rectangle((START_M, SCENERY_M), (y - 0.1, y + 0.1))
         for side in (-1, 1)

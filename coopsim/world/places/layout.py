@@ -1,4 +1,4 @@
-"""What a place is made of, before anything moves: roads, scenery, pavements, where units and cars may be."""
+"""The description of a place before anything moves: roads, scenery, ways, starts, and shapes to build scenery from."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.snapshot import RoadMap, StaticPart
 
-LaneIndex = tuple[str, str, int]
-Road = tuple[str, str]
-"""A lane index without the lane's number."""
-
 LANE_M = 4.0
+"""Usual width of a lane."""
+
 ROADS_AHEAD = 5
+"""Usual number of roads that drivers plan ahead, their present one included."""
+
 CLEARANCE_M = 4.2
+"""Movements over a junction whose middle lines come closer than this conflict."""
 
 GROUND = (96, 110, 84)
 ASPHALT = (70, 71, 74)
@@ -29,13 +29,13 @@ STEEL = (160, 163, 168)
 
 
 @dataclass(frozen=True, slots=True)
-class Slot:
+class StartSlot:
     """A place where a vehicle may start.
 
     Attributes:
         lane: the lane.
         along_m: distance from the lane's start.
-        route: roads that whoever starts here takes first, the lane's own before all others; then turns are drawn.
+        route: roads that the vehicle takes first, the lane's own before all others; then turns are drawn.
     """
 
     lane: LaneIndex
@@ -45,13 +45,13 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class Bay:
-    """A place where a vehicle stands parked.
+    """A place where a vehicle may stand parked.
 
     Attributes:
         x_m: of its middle.
         y_m: of its middle.
         heading_rad: of the vehicle.
-        label: its class; None: a car or, now and then, a van.
+        label: class of the vehicle; None: a car or, now and then, a van.
     """
 
     x_m: float
@@ -62,14 +62,14 @@ class Bay:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A drone's way: a circle, always looking at its middle, which may itself move.
+    """A drone's way: a circle, facing its center, which may itself move.
 
     Attributes:
         centre_m: of the circle, x and y, at the start.
         radius_m: of the circle.
-        phase_rad: where on it the drone starts.
+        phase_rad: the drone's first place on it.
         speed_m_s: along the circle, counter-clockwise.
-        drift_m_s: velocity of the circle's middle, x and y.
+        drift_m_s: velocity of the circle's center, x and y.
         height_m: over the ground.
     """
 
@@ -81,7 +81,7 @@ class Flight:
     height_m: float = 40.0
 
     def world_SE3_base(self, time_s: float) -> SE3:
-        """Where the drone is: the origin is on the ground under it, x towards the circle's middle."""
+        """Return the drone's pose: the origin on the ground under it, x towards the circle's center."""
         angle = self.phase_rad + self.speed_m_s / self.radius_m * time_s
         x, y = (start + drift * time_s for start, drift in zip(self.centre_m, self.drift_m_s, strict=True))
         spot = [x + self.radius_m * np.cos(angle), y + self.radius_m * np.sin(angle), 0.0]
@@ -89,14 +89,14 @@ class Flight:
 
 
 def flights_around(centre_m: Floats, drift_m_s: tuple[float, float] = (0.0, 0.0)) -> tuple[Flight, ...]:
-    """Four on one circle, of which every next one is on the far side or between."""
+    """Return four flights on one circle, each on the far side of the one before, or between."""
     x, y = centre_m.tolist()
     return tuple(Flight((x, y), phase_rad=phase, drift_m_s=drift_m_s) for phase in np.pi * np.array([-0.5, 0.5, 0, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footways:
-    """Where people walk or ride: a graph of straight ways, each from a node to its neighbour.
+    """A graph of straight ways on which people walk or ride, each from a node to its neighbour.
 
     Attributes:
         nodes: (K, 2) m.
@@ -109,8 +109,8 @@ class Footways:
     crossing: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
 
     @property
-    def room(self) -> int:
-        """For how many people there is room: one on every two metres of pavement."""
+    def capacity(self) -> int:
+        """The number of people that fit: one on every two metres of pavement."""
         start, place = np.nonzero(self.neighbours >= 0)
         end = self.neighbours[start, place]
         length_m = np.linalg.norm(self.nodes[end] - self.nodes[start], axis=1)
@@ -124,40 +124,40 @@ class Layout:
     """A place.
 
     Attributes:
-        network: highway-env's road network.
-        slots: starts for vehicles, far enough apart for any two vehicles.
-        connected_first: slots in the order in which their cars become connected.
-        footways: None where nobody walks.
+        network: its roads.
+        slots: starts for vehicles, far enough apart for any two of them.
+        connected_order: slots in the order in which their cars become connected.
+        footways: None where people cannot walk.
         rsus: `world_SE3_base` of possible roadside units, in order; origin on the ground, x towards the road.
         rsu_height_m: of their masts.
-        speeds_m_s: what a policy can choose from, evenly spaced.
+        speeds_m_s: target speeds that a policy can choose from, evenly spaced.
         static: meshes.
         road_map: outlines.
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
         priority: movements to which others give way.
-        window_m: who is farther than this along x from all cars that keep together is replaced; None: roads are closed.
-        cars_first: how many of the slots `connected_first` have cars, whatever else is drawn.
+        window_m: vehicles farther than this along x from all cars that keep together are replaced; None: never.
+        cars_first: how many of the first slots in `connected_order` have cars, whatever else is drawn.
         convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
         cycleways: where people ride, as along the right edge of lanes; None: on the footways.
-        bays: where vehicles may stand parked; those that have a class of their own are taken first.
+        bays: where vehicles may stand parked; those with a class of their own are taken first.
         flights: ways of possible drones, in order.
-        cruise_m_s: speed at which cars that may be connected keep together; None: each goes its own way.
-        roads_ahead: how many roads a driver plans ahead, the one it is on included: all that one has to brake for.
-        clearance_m: where the middle lines of two straight movements are closer than this, vehicles on both would
-            touch; with a bend among them it is `CLEARANCE_M`, as long vehicles swing out.
+        cruise_m_s: speed at which possibly connected cars keep together; None: each drives for itself.
+        roads_ahead: how many roads a driver plans ahead, its present one included: all that it may have to brake for.
+        clearance_m: straight movements whose middle lines come closer than this conflict; bent ones at `CLEARANCE_M`,
+            because long vehicles swing out.
     """
 
     network: RoadNetwork
-    slots: tuple[Slot, ...]
-    connected_first: tuple[int, ...]
+    slots: tuple[StartSlot, ...]
+    connected_order: tuple[int, ...]
     footways: Footways | None = None
     rsus: tuple[SE3, ...]
     rsu_height_m: float
     speeds_m_s: tuple[float, ...]
     static: tuple[StaticPart, ...]
     road_map: RoadMap
-    movements: tuple[tuple[str, str], ...] = ()
-    priority: tuple[tuple[str, str], ...] = ()
+    movements: tuple[Road, ...] = ()
+    priority: tuple[Road, ...] = ()
     window_m: float | None = None
     cruise_m_s: float | None = None
     cars_first: int = 0
@@ -172,7 +172,7 @@ class Layout:
 def box_part(
     name: str, low: tuple[float, float, float], high: tuple[float, float, float], color: tuple[int, int, int]
 ) -> StaticPart:
-    """An upright block between two corners, m."""
+    """Build an upright block between two corners, m."""
     mesh = trimesh.creation.box(bounds=(low, high))
     return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4)
 
@@ -180,7 +180,7 @@ def box_part(
 def flat_part(
     name: str, polygons: list[Floats], z_m: float, color: tuple[int, int, int], reflectivity: float
 ) -> StaticPart:
-    """Convex polygons (K, 2), counter-clockwise, lying at a height."""
+    """Build a surface of convex polygons (K, 2), counter-clockwise, at a height."""
     vertices = np.concatenate([np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons])
     faces, offset = [], 0
     for polygon in polygons:
@@ -192,26 +192,26 @@ def flat_part(
 
 
 def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
-    """A round post that stands at `foot` (2,) m."""
+    """Build a round post at `foot` (2,) m."""
     mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[*foot, 0.0], [*foot, height_m]]), sections=8)
     return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
-    """(4, 2), counter-clockwise."""
+    """Return the corners (4, 2), counter-clockwise."""
     return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
 
 
-def lane_outline(lane: AbstractLane, step_m: float = 2.0) -> list[Floats]:
-    """A lane's surface as convex quadrilaterals, counter-clockwise, each (4, 2) m and in a bend at most `step_m` long.
+def lane_outline(lane: Lane, step_m: float = 2.0) -> list[Floats]:
+    """Return a lane's surface as convex quadrilaterals (4, 2) m, counter-clockwise, in bends at most `step_m` long.
 
-    They cover all of a bend: chords of its outer edge would leave slits to the lane on the other side of it.
+    They cover all of a bend: chords of its outer edge would leave slits to the next lane.
     """
     length, left_m, right_m = lane.length, lane.width / 2, lane.width / 2
     along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else int(np.ceil(length / step_m)) + 1)
     if isinstance(lane, CircularLane):
         outer_m = (lane.radius + lane.width / 2) / np.cos(along[1] / lane.radius / 2) - lane.radius
-        left_m, right_m = (left_m, outer_m) if lane.direction > 0 else (outer_m, right_m)
+        left_m, right_m = (left_m, outer_m) if lane.turn > 0 else (outer_m, right_m)
     left = np.array([lane.position(s, left_m) for s in along])
     right = np.array([lane.position(s, -right_m) for s in along])
     return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]

@@ -1,31 +1,27 @@
-"""Lines between lanes, for pictures: dashed wherever two straight lanes lie side by side."""
+"""Painted lines: dashes wherever two straight lanes lie side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 import numpy as np
-from highway_env.road.lane import StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.layout import Road
+from coopsim.world.places.road_network import Road, RoadNetwork, StraightLane
 
 _DASH_M, _PERIOD_M, _HALF_M = 3.0, 7.5, 0.1
-_TOUCH_M = 0.3  # between the edges of two lanes that are side by side
+_TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 
 
 def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[Floats, ...]:
-    """Dashes (4, 2) m, counter-clockwise.
+    """Return dashes (4, 2) m, counter-clockwise.
 
     Args:
-        network: whose straight lanes are looked at.
+        network: the roads.
         movements: roads over a junction, where no lines are painted.
     """
     lanes = [
-        lane
-        for index, lane in network.lanes_dict().items()
-        if isinstance(lane, StraightLane) and index[:2] not in movements
+        lane for index, lane in network.lanes.items() if isinstance(lane, StraightLane) and index[:2] not in movements
     ]
     if not lanes:
         return ()
@@ -40,10 +36,10 @@ def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[
     offset = middle[:, None] - start
     ahead_m = (offset * along).sum(axis=2)
     aside_m = (offset * left).sum(axis=2)
-    beside = (ahead_m > 0) & (ahead_m < length_m) & (np.abs(np.abs(aside_m) - half_m) < _TOUCH_M)
-    # A line between two that go opposite ways is the left edge of both: the first of them has it.
-    beside &= (aside_m < 0) | (np.arange(len(lanes)) > own[:, None])
-    painted = beside.any(axis=1)
+    shared = (ahead_m > 0) & (ahead_m < length_m) & (np.abs(np.abs(aside_m) - half_m) < _TOUCH_M)
+    # A line between opposite lanes is the left edge of both: it belongs to the first.
+    shared &= (aside_m < 0) | (np.arange(len(lanes)) > own[:, None])
+    painted = shared.any(axis=1)
     reach, aside = _DASH_M / 2 * along[own], _HALF_M * left[own]
     corners = (-reach - aside, reach - aside, reach + aside, aside - reach)
     return tuple(np.stack([middle + corner for corner in corners], axis=1)[painted])

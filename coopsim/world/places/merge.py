@@ -1,20 +1,19 @@
 """The layout `merge`: a slip road joins a main road, one vehicle from each in turn, behind a noise barrier.
 
-Both are closed: at the east end the main road turns round, at the west end it divides, into its own way back and,
+Both roads are closed: at the east end the main road turns round, at the west end it divides into its own way back and,
 around that, the slip road's.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3
 from coopsim.world.places.layout import (
     LANE_M,
     MARKING,
     Layout,
-    Slot,
+    StartSlot,
     box_part,
     flat_part,
     flights_around,
@@ -22,6 +21,7 @@ from coopsim.world.places.layout import (
     rectangle,
 )
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import town_map, town_parts
 from coopsim.world.places.streets import add_bend, add_straight, spaced_slots
 from coopsim.world.snapshot import StaticPart
@@ -30,7 +30,7 @@ _HALF_M = 22.0  # between the main road's two directions, and radius of its turn
 _EAST_M, _WEST_M = 150.0, -150.0  # ends of its straight part
 _SLIP_M = 16.0  # between the main road and the slip road, before that bends
 _BEND_M = 60.0  # radius of the slip road's bends
-_LINE_M = 34.0  # from the main road's line, where one waits for the slip road's turn, to where they join
+_LINE_M = 34.0  # from the main road's stop line to where the slip road joins
 _OUT_M = 30.0  # how much farther west the slip road turns
 _MAIN_SPEED_M_S, _SLIP_SPEED_M_S, _TURN_SPEED_M_S = 14.0, 11.0, 8.0
 _BARRIER_HEIGHT_M = 3.0
@@ -57,12 +57,12 @@ def make_merge() -> Layout:
         SE3.from_xyz_yaw([x, y, 0.0], float(np.arctan2(-_HALF_M - y, -x)))
         for x, y in ((5.0, -_HALF_M - 8.0), (-60.0, -_HALF_M + 8.0), (40.0, -_HALF_M + 8.0), (-60.0, _HALF_M + 8.0))
     )
-    lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
+    lanes = [quad for lane in network.lanes.values() for quad in lane_outline(lane)]
     road_map = town_map(lanes, [], [], [], lane_lines(network))
     return Layout(
         network=network,
         slots=slots,
-        connected_first=_connected_first(slots),
+        connected_order=_connected_order(slots),
         rsus=rsus,
         rsu_height_m=_MAST_M,
         speeds_m_s=(0.0, _MAIN_SPEED_M_S / 2, _MAIN_SPEED_M_S),
@@ -84,14 +84,14 @@ def _add_main_road(network: RoadNetwork) -> None:
         add_straight(network, (start, end), (np.array([x[0], y]), np.array([x[1], y])), _MAIN_SPEED_M_S)
     half = np.pi / 2
     for start, end, x_m, first in (("east", "north_east", _EAST_M, -half), ("north_west", "west", _WEST_M, half)):
-        # In two halves: highway-env measures along an arc of at most half a turn.
+        # In two halves: a lane is an arc of at most half a turn.
         apex = f"{start}_apex"
         for road, angle in (((start, apex), first), ((apex, end), first + half)):
             add_bend(network, road, np.array([x_m, 0.0]), (_HALF_M, angle, angle + half), _TURN_SPEED_M_S)
 
 
 def _add_slip_road(network: RoadNetwork) -> None:
-    """Straight on where the main road turns round, around that turn, and by two bends to the main road."""
+    """Add the slip road: straight on where the main road turns, around that turn, and by two bends to the main road."""
     far, radius = _WEST_M - _OUT_M, _HALF_M + _SLIP_M / 2
     angle = float(np.arccos(1 - _SLIP_M / (2 * _BEND_M)))
     start_m = -2 * _BEND_M * float(np.sin(angle))
@@ -107,8 +107,8 @@ def _add_slip_road(network: RoadNetwork) -> None:
     add_bend(network, ("give_way", "join"), right, (_BEND_M, half + angle, half), _SLIP_SPEED_M_S)
 
 
-def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
-    """Those who are about to meet, nearest first and from both roads in turn; then the rest."""
+def _connected_order(slots: tuple[StartSlot, ...]) -> tuple[int, ...]:
+    """Return the order of slots: cars about to meet, nearest first and from both roads in turn; then the rest."""
 
     def rank(index: int) -> tuple[bool, int, bool]:
         same_lane = [other for other in slots if other.lane == slots[index].lane]
@@ -120,7 +120,7 @@ def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
 
 
 def _roadside() -> list[StaticPart]:
-    """The barrier that hides the two roads from each other, another behind the main road, and edge lines."""
+    """Build the barrier that hides the two roads from each other, another behind the main road, and edge lines."""
     middle = -_HALF_M - _SLIP_M / 2
     walls = [
         ((_WEST_M, -55.0), middle),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import LANE_M, Bay, Footways, Layout, flights_around, lane_outline, rectangle
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import row_of_buildings, town_map, town_parts
 from coopsim.world.places.streets import (
     APPROACH_SPEED_M_S,
@@ -37,15 +37,15 @@ _WALK_OUT_M = 30.0  # from the middle to where people turn back, at the occluded
 
 
 def make_parking_street() -> Layout:
-    """Cars stand on both sides, over the whole length. Build the layout; it has no parameters and no randomness."""
+    """Build a street with parked cars on both sides, over the whole length; it has no parameters and no randomness."""
     streets = _streets()
     return _street_layout(streets, _bays(streets), footways_of(streets))
 
 
 def make_occluded_crossing() -> Layout:
-    """One crosswalk, and a truck that hides who comes onto it from the right of those who drive east.
+    """Build a street with one crosswalk, and a truck that hides people who step onto it from eastbound drivers.
 
-    People walk to and fro near the crosswalk and over it. Who drives west sees them early.
+    People walk to and fro near the crosswalk and over it. Westbound drivers see them early.
     """
     streets = _streets()
     aside = LANE_M + _BAY_M / 2
@@ -54,14 +54,14 @@ def make_occluded_crossing() -> Layout:
     free = before - _TRUCK_M / 2, -before
     others = [bay for bay in _bays(streets) if not free[0] - _BAY_LENGTH_M / 2 < bay.x_m < free[1]]
     layout = _street_layout(streets, (truck, *others), _one_crossing(streets), crosswalks=(2,))
-    return replace(layout, connected_first=_meeting_first(layout), cars_first=2)
+    return replace(layout, connected_order=_meeting_first(layout), cars_first=2)
 
 
 def _meeting_first(layout: Layout) -> tuple[int, ...]:
-    """One who comes along behind the truck and one who comes towards it, both from some way off; then the rest."""
+    """Rank slots: a car that comes up behind the truck, one that comes towards it, both from far; then the rest."""
     far = [("far2", "near2", 0), ("far0", "near0", 0)]
     first = [max((slot.along_m, k) for k, slot in enumerate(layout.slots) if slot.lane == lane)[1] for lane in far]
-    return (*first, *(k for k in layout.connected_first if k not in first))
+    return (*first, *(k for k in layout.connected_order if k not in first))
 
 
 def _streets() -> Streets:
@@ -80,13 +80,13 @@ def _street_layout(
     slots, rsus = slots_of(streets), corner_units(9.5, streets.kerb_m + 5.5)
     buildings = row_of_buildings(streets.corner_m, 1) + row_of_buildings(streets.corner_m, -1)
     strips = [rectangle((-_ROW_M, _ROW_M), span) for span in ((-streets.kerb_m, -LANE_M), (LANE_M, streets.kerb_m))]
-    lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)] + strips
+    lanes = [quad for lane in network.lanes.values() for quad in lane_outline(lane)] + strips
     stripes = [crosswalk_of(streets, arm) for arm in crosswalks]
     road_map = town_map(lanes, stripes, pavements_of(streets), buildings, lane_lines(network))
     return Layout(
         network=network,
         slots=slots,
-        connected_first=inbound_first(slots),
+        connected_order=inbound_first(slots),
         footways=footways,
         rsus=rsus,
         rsu_height_m=RSU_HEIGHT_M,
@@ -99,7 +99,7 @@ def _street_layout(
 
 
 def _bays(streets: Streets) -> tuple[Bay, ...]:
-    """Between the crosswalks and outwards of them, on both sides; vehicles stand as they drive there."""
+    """Return bays between the crosswalks and outwards of them, on both sides, in the direction of traffic."""
     inner = streets.crosswalk_m - _FREE_M, streets.crosswalk_m + _FREE_M
     spans = ((-_ROW_M, -inner[1]), (-inner[0], inner[0]), (inner[1], _ROW_M))
     aside = LANE_M + _BAY_M / 2
@@ -113,7 +113,7 @@ def _bays(streets: Streets) -> tuple[Bay, ...]:
 
 
 def _one_crossing(streets: Streets) -> Footways:
-    """West, crosswalk and east on the left (y > 0), then on the right."""
+    """Return ways with the nodes west, crosswalk and east on the left (y > 0), then on the right."""
     places = (-_WALK_OUT_M, -streets.crosswalk_m, _WALK_OUT_M / 2)
     nodes = [(x, side * streets.walk_m) for side in (1, -1) for x in places]
     neighbours = np.array([[1, -1, -1], [0, 2, 4], [1, -1, -1], [4, -1, -1], [3, 5, 1], [4, -1, -1]])

@@ -1,12 +1,12 @@
-"""The layout `roundabout`: four arms on a ring of one lane; who comes in gives way to who is on it."""
+"""The layout `roundabout`: four arms on a ring of one lane; vehicles on the ring have right of way."""
 
 from __future__ import annotations
 
 import numpy as np
 import trimesh
-from highway_env.road.road import RoadNetwork
 
 from coopsim.world.places.layout import GROUND, LANE_M, Layout, lane_outline, rectangle
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import corner_buildings
 from coopsim.world.places.streets import Streets, add_arms, add_bend, corner_units, place, place_all
 from coopsim.world.places.town_layout import town_layout
@@ -14,7 +14,7 @@ from coopsim.world.snapshot import StaticPart
 
 _RING_M = 20.0  # radius of the ring's middle line
 _ENTRY_M = 22.0  # radius of the bends between arms and ring: a bus stays in its lane
-_MEDIAN_M = 2.0  # between an arm's lanes: buses swing out where they leave
+_MEDIAN_M = 2.0  # between an arm's lanes: leaving buses swing out
 _RING_SPEED_M_S, _ENTRY_SPEED_M_S = 7.0, 6.5
 _ISLAND_M, _ISLAND_HEIGHT_M = 14.0, 1.3
 _CORNER_M = 24.0  # from both middle lines to the buildings
@@ -35,7 +35,7 @@ def make_roundabout() -> Layout:
         _add_ring(network, arm)
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     buildings = [building for k in range(4) for building in corner_buildings(_CORNER_M, signs[k], k)]
-    surface = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
+    surface = [quad for lane in network.lanes.values() for quad in lane_outline(lane)]
     medians = rectangle((_STOP_M, streets.length_m), (-_MEDIAN_M / 2, _MEDIAN_M / 2))
     surface += [place_all(arm, medians) for arm in streets.arms]
     passing = tuple((f"out{arm}", f"in{arm}") for arm in streets.arms)
@@ -45,7 +45,7 @@ def make_roundabout() -> Layout:
 
 
 def _add_ring(network: RoadNetwork, arm: int) -> None:
-    """An arm's way in and out, and the ring from its exit to the next arm's, counter-clockwise."""
+    """Add an arm's way in and out, and the ring from its exit to the next arm's, counter-clockwise."""
     quarter, middle, after = arm * np.pi / 2, np.zeros(2), (arm + 1) % 4
     for road, centre, arc, speed_m_s in (
         (
@@ -69,6 +69,6 @@ def _add_ring(network: RoadNetwork, arm: int) -> None:
 
 
 def _island() -> StaticPart:
-    """A mound in the middle, too high to see people behind it from a car's bumper."""
+    """Build a mound in the middle, too high to see people behind it from a car's bumper."""
     mesh = trimesh.creation.cylinder(_ISLAND_M, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, _ISLAND_HEIGHT_M]]))
     return StaticPart("island", np.asarray(mesh.vertices), np.asarray(mesh.faces), GROUND, 0.3)

@@ -1,4 +1,4 @@
-"""What stands in a town and never moves, and its outlines for drawing."""
+"""Scenery of towns, and its outlines for drawing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 Building = tuple[tuple[float, float], tuple[float, float], float]
-"""From and to along x, from and to along y, and height, m."""
+"""Extent along x and along y, and height, m."""
 
 PAINTS = ((176, 112, 88), (198, 186, 160), (140, 146, 158), (186, 150, 110))
 _GROUND = rectangle((-260.0, 260.0), (-260.0, 260.0))
@@ -22,7 +22,7 @@ def town_map(
     buildings: Sequence[Building],
     markings: Sequence[Floats] = (),
 ) -> RoadMap:
-    """The outlines; buildings have theirs."""
+    """Return the outlines, with the buildings' footprints."""
     footprints = tuple(rectangle(x, y) for x, y, _ in buildings)
     return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), footprints, tuple(markings))
 
@@ -35,7 +35,7 @@ def town_parts(
     mast_m: float,
     ground: Floats = _GROUND,
 ) -> tuple[StaticPart, ...]:
-    """Ground, road, pavements, painted stripes, walls, and the masts of roadside units."""
+    """Build ground, road, pavements, painted stripes, walls, and the masts of roadside units."""
     flat = [
         ("ground", [ground], -0.04, GROUND, 0.3),
         ("pavement", list(road_map.pavements), -0.01, PAVEMENT, 0.35),
@@ -50,7 +50,7 @@ def town_parts(
 
 
 def walls_of(buildings: Sequence[Building]) -> list[StaticPart]:
-    """A block for each."""
+    """Build a block for each building."""
     return [
         box_part("building", (x[0], y[0], 0.0), (x[1], y[1], height_m), PAINTS[k % len(PAINTS)])
         for k, (x, y, height_m) in enumerate(buildings)
@@ -58,7 +58,7 @@ def walls_of(buildings: Sequence[Building]) -> list[StaticPart]:
 
 
 def corner_buildings(corner_m: float, signs: tuple[int, int], number: int) -> list[Building]:
-    """Three in one quadrant: one at the corner, close to both roads, so that they hide each other; one along each."""
+    """Return three buildings in one quadrant: at the corner, hiding the roads from each other, and along each."""
     along, across, height = _SIZES[number % len(_SIZES)]
     near = corner_m
     spans = (
@@ -70,7 +70,7 @@ def corner_buildings(corner_m: float, signs: tuple[int, int], number: int) -> li
 
 
 def row_of_buildings(y_m: float, side: int) -> list[Building]:
-    """A closed front along the x axis, from `y_m` away on one side (1: left, -1: right) of it."""
+    """Return a closed front along the x axis, `y_m` away on one side (1: left, -1: right) of it."""
     starts = (-88.0, -52.0, -14.0, 24.0, 58.0)
     lengths = (32.0, 34.0, 34.0, 30.0, 32.0)
     heights = (9.0, 14.0, 11.0, 16.0, 10.0)

@@ -1,4 +1,4 @@
-"""Streets that lead away from one middle: what crossings, roundabouts and single streets share.
+"""Streets around a middle: what crossings, roundabouts and single streets share.
 
 A street has one lane each way, driving on the right, and ends in a turning loop, so that traffic never ends. Lanes are
 named by their nodes: `far` -> `near` -> `stop` on the way in, `exit` -> `bend` -> `end` on the way out, and back by
@@ -11,11 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from highway_env.road.lane import CircularLane, StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.world.places.layout import LANE_M, Slot, rectangle
+from coopsim.world.places.layout import LANE_M, StartSlot, rectangle
+from coopsim.world.places.road_network import CircularLane, LaneIndex, Road, RoadNetwork, StraightLane
 
 SPEED_M_S = 11.0
 APPROACH_SPEED_M_S = 8.0
@@ -36,8 +35,8 @@ class Streets:
     """Straight arms around the origin.
 
     Attributes:
-        arms: where they lead, in quarter turns from the x axis, ascending.
-        stop_m: from the middle to where an inbound lane ends: as wide as the turns of a bus need.
+        arms: their directions, in quarter turns from the x axis, ascending.
+        stop_m: from the middle to the end of an inbound lane: as far as a bus needs to turn.
         length_m: from the middle to the turning loop.
         kerb_m: from an arm's middle line to the pavement.
         median_m: between an arm's lanes.
@@ -51,44 +50,44 @@ class Streets:
 
     @property
     def half_m(self) -> float:
-        """From an arm's middle line to that of a lane."""
+        """The distance from an arm's middle line to that of a lane."""
         return (LANE_M + self.median_m) / 2
 
     @property
     def edge_m(self) -> float:
-        """From an arm's middle line to the edge of the lanes."""
+        """The distance from an arm's middle line to the edge of the lanes."""
         return self.half_m + LANE_M / 2
 
     @property
     def crosswalk_m(self) -> float:
-        """From the middle to the middle of a crosswalk."""
+        """The distance from the middle to the middle of a crosswalk."""
         return self.stop_m - 4.0
 
     @property
     def walk_m(self) -> float:
-        """From an arm's middle line to where people walk: long vehicles sweep over the inside of a bend."""
+        """The distance from an arm's middle line to people's ways: long vehicles sweep over the inside of a bend."""
         return self.kerb_m + 2.5
 
     @property
     def corner_m(self) -> float:
-        """From both middle lines to the corner of a building."""
+        """The distance from both middle lines to the corner of a building."""
         return self.kerb_m + 8.0
 
 
 def place(arm: int, point: tuple[float, float]) -> Floats:
-    """A point given on arm 0 (which leads along x), on arm `arm`, a quarter turn each."""
+    """Turn a point on arm 0 (which leads along x) to arm `arm`, by quarter turns."""
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[arm % 4]
     x, y = point
     return np.array([cos * x - sin * y, sin * x + cos * y], dtype=np.float64)
 
 
 def place_all(arm: int, polygon: Floats) -> Floats:
-    """The same for the corners (K, 2) of a polygon."""
+    """Turn the corners (K, 2) of a polygon on arm 0 to arm `arm`."""
     return np.array([place(arm, (x, y)) for x, y in polygon])
 
 
 def add_arms(network: RoadNetwork, streets: Streets) -> None:
-    """All arms' two lanes, and the loops that join them at their far ends."""
+    """Add all arms' two lanes, and the loops that join them at their far ends."""
     for arm in streets.arms:
         _add_lanes(network, streets, arm)
         _add_loop(network, streets, arm)
@@ -96,35 +95,33 @@ def add_arms(network: RoadNetwork, streets: Streets) -> None:
 
 def add_bend(
     network: RoadNetwork,
-    road: tuple[str, str],
+    road: Road,
     centre: Floats,
     arc: tuple[float, float, float],
     speed_m_s: float,
     width_m: float = LANE_M,
 ) -> None:
-    """A lane along an arc around `centre` (2,) m: its radius (m), and the angles where it starts and ends (rad).
+    """Add a lane along an arc around `centre` (2,) m: its radius (m), first and last angle (rad).
 
     To the left if the angle grows, else to the right.
     """
     radius, start, end = arc
-    # highway-env looks at y from above: its clockwise is our left turn.
-    lane = CircularLane(centre, radius, start, end, clockwise=end > start, width=width_m, speed_limit=speed_m_s)
-    network.add_lane(*road, lane)
+    network.add_lane(*road, CircularLane(centre, radius, start, end, width_m, speed_m_s))
 
 
 def add_straight(
     network: RoadNetwork,
-    road: tuple[str, str],
+    road: Road,
     ends: tuple[Floats, Floats],
     speed_m_s: float = SPEED_M_S,
     width_m: float = LANE_M,
 ) -> None:
-    """A straight lane between two points (2,) m."""
-    network.add_lane(*road, StraightLane(*ends, width=width_m, speed_limit=speed_m_s))
+    """Add a straight lane between two points (2,) m."""
+    network.add_lane(*road, StraightLane(*ends, width_m, speed_m_s))
 
 
 def usual_node(name: str, arm: int) -> str:
-    """Of the streets around one middle."""
+    """Return the name of a node of the streets around one middle."""
     return f"{name}{arm}"
 
 
@@ -134,7 +131,7 @@ def add_turns(
     middle: Floats | None = None,
     node: Callable[[str, int], str] = usual_node,
 ) -> tuple[tuple[str, str], ...]:
-    """From every arm's stop line to the other arms' exits, around `middle` (2,) m; the roads, by their nodes."""
+    """Add lanes from every arm's stop line to the other arms' exits, around `middle` (2,) m; return these roads."""
     stop, half, roads = streets.stop_m, streets.half_m, []
     centre = np.zeros(2) if middle is None else middle
     for arm in streets.arms:
@@ -155,7 +152,10 @@ def add_turns(
 
 
 def middle_of(streets: Streets) -> list[Floats]:
-    """The surface (K, 2) m between stop lines that turns leave open: the arms go on, up to the turns at the corners."""
+    """Return the surface (K, 2) m between stop lines that turns leave open.
+
+    The arms go on, up to the turns at the corners.
+    """
     edge, stop = streets.edge_m, streets.stop_m
     # From the middle to where a right turn's outer edge meets that of an arm.
     round_m = stop - np.sqrt(stop**2 - (stop - edge) ** 2)
@@ -187,26 +187,26 @@ def _add_loop(network: RoadNetwork, streets: Streets, arm: int) -> None:
 
 
 def turning_loop(half_m: float) -> tuple[tuple[tuple[float, float], tuple[float, float, float]], ...]:
-    """Four bends from one lane to the next, which are `half_m` from the middle line between them.
+    """Return four bends from one lane to the next, which are `half_m` from the middle line between them.
 
     Returns:
-        Of each, its centre (m) and its radius (m), first and last angle (rad). The lanes end at x = 0, and x leads on
-        as the one does that is left, at y = -half_m.
+        Of each, its center (m) and its radius (m), first and last angle (rad). The lanes end at x = 0, and x leads on
+        in the direction of the lane that is left, at y = -half_m.
     """
     neck = _NECK_RADIUS_M
     reach = np.sqrt((_LOOP_RADIUS_M + neck) ** 2 - (neck + half_m) ** 2)  # from the lanes' end to the loop's middle
     tilt = np.arctan2(neck + half_m, reach)
     return (
         ((0.0, -half_m - neck), (neck, np.pi / 2, tilt)),
-        # In two halves: highway-env measures along an arc of at most half a turn.
+        # In two halves: a lane is an arc of at most half a turn.
         ((reach, 0.0), (_LOOP_RADIUS_M, tilt - np.pi, 0.0)),
         ((reach, 0.0), (_LOOP_RADIUS_M, 0.0, np.pi - tilt)),
         ((0.0, half_m + neck), (neck, -tilt, -np.pi / 2)),
     )
 
 
-def slots_of(streets: Streets) -> tuple[Slot, ...]:
-    """Starts on all arms, none in a bend."""
+def slots_of(streets: Streets) -> tuple[StartSlot, ...]:
+    """Return starts on all arms, none in a bend."""
     long_m = streets.length_m - streets.stop_m - _APPROACH_M
     return tuple(
         slot
@@ -216,17 +216,17 @@ def slots_of(streets: Streets) -> tuple[Slot, ...]:
     )
 
 
-def spaced_slots(lane: tuple[str, str, int], length_m: float) -> list[Slot]:
-    """As many starts on a lane as there is room for."""
+def spaced_slots(lane: LaneIndex, length_m: float) -> list[StartSlot]:
+    """Return as many starts on a lane as fit."""
     count = int(length_m // _SLOT_SPACING_M)
     margin_m = (length_m - (count - 1) * _SLOT_SPACING_M) / 2
-    return [Slot(lane, margin_m + k * _SLOT_SPACING_M) for k in range(count)]
+    return [StartSlot(lane, margin_m + k * _SLOT_SPACING_M) for k in range(count)]
 
 
-def inbound_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
-    """Cars on their way in, nearest first, each next one on another arm; then the rest.
+def inbound_first(slots: tuple[StartSlot, ...]) -> tuple[int, ...]:
+    """Return the order of slots: inbound, nearest first, each next one on another arm; then the rest.
 
-    These see different parts of the middle that they are about to share: what cooperation is for.
+    These cars see different parts of the middle that they are about to share, which is the use of cooperation.
     """
 
     def rank(index: int) -> tuple[bool, int, int]:
@@ -240,12 +240,12 @@ def inbound_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
 
 
 def crosswalk_of(streets: Streets, arm: int) -> Floats:
-    """Outline (4, 2) m of an arm's crosswalk."""
+    """Return the outline (4, 2) m of an arm's crosswalk."""
     return place_all(arm, rectangle(_crosswalk_x(streets), (-streets.edge_m, streets.edge_m)))
 
 
 def stripes_of(streets: Streets, arms: tuple[int, ...] | None = None) -> list[Floats]:
-    """The stripes (4, 2) m of the crosswalks over `arms`; None: over all."""
+    """Return the stripes (4, 2) m of the crosswalks over `arms`; None: over all."""
     return [
         place_all(arm, rectangle(_crosswalk_x(streets), (low, low + 0.5)))
         for arm in (streets.arms if arms is None else arms)
@@ -254,7 +254,7 @@ def stripes_of(streets: Streets, arms: tuple[int, ...] | None = None) -> list[Fl
 
 
 def pavements_of(streets: Streets) -> list[Floats]:
-    """Strips (4, 2) m along both sides of every arm; where the next arm is missing, as far as the middle."""
+    """Return strips (4, 2) m along both sides of every arm; where the next arm is missing, as far as the middle."""
     low, high = streets.kerb_m, streets.kerb_m + _PAVEMENT_M
     return [
         place_all(
@@ -266,7 +266,7 @@ def pavements_of(streets: Streets) -> list[Floats]:
 
 
 def corner_units(x: float, y: float) -> tuple[SE3, ...]:
-    """Places for roadside units in the four corners, `x` and `y` m from the middle, which they look at."""
+    """Return places for roadside units in the four corners, `x` and `y` m from the middle, facing it."""
     spots = ((x, y), (-x, y), (-x, -y), (x, -y))
     return tuple(SE3.from_xyz_yaw([*spot, 0.0], float(np.arctan2(-spot[1], -spot[0]))) for spot in spots)
 

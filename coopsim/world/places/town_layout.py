@@ -1,15 +1,15 @@
-"""What crossings and roundabouts have in common: everything around their roads."""
+"""Common surroundings of crossings and roundabouts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.world.places.layout import Layout, Road, flights_around
+from coopsim.world.places.layout import Layout, flights_around
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import Road, RoadNetwork
 from coopsim.world.places.scenery import Building, town_map, town_parts
 from coopsim.world.places.streets import (
     RSU_HEIGHT_M,
@@ -33,14 +33,14 @@ def town_layout(
     around: tuple[Sequence[Building], Sequence[StaticPart]],
     rsus: tuple[SE3, ...],
 ) -> Layout:
-    """A layout of streets that meet.
+    """Return a layout of streets that meet.
 
     Args:
         streets: the arms.
         network: all lanes.
         surface: polygons (K, 2) m of the roads.
         rights: movements, and those of them that have priority.
-        around: buildings, and what else stands there.
+        around: buildings and other parts.
         rsus: places for roadside units.
     """
     slots, (movements, priority), (buildings, parts) = slots_of(streets), rights, around
@@ -49,7 +49,7 @@ def town_layout(
     return Layout(
         network=network,
         slots=slots,
-        connected_first=inbound_first(slots),
+        connected_order=inbound_first(slots),
         footways=footways_of(streets),
         rsus=rsus,
         rsu_height_m=RSU_HEIGHT_M,

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.world.places.layout import LANE_M, Footways, Layout, Slot, flights_around, lane_outline, rectangle
+from coopsim.world.places.layout import LANE_M, Footways, Layout, StartSlot, flights_around, lane_outline, rectangle
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import Building, town_map, town_parts
 from coopsim.world.places.streets import (
     RSU_HEIGHT_M,
@@ -30,10 +30,10 @@ _BLOCK_M = 100.0  # from junction to junction
 _WALK_M = 6.5  # from a street's middle line to where people walk
 _HOUSE_M = 12.0  # from a street's middle line to a building
 _UNIT_M = 9.5
-_FREE_M = 14.0  # before a stop line nobody starts: one could not stop
+_FREE_M = 14.0  # before a stop line, where a starting vehicle could not stop
 _PLACES = [(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)]
 _STEP = ((1, 0), (0, 1), (-1, 0), (0, -1))
-"""Where each arm leads, in quarter turns from the x axis."""
+"""Directions of arms, in quarter turns from the x axis."""
 
 
 def make_urban_grid() -> Layout:
@@ -58,7 +58,7 @@ def make_urban_grid() -> Layout:
     )
     rsus = tuple(_unit(spot) for spot in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)))
     buildings = _buildings()
-    lanes = [quad for lane in network.lanes_list() for quad in lane_outline(lane)]
+    lanes = [quad for lane in network.lanes.values() for quad in lane_outline(lane)]
     lanes += [_middle(spot) + part for spot, streets in crossed for part in middle_of(streets)]
     crosswalks = [_middle(spot) + crosswalk_of(streets, arm) for spot, streets in crossed for arm in streets.arms]
     stripes = [_middle(spot) + stripe for spot, streets in crossed for stripe in stripes_of(streets)]
@@ -66,7 +66,7 @@ def make_urban_grid() -> Layout:
     return Layout(
         network=network,
         slots=slots,
-        connected_first=_connected_first(slots),
+        connected_order=_connected_order(slots),
         footways=_footways(junctions),
         rsus=rsus,
         rsu_height_m=RSU_HEIGHT_M,
@@ -92,14 +92,14 @@ def _middle(spot: tuple[int, int]) -> Floats:
 
 
 def _add_street(network: RoadNetwork, spot: tuple[int, int], arm: int, stop_m: float) -> None:
-    """From a junction's exit to the next one's stop line."""
+    """Add a street from a junction's exit to the next one's stop line."""
     ends = tuple(_middle(spot) + place(arm, (x, -LANE_M / 2)) for x in (stop_m, _BLOCK_M - stop_m))
     road = _node(spot, "exit", arm), _node(_next(spot, arm), "stop", arm + 2)
     add_straight(network, road, (ends[0], ends[1]))
 
 
-def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
-    """On the way to the junction in the middle, nearest first and each next one on another arm; then the rest."""
+def _connected_order(slots: tuple[StartSlot, ...]) -> tuple[int, ...]:
+    """Rank slots: towards the middle junction, nearest first, each next one on another arm; then the rest."""
 
     def rank(index: int) -> tuple[bool, float, str]:
         start, end, _ = slots[index].lane
@@ -109,7 +109,7 @@ def _connected_first(slots: tuple[Slot, ...]) -> tuple[int, ...]:
 
 
 def _footways(junctions: Mapping[tuple[int, int], Streets]) -> Footways:
-    """Along both sides of every street, around corners, and over the arms where more than two meet."""
+    """Return ways along both sides of every street, around corners, and over the arms where more than two meet."""
     keys = [(spot, arm, side) for spot, streets in junctions.items() for arm in streets.arms for side in (1, -1)]
     number = {key: k for k, key in enumerate(keys)}
     nodes = [_middle(spot) + place(arm, (junctions[spot].crosswalk_m, side * _WALK_M)) for spot, arm, side in keys]
@@ -121,9 +121,9 @@ def _footways(junctions: Mapping[tuple[int, int], Streets]) -> Footways:
             linked[k, across] = crossing[k, across] = True
         # Around the corner, or straight on where the next arm is missing; not around a bend's outside.
         for turn in (1, 2):
-            beside = spot, (arm + side * turn) % 4, -side
-            if beside in number:
-                linked[k, number[beside]] = True
+            around = spot, (arm + side * turn) % 4, -side
+            if around in number:
+                linked[k, number[around]] = True
                 break
     neighbours = np.full((len(keys), 3), -1, dtype=np.int64)
     for k in range(len(keys)):
@@ -133,7 +133,7 @@ def _footways(junctions: Mapping[tuple[int, int], Streets]) -> Footways:
 
 
 def _pavements(junctions: Mapping[tuple[int, int], Streets]) -> list[Floats]:
-    """Strips along both sides of every street; straight on where one arm is missing."""
+    """Return strips along both sides of every street; straight on where one arm is missing."""
     low, high = LANE_M, LANE_M + 3.0
     straight_on = [
         _middle(spot) + place_all(arm, rectangle((low, high), (-low, low)))
@@ -151,7 +151,7 @@ def _pavements(junctions: Mapping[tuple[int, int], Streets]) -> list[Floats]:
 
 
 def _buildings() -> list[Building]:
-    """Four on every block, with a gap between them, and a row outside the grid on every side."""
+    """Return four buildings on every block, with a gap between them, and a row outside the grid on every side."""
     near, far, middle = _HOUSE_M, _BLOCK_M - _HOUSE_M, _BLOCK_M / 2
     halves = ((near, middle - 4.0), (middle + 4.0, far))
     sides = [*halves, *((-high, -low) for low, high in halves)]
@@ -164,6 +164,6 @@ def _buildings() -> list[Building]:
 
 
 def _unit(spot: tuple[int, int]) -> SE3:
-    """On a corner of a junction, looking at its middle."""
+    """Return a place on a corner of a junction, facing its middle."""
     x, y = _middle(spot) + _UNIT_M
     return SE3.from_xyz_yaw([x, y, 0.0], -3 * np.pi / 4)

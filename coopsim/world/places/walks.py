@@ -1,4 +1,4 @@
-"""Where people walk and ride along streets: pavements, corners and crosswalks, and the edges of the lanes."""
+"""Ways of people along streets: pavements, corners and crosswalks, and the edges of the lanes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from coopsim.world.places.layout import Footways
 from coopsim.world.places.streets import Streets, place
 
 _FAR_WALK_M = 75.0
-_RIDE_M = 0.25  # from the lanes' edge to where people ride
-_JOIN_M = 5.0  # from the stop line to where they leave and join the lanes, outwards
+_RIDE_M = 0.25  # from the lanes' edge inwards to where people ride
+_JOIN_M = 5.0  # from the stop line outwards to where riders leave and join the lanes
 
 
 def footways_of(streets: Streets) -> Footways:
-    """Along both sides of every arm, from arm to arm, and over every arm at its crosswalk.
+    """Return ways along both sides of every arm, from arm to arm, and over every arm at its crosswalk.
 
     Every arm has four nodes: near and far on its left, near and far on its right.
     """
@@ -39,10 +39,10 @@ def footways_of(streets: Streets) -> Footways:
 
 
 def cycleways_of(streets: Streets) -> Footways:
-    """On the right edge of every arm's lanes; around corners and over the arms as people on foot.
+    """Return ways on the right edge of every arm's lanes, and as for walkers around corners and over the arms.
 
-    Far out one turns round to the other side when there is a gap. Every arm has three nodes on its way in, from far out
-    to the crosswalk, and after those of all arms three at the same places on its way out.
+    Far out riders turn round to the other side when there is a gap. Every arm has three nodes on its way in, from far
+    out to the crosswalk, and after those of all arms three at the same places on its way out.
     """
     join_m, ride_m = streets.stop_m + _JOIN_M, streets.edge_m - _RIDE_M
     places = ((_FAR_WALK_M, ride_m), (join_m, ride_m), (streets.crosswalk_m, streets.walk_m))

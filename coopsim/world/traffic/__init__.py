@@ -1,1 +1,1 @@
-"""Vehicles: where they start, how they drive, and how they replace each other."""
+"""Vehicles: who starts where, and the engines that move them."""

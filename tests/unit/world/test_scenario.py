@@ -53,8 +53,8 @@ def test_unknown_name_comes_with_a_suggestion(name: str, numbers: dict[str, Any]
 
 def test_a_full_place_is_accepted_and_one_more_is_left_out_with_a_warning() -> None:
     layout = make_scenario("crossing").layout
-    assert layout.footways is not None and 100 < layout.footways.room < 1000
-    for name, room in {"vehicles": len(layout.slots), "pedestrians": layout.footways.room}.items():
+    assert layout.footways is not None and 100 < layout.footways.capacity < 1000
+    for name, room in {"vehicles": len(layout.slots), "pedestrians": layout.footways.capacity}.items():
         assert getattr(make_scenario("crossing", **{name: room}).population, name) == room
         with pytest.warns(CrowdedWarning, match=rf"room for {room} of {room + 1} .*{name}={room}"):
             scenario = make_scenario("crossing", **{name: room + 1})

@@ -1,6 +1,6 @@
-"""highway-env's models of traffic, over arrays: what `coopsim.world.traffic.traffic` steps by default.
+"""highway-env's traffic models over arrays: the default engine.
 
-A vehicle is a row of a structured array, so that a compiled kernel takes the whole fleet as one argument. Kernels visit
-vehicles one after another, as highway-env does: a driver sees the lane changes that those before it have just
-decided. What is fast here is that nobody looks at everybody: neighbours come from lists sorted along each lane.
+A vehicle is a row of a structured array, so that compiled kernels take the whole fleet as one argument. As in
+highway-env, kernels visit vehicles one after another, and a driver sees lane changes that earlier ones have just
+decided. The speed comes from lists of bodies sorted along each lane, which replace a search among all.
 """

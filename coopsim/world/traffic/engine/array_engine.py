@@ -1,4 +1,4 @@
-"""The engine over arrays: one step of everybody."""
+"""The array engine: one step of all vehicles."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.maneuvers import MANEUVERS
-from coopsim.world.places.layout import CLEARANCE_M, Road
+from coopsim.world.places.layout import CLEARANCE_M
+from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.engine import town_driving
 from coopsim.world.traffic.engine.car_following import ACC_MAX, change_lane, follow, is_reachable
 from coopsim.world.traffic.engine.collisions import collide
-from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet, Vehicle, bodies_of
-from coopsim.world.traffic.engine.lanes import LaneArrays, Network
-from coopsim.world.traffic.engine.neighbours import LaneLists, list_along_lanes
-from coopsim.world.traffic.engine.right_of_way import GRANTED, grant, line_ahead
+from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
+from coopsim.world.traffic.engine.lanes import LaneArrays, NumberedNetwork
+from coopsim.world.traffic.engine.neighbours import Scene, list_along_lanes
+from coopsim.world.traffic.engine.right_of_way import GRANTED, Movements, grant, line_ahead
 from coopsim.world.traffic.engine.routes import follow_road, plan_ahead
 from coopsim.world.traffic.engine.vehicle_motion import SPEED_GAIN_1_S, move, steer
-from coopsim.world.traffic.highway_reference.junction import clearances, roles
+from coopsim.world.traffic.junction_rules import clearances, roles
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -34,15 +35,15 @@ class ArrayEngine:
 
     Args:
         network: the roads.
-        movements: roads over a junction; none where roads do not meet.
-        speeds_m_s: what a policy can choose from, evenly spaced.
+        movements: roads over junctions.
+        speeds_m_s: target speeds that a policy can choose from, evenly spaced.
         priority: movements to which others give way.
         clearance_m: see `coopsim.world.places.layout.Layout`.
     """
 
     def __init__(
         self,
-        network: Network,
+        network: NumberedNetwork,
         movements: Sequence[Road] = (),
         speeds_m_s: Sequence[float] = (),
         priority: Sequence[Road] = (),
@@ -50,35 +51,35 @@ class ArrayEngine:
     ) -> None:
         self._network = network.arrays
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
-        self._movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
+        movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
         for k, road in enumerate(movements):
-            self._movement_of[network.road_number[road]] = k
+            movement_of[network.road_number[road]] = k
         clear_m = clearances(network.source, movements, clearance_m)
         role = roles(clear_m, [road in priority for road in movements])
         exits = self._network.roads["end"][[network.road_number[road] for road in movements]]
-        self._rule = clear_m, role, exits.astype(np.int64)
+        self._movements = Movements(movement_of, clear_m, role, exits.astype(np.int64))
 
-    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
         """Advance a fleet by `dt_s`.
 
         Args:
             fleet: changed in place.
-            people: (M,) `BODY`, whom vehicles see.
+            people: (M,) `BODY`, obstacles for vehicles.
             dt_s: time step.
-            told: numbers into `coopsim.types.maneuvers.MANEUVERS`, by row.
+            maneuvers: indices into `coopsim.types.maneuvers.MANEUVERS`, by row.
         """
-        for row, maneuver in told.items():
+        for row, maneuver in maneuvers.items():
             _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
-        if len(self._rule[0]):
-            grant(self._network, fleet.rows, fleet.routes, self._movement_of, self._rule)
-        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movement_of)
+        if len(self._movements.role):
+            grant(self._network, fleet.rows, fleet.routes, self._movements)
+        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movements.of_road)
         move(self._network.lanes, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
 
 
 @njit(cache=True, nogil=True)
 def _obey(network: LaneArrays, rows: NDArray[Any], routes: Ints, row: int, maneuver: int, speeds: Floats) -> None:
-    """Choose a speed or a lane, as highway-env's `MDPVehicle` does when it is told."""
+    """Set the target speed or lane of a maneuver, as highway-env's `MDPVehicle` does."""
     vehicle = rows[row]
     if maneuver in (_FASTER, _SLOWER):
         more = 1 if maneuver == _FASTER else -1
@@ -97,7 +98,7 @@ def _obey(network: LaneArrays, rows: NDArray[Any], routes: Ints, row: int, maneu
 
 @njit(cache=True, nogil=True)
 def closest_speed(speeds: Floats, speed: float) -> int:
-    """Index of the one of evenly spaced `speeds` that is closest to `speed`, m/s."""
+    """Return the index of the closest of evenly spaced `speeds` to `speed`, m/s."""
     last = len(speeds) - 1
     place = (speed - speeds[0]) / (speeds[last] - speeds[0]) * last
     return min(max(int(np.rint(place)), 0), last)
@@ -105,8 +106,8 @@ def closest_speed(speeds: Floats, speed: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movement_of: Ints) -> None:
-    """Everybody decides how to steer and accelerate."""
-    lists = list_along_lanes(network.lanes, bodies)
+    """Decide steering and acceleration of all vehicles."""
+    scene = Scene(network, rows, routes, bodies, list_along_lanes(network.lanes, bodies))
     for me in range(len(rows)):
         vehicle, route = rows[me], routes[me]
         if vehicle.driver == CHAUFFEURED:
@@ -116,36 +117,25 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
         elif vehicle.crashed or vehicle.driver == PARKED:
             continue
         elif vehicle.driver == TOWN:
-            acceleration = _drive_in_town(network, vehicle, route, bodies, len(rows), lists, me, movement_of)
-            vehicle.acceleration = min(max(acceleration, -ACC_MAX), ACC_MAX)
+            vehicle.acceleration = min(max(_drive_in_town(scene, me, movement_of), -ACC_MAX), ACC_MAX)
         else:
-            if vehicle.driver == HIGHWAY:
-                plan_ahead(network, vehicle, route)
+            plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
-            change_lane(network, rows, bodies, lists, routes, me)
-            acceleration = follow(network, rows, bodies, lists, me)
-            vehicle.acceleration = min(max(acceleration, -ACC_MAX), ACC_MAX)
+            change_lane(scene, me)
+            vehicle.acceleration = min(max(follow(scene, me), -ACC_MAX), ACC_MAX)
         vehicle.steering = steer(network.lanes[vehicle.target_lane], vehicle)
 
 
 @njit(cache=True, nogil=True)
-def _drive_in_town(
-    network: LaneArrays,
-    vehicle: Vehicle,
-    route: Ints,
-    bodies: NDArray[Any],
-    vehicles: int,
-    lists: LaneLists,
-    me: int,
-    movement_of: Ints,
-) -> float:
+def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
+    network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)
-    leader, leader_m = town_driving.look_ahead(network, vehicle, route, bodies, vehicles, lists, me)
+    leader, leader_m = town_driving.look_ahead(scene, me)
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
-    acceleration = town_driving.drive(network, vehicle, route, bodies, me, leader, leader_m)
+    acceleration = town_driving.drive(scene, me, leader, leader_m)
     if vehicle.ticket > GRANTED:
         _, line_m = line_ahead(network, vehicle, route, movement_of)
         if 0 < line_m < np.inf:
-            acceleration = min(acceleration, town_driving.stop_at(network, vehicle, route, bodies[me], line_m))
+            acceleration = min(acceleration, town_driving.stop_at(scene, me, line_m))
     return acceleration

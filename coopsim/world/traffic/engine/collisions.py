@@ -1,4 +1,4 @@
-"""Who runs into whom, and where that pushes them: highway-env's separating axes, for those who are near each other."""
+"""Collisions, and the pushes apart that follow: highway-env's separating axes, for bodies near each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coopsim.world.traffic.engine.fleet import Body
 
 
 def collide(rows: NDArray[Any], bodies: NDArray[Any], dt_s: float) -> None:
-    """Mark vehicles that touch somebody as crashed; push apart those who do or will within `dt_s`.
+    """Mark vehicles that touch a body as crashed; push apart those that overlap now or will within `dt_s`.
 
     As in highway-env a later pair's push replaces an earlier one's, so pairs come in the order of its loops.
     """
@@ -41,11 +41,11 @@ def _collide(rows: NDArray[Any], bodies: NDArray[Any], pairs: Ints, dt_s: float)
 
 @njit(cache=True, nogil=True)
 def _near_pairs(bodies: NDArray[Any], order: Ints, vehicles: int, dt_s: float) -> Ints:
-    """Pairs i < j of which one is a vehicle, as i * len(bodies) + j, by a sweep along x in the given order."""
+    """Return pairs i < j with at least one vehicle, as i * len(bodies) + j, by a sweep along x in the given order."""
     reach = 0.0
     for body in bodies:
         reach = max(reach, math.hypot(body.length, body.width) + abs(body.speed) * dt_s)
-    pairs = [np.int64(0) for _ in range(0)]  # of a type that the compiler knows
+    pairs = [np.int64(0) for _ in range(0)]  # an empty list with a type that the compiler knows
     for k in range(len(order)):
         for later in range(k + 1, len(order)):
             i, j = min(order[k], order[later]), max(order[k], order[later])
@@ -58,7 +58,7 @@ def _near_pairs(bodies: NDArray[Any], order: Ints, vehicles: int, dt_s: float) -
 
 @njit(cache=True, nogil=True)
 def _overlap(a: Body, b: Body, dt_s: float) -> tuple[bool, bool, float, float]:
-    """Whether two rectangles overlap, whether they do by the end of `dt_s`, and the least move of `a` that parts them.
+    """Return whether two rectangles overlap now, and by the end of `dt_s`, and the least move of `a` that parts them.
 
     The polygon collision detection of highway-env's `utils.are_polygons_intersecting`.
     """
@@ -88,7 +88,7 @@ def _overlap(a: Body, b: Body, dt_s: float) -> tuple[bool, bool, float, float]:
 
 @njit(cache=True, nogil=True)
 def _corners(body: Body) -> Floats:
-    """(4, 2), in highway-env's order: ties between axes go to the first."""
+    """Return the corners (4, 2) in highway-env's order: ties between axes go to the first."""
     half_length, half_width = body.length / 2, body.width / 2
     corners = np.empty((4, 2))
     for k in range(4):
@@ -101,7 +101,7 @@ def _corners(body: Body) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _extent(corners: Floats, x: float, y: float) -> tuple[float, float]:
-    """Along an axis."""
+    """Return the extent of corners along an axis."""
     low, high = math.inf, -math.inf
     for k in range(4):
         along = corners[k, 0] * x + corners[k, 1] * y
@@ -111,5 +111,5 @@ def _extent(corners: Floats, x: float, y: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _gap(low_a: float, high_a: float, low_b: float, high_b: float) -> float:
-    """Between two intervals, negative where they overlap."""
+    """Return the gap between two intervals, negative where they overlap."""
     return low_b - high_a if low_a < low_b else low_a - high_b

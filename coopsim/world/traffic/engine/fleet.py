@@ -1,4 +1,4 @@
-"""Everything there is to know of the vehicles: a row each, and a route each."""
+"""The state of all vehicles: one row and one route each."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.records import dtype_of
 
-PLAIN, HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(5)
-"""Who drives: highway-env's `IDMVehicle` as it is, one of `coopsim.world.traffic.highway_reference.drivers`, or
-nobody."""
+HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(4)
+"""Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; a policy; none."""
 
 
 class Vehicle(Protocol):
@@ -22,15 +21,15 @@ class Vehicle(Protocol):
 
     Attributes:
         id: of the actor.
-        driver: who drives.
+        driver: `HIGHWAY`, `TOWN`, `CHAUFFEURED` or `PARKED`.
         model: index into the world's models.
-        x: of the body's middle, m.
-        y: of the body's middle, m.
+        x: of the body's center, m.
+        y: of the body's center, m.
         heading: rad.
         speed: along the heading, m/s.
         length: m.
         width: m.
-        axle_m: from the middle to either axle; half the length, as in highway-env, unless the ends reach beyond them.
+        axle_m: from the center to either axle; half the length, as in highway-env, unless the ends extend beyond them.
         steering: of the front wheels, rad, in the last step.
         acceleration: m/s2, in the last step.
         lane: the closest.
@@ -38,12 +37,12 @@ class Vehicle(Protocol):
         target_speed: m/s.
         time_wanted: gap to the vehicle in front, s.
         lateral_gain: of the lane keeping, 1/s.
-        timer: s since it last thought of changing lanes.
-        crashed: has touched somebody; brakes, and stays.
+        timer: time since it last considered changing lanes, s.
+        crashed: has touched another body; brakes, and stays.
         pushed: a collision moves it in the next step, by (push_x, push_y) m.
         push_x: m.
         push_y: m.
-        route_length: how many roads of its route count.
+        route_length: how many roads of its route are valid.
         turn_key: decides all its turns.
         turns: how many it has drawn.
         movement: over the junction, that it asks for; -1: none.
@@ -80,7 +79,7 @@ class Vehicle(Protocol):
 
 
 class Body(Protocol):
-    """What drivers see of each other and of people.
+    """An obstacle: a vehicle or a person.
 
     Attributes:
         x: m.
@@ -114,8 +113,8 @@ class Fleet:
 
     Attributes:
         rows: (N,) `VEHICLE`.
-        routes: (N, K, 2) the roads that a vehicle will take, the one it is on first, and the lane's number on each
-            (-1: any); only the first `route_length` of a row count.
+        routes: (N, K, 2) roads that each vehicle will take, its present one first, and its lane's number on each (-1:
+            any); only the first `route_length` of a row are valid.
     """
 
     rows: NDArray[Any]
@@ -126,19 +125,19 @@ class Fleet:
 
     @property
     def position(self) -> Floats:
-        """(N, 2) m."""
+        """Centers (N, 2), m."""
         return np.column_stack([self.rows["x"], self.rows["y"]])
 
     @property
     def velocity(self) -> Floats:
-        """(N, 2) m/s, of the body's middle: who steers also slips aside, which highway-env's `velocity` leaves out."""
+        """Velocities (N, 2) of the centers, m/s, with the slip aside by steering, which highway-env's omits."""
         course = self.rows["heading"] + np.arctan(np.tan(self.rows["steering"]) / 2)
         speed = self.rows["speed"]
         return np.column_stack([np.cos(course) * speed, np.sin(course) * speed])
 
 
 def bodies_of(rows: NDArray[Any], people: NDArray[Any]) -> NDArray[Any]:
-    """What there is to run into, (N + M,) `BODY`: vehicles, then people."""
+    """Return all obstacles (N + M,) `BODY`: vehicles, then people."""
     bodies = np.empty(len(rows) + len(people), dtype=BODY)
     bodies[len(rows) :] = people
     for name in ("x", "y", "heading", "speed", "length", "width", "crashed"):

@@ -1,4 +1,4 @@
-"""Who is in front and who is behind on a lane: lists of everybody near a lane, sorted along it."""
+"""Neighbours on lanes: lists of the bodies near each lane, sorted along it."""
 
 from __future__ import annotations
 
@@ -11,21 +11,18 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import Body
-from coopsim.world.traffic.engine.lanes import VEHICLE_LENGTH_M, Lane, distance_to_box, local_coordinates
+from coopsim.world.traffic.engine.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates
+from coopsim.world.traffic.rules import NEAR_M, VEHICLE_LENGTH_M
 
-ON_LANE_M = 1.0
-"""Who is at most this far outside a lane is on it, for those who look for neighbours."""
-
-NEAR_M = 4.0
-"""Who is at most this far outside is listed: people who are about to step into a lane are seen before."""
+_ON_LANE_M = 1.0  # bodies up to this far outside a lane are on it
 
 
 class LaneLists(NamedTuple):
     """Bodies near each lane, in order along it.
 
     Attributes:
-        first: (L,) where a lane's entries start.
-        entries: (L,) how many it has.
+        first: (L,) index of a lane's first entry.
+        entries: (L,) number of its entries.
         who: (E,) number of the body.
         along: (E,) m; increasing within a lane, equal ones by number.
         aside: (E,) m.
@@ -38,19 +35,37 @@ class LaneLists(NamedTuple):
     aside: Floats
 
 
+class Scene(NamedTuple):
+    """All that drivers know in one step.
+
+    Attributes:
+        network: the roads.
+        rows: (N,) `VEHICLE`.
+        routes: (N, K, 2), see `Fleet`.
+        bodies: (N + M,) `BODY`: the N vehicles, then people.
+        lists: bodies near each lane.
+    """
+
+    network: LaneArrays
+    rows: NDArray[Any]
+    routes: Ints
+    bodies: NDArray[Any]
+    lists: LaneLists
+
+
 @njit(cache=True, nogil=True)
 def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
-    """Sort bodies into the lanes that they are near; one may be near several."""
-    room = np.zeros(len(lanes), dtype=np.int64)
+    """Sort bodies into the lanes that they are near; a body may be near several."""
+    capacity = np.zeros(len(lanes), dtype=np.int64)
     for k in range(len(lanes)):
         for i in range(len(bodies)):
-            room[k] += _may_be_near(lanes[k], bodies[i])
-    first = np.cumsum(room) - room
+            capacity[k] += _may_be_near(lanes[k], bodies[i])
+    first = np.cumsum(capacity) - capacity
     count = np.zeros(len(lanes), dtype=np.int64)
-    who = np.empty(room.sum(), dtype=np.int64)
+    who = np.empty(capacity.sum(), dtype=np.int64)
     along, aside = np.empty(len(who)), np.empty(len(who))
     for k in range(len(lanes)):
-        lane: Lane = lanes[k]
+        lane: LaneRow = lanes[k]
         for i in range(len(bodies)):
             if not _may_be_near(lane, bodies[i]):
                 continue
@@ -58,7 +73,7 @@ def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
             within = -VEHICLE_LENGTH_M <= s < lane.length + VEHICLE_LENGTH_M
             if not within or abs(d) > lane.width / 2 + NEAR_M:
                 continue
-            # Sorting by insertion: a lane has tens of bodies, which mostly come in order.
+            # Insertion sort: a lane has tens of bodies, mostly in order.
             entry = first[k] + count[k]
             while entry > first[k] and along[entry - 1] > s:
                 who[entry], along[entry], aside[entry] = who[entry - 1], along[entry - 1], aside[entry - 1]
@@ -69,13 +84,13 @@ def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
 
 
 @njit(cache=True, nogil=True)
-def _may_be_near(lane: Lane, body: Body) -> bool:
+def _may_be_near(lane: LaneRow, body: Body) -> bool:
     return distance_to_box(lane, body.x, body.y) <= lane.width / 2 + NEAR_M + VEHICLE_LENGTH_M
 
 
 @njit(cache=True, nogil=True)
 def first_from(lists: LaneLists, lane: int, along: float) -> int:
-    """The lane's first entry that is at `along` or farther; one past its last if there is none."""
+    """Return the lane's first entry at `along` or farther; one past its last if there is none."""
     low: int = lists.first[lane]
     high: int = lists.first[lane] + lists.entries[lane]
     while low < high:
@@ -89,9 +104,9 @@ def first_from(lists: LaneLists, lane: int, along: float) -> int:
 
 @njit(cache=True, nogil=True)
 def in_front(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: float) -> int:
-    """The body on the lane that is next at `along` or farther, the last of equals; -1: nobody."""
+    """Return the next body on the lane at `along` or farther, the last of equals; -1: none."""
     found, end = -1, lists.first[lane] + lists.entries[lane]
-    limit, nearest = lanes[lane].width / 2 + ON_LANE_M, np.inf
+    limit, nearest = lanes[lane].width / 2 + _ON_LANE_M, np.inf
     for entry in range(first_from(lists, lane, along), end):
         if lists.along[entry] > nearest:
             break
@@ -102,9 +117,9 @@ def in_front(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: f
 
 @njit(cache=True, nogil=True)
 def behind(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: float) -> int:
-    """The body on the lane that is next before `along`, the first of equals; -1: nobody."""
+    """Return the next body on the lane before `along`, the first of equals; -1: none."""
     found, start = -1, lists.first[lane]
-    limit, nearest = lanes[lane].width / 2 + ON_LANE_M, -np.inf
+    limit, nearest = lanes[lane].width / 2 + _ON_LANE_M, -np.inf
     for entry in range(first_from(lists, lane, along) - 1, start - 1, -1):
         if lists.along[entry] < nearest:
             break

@@ -1,8 +1,11 @@
-"""Who may cross a junction: the rule of `coopsim.world.traffic.highway_reference.junction.Junction`, over arrays."""
+"""Right of way at junctions as kernels over arrays; see `coopsim.world.traffic.junction_rules`.
+
+A vehicle with a grant keeps it until it has left the junction; one without treats the stop line as an obstacle.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,50 +16,57 @@ from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneArrays, local_coordinates
 from coopsim.world.traffic.engine.routes import lane_of_route, plan_ahead, start_of_route
-from coopsim.world.traffic.highway_reference.junction import (
+from coopsim.world.traffic.junction_rules import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
+    EXIT_SPACE_M,
     FIRST,
     QUEUE_GAP_M,
     REQUEST_M,
-    ROOM_M,
     SLOW_M_S,
-    STANDING_M_S,
     YIELDS,
 )
+from coopsim.world.traffic.rules import STANDING_M_S
 
 GRANTED = 0
-"""The ticket of who may go. Who waits has one > 0, in the order of asking; -1: does not ask."""
+"""Ticket of a vehicle that may go. A waiting one has a ticket > 0, in the order of asking; -1: does not ask."""
 
-_LOST = -2  # of who gives way, had been granted and asks again: it keeps its place
+_LOST = -2  # ticket of a vehicle that must give way, had a grant and asks again: it keeps its place
+
+
+class Movements(NamedTuple):
+    """The K movements of a place.
+
+    Attributes:
+        of_road: (R,) number of the movement that a road is, -1: none.
+        clear_m: (K, K) clearances, see `coopsim.world.traffic.junction_rules.clearances`.
+        role: (K,) `FIRST`, `USUAL` or `YIELDS`.
+        exit: (K,) node that a movement leads to.
+    """
+
+    of_road: Ints
+    clear_m: Floats
+    role: Ints
+    exit: Ints
 
 
 @njit(cache=True, nogil=True)
-def grant(
-    network: LaneArrays,
-    rows: NDArray[Any],
-    routes: Ints,
-    movement_of: Ints,
-    rule: tuple[Floats, Ints, Ints],
-) -> None:
-    """Renew `movement` and `ticket` of everybody.
+def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements) -> None:
+    """Renew `movement` and `ticket` of all vehicles.
 
     Args:
         network: the roads.
-        rows: the fleet.
+        rows: the fleet's.
         routes: the fleet's.
-        movement_of: (R,) number of the movement that a road is, -1 for none.
-        rule: the clearances (K, K) m and roles (K,) of the movements, see
-        `coopsim.world.traffic.highway_reference.junction`, and the nodes (K,)
-            that they lead to.
+        movements: of the place.
     """
-    clear_m, role, exits = rule
+    clear_m, role = movements.clear_m, movements.role
     line_m, node = np.empty(len(rows)), np.empty(len(rows), np.int64)
     for i in range(len(rows)):
         plan_ahead(network, rows[i], routes[i])
-        line_m[i], node[i] = _ask(network, rows[i], routes[i], movement_of, role)
+        line_m[i], node[i] = _ask(network, rows[i], routes[i], movements)
     tail_m = -line_m - rows["length"] / 2
-    held, short = _hold(network, rows, routes, movement_of, (role, exits), (line_m, node))
+    held, short = _hold(network, rows, routes, movements, (line_m, node))
     _number_new_askers(rows)
     waiting = _in_order(rows)
     _serve_nearest_first(rows, waiting, line_m, node)
@@ -68,16 +78,16 @@ def grant(
         barred = _is_barred(rows, ahead, tail_m, clear_m[rows[i].movement])
         before.append(i)
         if role[rows[i].movement] == YIELDS:
-            barred |= _is_passed(network, rows, routes, movement_of, (role, held), clear_m[rows[i].movement])
-        if not barred and not held[i] and (first or _room(network, rows, routes, movement_of, exits, i)):
+            barred |= _must_give_way(network, rows, routes, movements, held, i)
+        if not barred and not held[i] and (first or _has_space(network, rows, routes, movements, i)):
             rows[i].ticket = GRANTED
         elif short[i] and leads and rows[i].speed < STANDING_M_S:
-            _turn_elsewhere(network, rows[i], routes[i], movement_of)
+            _turn_elsewhere(network, rows[i], routes[i], movements.of_road)
 
 
 @njit(cache=True, nogil=True)
 def _turn_elsewhere(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> None:
-    """Who stands at the line of a road that is full may take another one, and keeps its place."""
+    """Draw other turns for a vehicle that stands at the line of a full road; it keeps its place."""
     k, _ = line_ahead(network, vehicle, route, movement_of)
     vehicle.route_length = k
     plan_ahead(network, vehicle, route)
@@ -88,7 +98,7 @@ def _turn_elsewhere(network: LaneArrays, vehicle: Vehicle, route: Ints, movement
 
 @njit(cache=True, nogil=True)
 def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> tuple[int, float]:
-    """Place in the route of the first road that is a movement (-1: none), and the distance (m) to its start."""
+    """Return the place in the route of the first movement (-1: none), and the distance (m) to its start."""
     distance_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
         if movement_of[route[k, 0]] >= 0:
@@ -98,8 +108,8 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
 
 
 @njit(cache=True, nogil=True)
-def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, role: Ints) -> tuple[float, int]:
-    """Note what a vehicle asks for, and what needs no asking.
+def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements) -> tuple[float, int]:
+    """Note what a vehicle asks for, and grant what needs no asking.
 
     Returns:
         The distance (m) to its stop line, which is <= 0 where it is on its movement, and the node there; -inf and -1
@@ -107,16 +117,16 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, 
     """
     if vehicle.driver == PARKED:
         return -np.inf, -1
-    k, distance_m = line_ahead(network, vehicle, route, movement_of)
+    k, distance_m = line_ahead(network, vehicle, route, movements.of_road)
     if k < 0 or distance_m >= REQUEST_M:
         vehicle.movement, vehicle.ticket = -1, -1
         return -np.inf, -1
-    movement = movement_of[route[k, 0]]
+    movement = movements.of_road[route[k, 0]]
     if movement != vehicle.movement:
         vehicle.movement, vehicle.ticket = movement, -1
-    # Whoever is on the junction already is a fact, however it got there; who is told what to do obeys nobody.
-    if role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
+    if movements.role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
         vehicle.ticket = _LOST
+    # A vehicle on the junction is a fact, however it got there; one that a policy drives obeys no rule.
     if distance_m <= 0 or vehicle.driver == CHAUFFEURED:
         vehicle.ticket = GRANTED
     return distance_m, network.roads[route[k, 0]].start
@@ -124,25 +134,20 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, 
 
 @njit(cache=True, nogil=True)
 def _hold(
-    network: LaneArrays,
-    rows: NDArray[Any],
-    routes: Ints,
-    movement_of: Ints,
-    rule: tuple[Ints, Ints],
-    lines: tuple[Floats, Ints],
+    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, lines: tuple[Floats, Ints]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Take back the grants of those who cannot use them; they keep their place before all who wait.
+    """Revoke grants that cannot be used; those vehicles keep their place before all waiting ones.
 
     Returns:
-        (N,) who waits for room behind the junction, who is in line behind such a one, and who has priority over others
-        but is in line behind one who gives way; and (N,) the first of these alone.
+        Masks (N,): vehicles that wait for space behind the junction, those in line behind them, and those with priority
+        that are in line behind one that gives way; and the first of these alone.
     """
-    (role, exits), (line_m, node) = rule, lines
+    role, (line_m, node) = movements.role, lines
     held, short = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
     for i in range(len(rows)):
         if rows[i].movement < 0 or rows[i].ticket == GRANTED or role[rows[i].movement] == FIRST:
             continue
-        short[i] = not _room(network, rows, routes, movement_of, exits, i)
+        short[i] = not _has_space(network, rows, routes, movements, i)
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[rows[other].movement] == FIRST
@@ -170,9 +175,9 @@ def _number_new_askers(rows: NDArray[Any]) -> None:
 
 @njit(cache=True, nogil=True)
 def _in_order(rows: NDArray[Any]) -> list[int]:
-    """Who waits, in the order of asking."""
+    """Return the waiting vehicles in the order of asking."""
     waiting = [i for i in range(len(rows)) if rows[i].ticket > GRANTED]
-    for k in range(1, len(waiting)):  # sorting by insertion: few wait at a time
+    for k in range(1, len(waiting)):  # insertion sort: few wait at a time
         place, i = k, waiting[k]
         while place > 0 and rows[waiting[place - 1]].ticket > rows[i].ticket:
             waiting[place] = waiting[place - 1]
@@ -183,7 +188,7 @@ def _in_order(rows: NDArray[Any]) -> list[int]:
 
 @njit(cache=True, nogil=True)
 def _serve_nearest_first(rows: NDArray[Any], waiting: list[int], line_m: Floats, node: Ints) -> None:
-    """Exchange tickets of those who wait at one line, where who is farther from it asked first."""
+    """Exchange the tickets of vehicles at one line where the farther one asked first."""
     for a in range(len(waiting)):
         for b in range(a + 1, len(waiting)):
             i, j = waiting[a], waiting[b]
@@ -194,7 +199,7 @@ def _serve_nearest_first(rows: NDArray[Any], waiting: list[int], line_m: Floats,
 
 @njit(cache=True, nogil=True)
 def _leads(rows: NDArray[Any], waiting: list[int], line_m: Floats, node: Ints, me: int) -> bool:
-    """Whether nobody waits at the same line before me."""
+    """Return whether no other vehicle waits at the same line before me."""
     leads = True
     for other in waiting:
         leads &= rows[other].ticket == GRANTED or node[other] != node[me] or line_m[other] >= line_m[me]
@@ -203,7 +208,7 @@ def _leads(rows: NDArray[Any], waiting: list[int], line_m: Floats, node: Ints, m
 
 @njit(cache=True, nogil=True)
 def _is_barred(rows: NDArray[Any], ahead: list[int], tail_m: Floats, clear_m: Floats) -> bool:
-    """Whether somebody who comes before is not past where the ways come close."""
+    """Return whether a vehicle that goes before has not passed the conflict with a movement of clearances (K,)."""
     barred = False
     for other in ahead:
         barred |= tail_m[other] < clear_m[rows[other].movement]
@@ -211,23 +216,18 @@ def _is_barred(rows: NDArray[Any], ahead: list[int], tail_m: Floats, clear_m: Fl
 
 
 @njit(cache=True, nogil=True)
-def _is_passed(
-    network: LaneArrays,
-    rows: NDArray[Any],
-    routes: Ints,
-    movement_of: Ints,
-    rule: tuple[Ints, NDArray[np.bool_]],
-    clear_m: Floats,
+def _must_give_way(
+    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, held: NDArray[np.bool_], me: int
 ) -> bool:
-    """Whether somebody comes to a movement with priority, over whichever other one, and is not past it yet."""
-    role, held = rule
+    """Return whether a vehicle approaches a conflicting movement with priority, by any way, and is not past it yet."""
+    role, clear_m = movements.role, movements.clear_m[rows[me].movement]
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
         if vehicle.driver == PARKED or held[other] or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST):
             continue
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):
-            movement = movement_of[route[k, 0]]
+            movement = movements.of_road[route[k, 0]]
             first = movement >= 0 and distance_m < REQUEST_M and role[movement] == FIRST
             if first and -distance_m - vehicle.length / 2 < clear_m[movement]:
                 return True
@@ -236,9 +236,9 @@ def _is_passed(
 
 
 @njit(cache=True, nogil=True)
-def _room(network: LaneArrays, rows: NDArray[Any], routes: Ints, movement_of: Ints, exits: Ints, me: int) -> bool:
-    """Whether the exit that a vehicle wants has room for it, and for those who are on their way there."""
-    k, _ = line_ahead(network, rows[me], routes[me], movement_of)
+def _has_space(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, me: int) -> bool:
+    """Return whether the exit that a vehicle wants has space for it, and for those on their way there."""
+    k, _ = line_ahead(network, rows[me], routes[me], movements.of_road)
     if k + 1 >= rows[me].route_length:
         return True
     lane = network.lanes[lane_of_route(network, rows[me], routes[me], k + 1)]
@@ -252,9 +252,9 @@ def _room(network: LaneArrays, rows: NDArray[Any], routes: Ints, movement_of: In
                 free_m = min(free_m, along - rows[other].length / 2)
     if free_m == np.inf:
         return True
-    need_m = ROOM_M + rows[me].length / 2
+    need_m = EXIT_SPACE_M + rows[me].length / 2
     for other in range(len(rows)):
-        comes = other != me and rows[other].ticket == GRANTED and exits[rows[other].movement] == node
+        comes = other != me and rows[other].ticket == GRANTED and movements.exit[rows[other].movement] == node
         if comes or (rows[other].speed > SLOW_M_S and along_m[other] < free_m):
             need_m += rows[other].length + QUEUE_GAP_M
     return bool(free_m >= need_m)

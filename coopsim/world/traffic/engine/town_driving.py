@@ -1,66 +1,65 @@
-"""Driving on short, bent roads: along the planned route, slower in bends, behind who is on it, and by the junction.
+"""Driving on short, bent roads: along the planned route, slower in bends, behind obstacles, and by the junction.
 
-The model is that of `coopsim.world.traffic.highway_reference.drivers.TownDriver`, which writes it in highway-env's
-classes.
+The rules are those of `coopsim.world.traffic.rules`, which the highway-env engine's `TownDriver` follows, too.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from numba import njit
-from numpy.typing import NDArray
 
-from coopsim.types import Ints
-from coopsim.world.traffic.engine.car_following import COMFORT_ACC_MAX, desired_gap, free_road, gap_at
+from coopsim.world.traffic.engine.car_following import desired_gap, free_road, gap_at
 from coopsim.world.traffic.engine.fleet import Body, Vehicle
-from coopsim.world.traffic.engine.lanes import CIRCULAR, VEHICLE_LENGTH_M, Lane, LaneArrays, heading_at
-from coopsim.world.traffic.engine.long_vehicles import BESIDE_M, SAME_WAY, swing_on, tail_ahead
-from coopsim.world.traffic.engine.neighbours import LaneLists, first_from
+from coopsim.world.traffic.engine.lanes import CIRCULAR, LaneRow, distance_to_box, heading_at, local_coordinates
+from coopsim.world.traffic.engine.neighbours import Scene, first_from
 from coopsim.world.traffic.engine.routes import lane_of_route, start_of_route
-
-LOOK_AHEAD_M = 60.0
-EASY_BRAKING_M_S2 = 2.0
-
-STEP_OUT_S = 2.0
-"""People who will be in the lane by then are as good as in it."""
-
-STANDING_M_S = 0.5
-"""Who is slower than this stands."""
+from coopsim.world.traffic.rules import (
+    LONG_M,
+    LOOK_AHEAD_M,
+    STANDING_M_S,
+    VEHICLE_LENGTH_M,
+    approach_speed,
+    cut_inside_m,
+    interaction,
+    is_person_in_way,
+    is_tail_in_way,
+    is_vehicle_in_way,
+    reach_beside,
+    swing_m,
+)
 
 
 @njit(cache=True, nogil=True)
-def drive(
-    network: LaneArrays, vehicle: Vehicle, route: Ints, bodies: NDArray[Any], me: int, leader: int, leader_m: float
-) -> float:
-    """IDM on a free road, or behind `leader` (-1: nobody) at a distance along the route, m/s2."""
-    free = _free(network, vehicle, route)
+def drive(scene: Scene, me: int, leader: int, leader_m: float) -> float:
+    """Return IDM's acceleration on a free road, or behind `leader` (-1: none) at a distance along the route, m/s2."""
+    free = _free(scene, me)
     if leader < 0:
         return free
-    gap = desired_gap(vehicle, bodies[me], bodies[leader])
-    return min(free, free - _push(gap, leader_m))
+    gap = desired_gap(scene.rows[me], scene.bodies[me], scene.bodies[leader])
+    return min(free, free - interaction(gap, leader_m))
 
 
 @njit(cache=True, nogil=True)
-def stop_at(network: LaneArrays, vehicle: Vehicle, route: Ints, body: Body, line_m: float) -> float:
-    """IDM before a stop line, m/s2: as behind a standing vehicle of usual length."""
-    gap = gap_at(vehicle, body, body.speed, VEHICLE_LENGTH_M)
-    return _free(network, vehicle, route) - _push(gap, line_m)
+def stop_at(scene: Scene, me: int, line_m: float) -> float:
+    """Return IDM's acceleration before a stop line, m/s2: as behind a standing vehicle of usual length."""
+    body: Body = scene.bodies[me]
+    gap = gap_at(scene.rows[me], body, body.speed, VEHICLE_LENGTH_M)
+    return _free(scene, me) - interaction(gap, line_m)
 
 
 @njit(cache=True, nogil=True)
-def look_ahead(
-    network: LaneArrays, vehicle: Vehicle, route: Ints, bodies: NDArray[Any], vehicles: int, lists: LaneLists, me: int
-) -> tuple[int, float]:
-    """The nearest vehicle or person on the planned route (-1: none), and the distance (m) between middles along it."""
+def look_ahead(scene: Scene, me: int) -> tuple[int, float]:
+    """Return the nearest obstacle on the planned route (-1: none), and the distance (m) between middles along it."""
+    network, lists, vehicles = scene.network, scene.lists, len(scene.rows)
+    vehicle, route = scene.rows[me], scene.routes[me]
     nearest, nearest_m = -1, LOOK_AHEAD_M
     start_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
         if start_m > nearest_m:
             break
         number = lane_of_route(network, vehicle, route, k)
-        lane: Lane = network.lanes[number]
+        lane: LaneRow = network.lanes[number]
         for entry in range(first_from(lists, number, max(0.0, -start_m)), lists.first[number] + lists.entries[number]):
             along, other = lists.along[entry], lists.who[entry]
             distance_m = start_m + along
@@ -68,51 +67,73 @@ def look_ahead(
                 break
             if other == me or distance_m <= 0:
                 continue
-            if _in_my_way(vehicle, bodies[other], other < vehicles, lane, along, lists.aside[entry]):
+            if _is_in_way(vehicle, scene.bodies[other], other < vehicles, lane, along, lists.aside[entry]):
                 nearest, nearest_m = other, distance_m
                 break
         start_m += lane.length
-    tail, tail_m = tail_ahead(network, vehicle, route, bodies, vehicles, me, nearest_m)
-    return (tail, tail_m) if tail >= 0 else (nearest, nearest_m)
+    return _tail_ahead(scene, me, nearest, nearest_m)
 
 
 @njit(cache=True, nogil=True)
-def _in_my_way(vehicle: Vehicle, other: Body, drives: bool, lane: Lane, along: float, aside: float) -> bool:
-    """Whether to stay behind `other`, which is `along` and `aside` on the lane.
-
-    Vehicles if they go the same way (who crosses is the junction's business), are wrecks, or stand across with their
-    ends in the lane; people if they are in the lane or about to step into it. Who swings out itself keeps behind those
-    who go the same way on the outside, too; not beside who comes the other way, or the two would wait for each other.
-    """
-    reach = (vehicle.width + other.width) / 2 + BESIDE_M
-    heading = other.heading - heading_at(lane, along)
+def _is_in_way(vehicle: Vehicle, other: Body, drives: bool, lane: LaneRow, along: float, aside: float) -> bool:
+    reach_m = reach_beside(vehicle.width, other.width)
+    angle = other.heading - heading_at(lane, along)
     if drives:
-        same_way = math.cos(heading) > SAME_WAY
-        if same_way:
-            reach += swing_on(vehicle, lane)
-        if other.crashed or other.speed < STANDING_M_S:
-            across = abs(math.cos(heading)) * other.width + abs(math.sin(heading)) * other.length
-            return abs(aside) < reach + (across - other.width) / 2
-        return abs(aside) < reach and same_way
-    if lane.kind == CIRCULAR:  # the rear of a long vehicle goes inside the bend
-        reach += vehicle.length**2 / (8 * lane.radius)
-    soon = aside + other.speed * math.sin(heading) * STEP_OUT_S
-    return min(aside, soon) < reach and max(aside, soon) > -reach
+        stands = other.crashed or other.speed < STANDING_M_S
+        swing = _swing_on(vehicle, lane)
+        return is_vehicle_in_way(aside, angle, other.length, other.width, stands, reach_m, swing)
+    if lane.kind == CIRCULAR:
+        reach_m += cut_inside_m(vehicle.length, lane.radius)
+    return is_person_in_way(aside, angle, other.speed, reach_m)
 
 
 @njit(cache=True, nogil=True)
-def _free(network: LaneArrays, vehicle: Vehicle, route: Ints) -> float:
-    """IDM on a free road, towards the speed that the bends ahead allow, m/s2."""
+def _tail_ahead(scene: Scene, me: int, nearest: int, nearest_m: float) -> tuple[int, float]:
+    """Return `nearest`, or a long vehicle before it that turns off and still has its tail on the route.
+
+    Its distance is that to where its middle would be had it gone straight on.
+    """
+    network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
+    here_m = start_of_route(network, vehicle, route)
+    for other in range(len(scene.rows)):
+        body: Body = scene.bodies[other]
+        half_m = body.length / 2
+        x, y = body.x - half_m * body.dir_x, body.y - half_m * body.dir_y
+        if body.length <= LONG_M or other == me or math.hypot(x - vehicle.x, y - vehicle.y) > nearest_m:
+            continue
+        end_m = here_m
+        for k in range(vehicle.route_length):
+            lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
+            start_m, end_m = end_m, end_m + lane.length
+            reach_m = reach_beside(vehicle.width, body.width) + _swing_on(vehicle, lane)
+            if distance_to_box(lane, x, y) > reach_m:  # saves time
+                continue
+            along, aside = local_coordinates(lane, x, y)
+            distance_m = start_m + along + half_m
+            if not (0 <= along <= lane.length and half_m < distance_m < nearest_m):
+                continue
+            middle_aside = local_coordinates(lane, body.x, body.y)[1]
+            if is_tail_in_way(aside, body.heading - heading_at(lane, along), middle_aside, reach_m):
+                nearest, nearest_m = other, distance_m
+    return nearest, nearest_m
+
+
+@njit(cache=True, nogil=True)
+def _swing_on(vehicle: Vehicle, lane: LaneRow) -> float:
+    """Return how far a vehicle swings out on a lane, m."""
+    if lane.kind != CIRCULAR:
+        return 0.0
+    return float(swing_m(vehicle.length, vehicle.axle_m, lane.radius))
+
+
+@njit(cache=True, nogil=True)
+def _free(scene: Scene, me: int) -> float:
+    """Return IDM's acceleration on a free road, towards the speed that the bends ahead allow, m/s2."""
+    network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     speed = vehicle.target_speed
     distance_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
-        lane: Lane = network.lanes[lane_of_route(network, vehicle, route, k)]
-        speed = min(speed, math.sqrt(lane.speed_limit**2 + 2 * EASY_BRAKING_M_S2 * max(distance_m, 0.0)))
+        lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
+        speed = min(speed, approach_speed(lane.speed_limit, distance_m))
         distance_m += lane.length
     return free_road(vehicle.speed, speed)
-
-
-@njit(cache=True, nogil=True)
-def _push(gap: float, distance_m: float) -> float:
-    """What IDM takes off for a desired gap at a distance, m/s2; a negative one is no reason to brake."""
-    return COMFORT_ACC_MAX * (max(gap, 0.0) / max(distance_m, 0.1)) ** 2

@@ -1,12 +1,11 @@
-"""Steering along a lane, and the bicycle model that moves a vehicle, as highway-env has them.
+"""Steering along a lane, and the bicycle model that moves a vehicle, as in highway-env.
 
 Polack et al., "The kinematic bicycle model: a consistent model for planning feasible trajectories for autonomous
 vehicles?", IEEE Intelligent Vehicles Symposium 2017.
 
-highway-env has the axles at a vehicle's ends and its middle on the lane's. A bus of 12 m would so need a width of
-6.5 m in a bend of 16 m. Whoever reaches beyond its axles leads the front one along the lane instead, which takes
-4.8 m: Hoffmann et al., "Autonomous automobile trajectory tracking for off-road driving", American Control Conference
-2007, with highway-env's gain and limits.
+highway-env puts the axles at a vehicle's ends and its middle on the lane's. A bus of 12 m would so need a width of
+6.5 m in a bend of 16 m. Vehicles that extend beyond their axles lead the front one along the lane instead, which takes
+4.8 m.
 """
 
 from __future__ import annotations
@@ -17,55 +16,53 @@ from typing import Any
 from numba import njit
 from numpy.typing import NDArray
 
-from coopsim.world.traffic.engine.car_following import not_zero
-from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PLAIN, Vehicle
-from coopsim.world.traffic.engine.lanes import Lane, closest_lane, heading_at, local_coordinates, wrap
+from coopsim.world.traffic.engine.fleet import CHAUFFEURED, Vehicle
+from coopsim.world.traffic.engine.lanes import LaneRow, closest_lane, heading_at, local_coordinates
+from coopsim.world.traffic.rules import (
+    STEERING_MAX_RAD,
+    angle_to_lane,
+    not_zero,
+    steer_front_axle,
+    without_reversing,
+    wrap,
+)
 
 HEADING_GAIN_1_S = 5.0
 SPEED_GAIN_1_S = 1 / 0.6
 PURSUIT_S = 0.1
-STEERING_MAX_RAD = math.pi / 3
 SPEED_MAX_M_S = 40.0
 
 
 @njit(cache=True, nogil=True)
-def steer(lane: Lane, vehicle: Vehicle) -> float:
-    """Angle of the front wheels, rad, that brings a vehicle to the lane's middle line.
+def steer(lane: LaneRow, vehicle: Vehicle) -> float:
+    """Return the steering angle that brings a vehicle to the lane's middle line, rad.
 
-    A proportional controller of the place aside asks for a speed aside, and so for a heading; another of the heading
-    asks for a turn rate, and so for a steering angle.
+    A proportional controller of the place aside sets a speed aside, and so a heading; another one of the heading sets a
+    turn rate, and so a steering angle.
     """
     if vehicle.axle_m < vehicle.length / 2:
-        return float(_steer_front_axle(lane, vehicle))
+        return float(_steer_by_front_axle(lane, vehicle))
     along, aside = local_coordinates(lane, vehicle.x, vehicle.y)
     ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
     speed = not_zero(vehicle.speed)
-    turn_rate = HEADING_GAIN_1_S * wrap(ahead + _towards_lane(vehicle, aside) - vehicle.heading)
+    towards = angle_to_lane(aside, vehicle.speed, vehicle.lateral_gain)
+    turn_rate = HEADING_GAIN_1_S * wrap(ahead + towards - vehicle.heading)
     slip = math.asin(min(max(vehicle.axle_m / speed * turn_rate, -1.0), 1.0))
     return min(max(math.atan(2 * math.tan(slip)), -STEERING_MAX_RAD), STEERING_MAX_RAD)
 
 
 @njit(cache=True, nogil=True)
-def _steer_front_axle(lane: Lane, vehicle: Vehicle) -> float:
-    """The front wheels go where the lane does under them, and towards its middle line."""
+def _steer_by_front_axle(lane: LaneRow, vehicle: Vehicle) -> float:
     x = vehicle.x + vehicle.axle_m * math.cos(vehicle.heading)
     y = vehicle.y + vehicle.axle_m * math.sin(vehicle.heading)
     along, aside = local_coordinates(lane, x, y)
     ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
-    angle = wrap(ahead + _towards_lane(vehicle, aside) - vehicle.heading)
-    return min(max(angle, -STEERING_MAX_RAD), STEERING_MAX_RAD)
-
-
-@njit(cache=True, nogil=True)
-def _towards_lane(vehicle: Vehicle, aside: float) -> float:
-    """Angle to the lane at which to come back to its middle line, rad."""
-    angle = math.asin(min(max(-vehicle.lateral_gain * aside / not_zero(vehicle.speed), -1.0), 1.0))
-    return min(max(angle, -math.pi / 4), math.pi / 4)
+    return steer_front_axle(aside, ahead, vehicle.heading, vehicle.speed, vehicle.lateral_gain)
 
 
 @njit(cache=True, nogil=True)
 def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
-    """Everybody does as it has decided for `dt_s`; who has crashed brakes to a stop."""
+    """Move all vehicles for `dt_s` as they have decided; crashed ones brake to a stop."""
     for k in range(len(rows)):
         vehicle: Vehicle = rows[k]
         _limit(vehicle, dt_s)
@@ -84,10 +81,9 @@ def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _limit(vehicle: Vehicle, dt_s: float) -> None:
-    """What a vehicle cannot do, whatever was decided."""
-    if vehicle.driver != PLAIN and vehicle.driver != CHAUFFEURED:
-        # IDM brakes on after the stop: in a queue highway-env's vehicles creep backwards, and steer while they do.
-        vehicle.acceleration = max(vehicle.acceleration, -max(vehicle.speed, 0.0) / dt_s)
+    """Limit steering and acceleration to what the vehicle can do."""
+    if vehicle.driver != CHAUFFEURED:
+        vehicle.acceleration = without_reversing(vehicle.acceleration, vehicle.speed, dt_s)
     if vehicle.crashed:
         vehicle.steering, vehicle.acceleration = 0.0, -vehicle.speed
     if vehicle.speed > SPEED_MAX_M_S:

@@ -1,1 +1,1 @@
-"""highway-env's own objects step the traffic (`traffic="highway-env"`): the reference of the fast engine."""
+"""Traffic by highway-env's own classes (`traffic="highway-env"`): slow, and a check of the array engine."""

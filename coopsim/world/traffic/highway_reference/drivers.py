@@ -1,11 +1,13 @@
-"""Who drives: highway-env's IDM and MOBIL on the highway, with a look along the route in town, or a policy."""
+"""Drivers of highway-env: its IDM and MOBIL on the highway, with a look along the route in town, or a policy.
+
+The rules that are not highway-env's are those of `coopsim.world.traffic.rules`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from highway_env.road.lane import AbstractLane, CircularLane
 from highway_env.road.road import Road
-from highway_env.utils import not_zero, wrap_to_pi
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
 from highway_env.vehicle.kinematics import Vehicle
@@ -13,19 +15,33 @@ from highway_env.vehicle.objects import RoadObject
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import ROADS_AHEAD
-from coopsim.world.traffic.engine.car_following import MERGE_M
-from coopsim.world.traffic.engine.long_vehicles import BESIDE_M, LONG_M, SAME_WAY, swing_m
-from coopsim.world.traffic.engine.neighbours import NEAR_M
-from coopsim.world.traffic.engine.routes import draw_turn
-from coopsim.world.traffic.engine.town_driving import EASY_BRAKING_M_S2, LOOK_AHEAD_M, STANDING_M_S, STEP_OUT_S
 from coopsim.world.traffic.highway_reference.junction import Junction
+from coopsim.world.traffic.rules import (
+    LONG_M,
+    LOOK_AHEAD_M,
+    MERGE_M,
+    NEAR_M,
+    STANDING_M_S,
+    approach_speed,
+    cut_inside_m,
+    draw_turn,
+    extra_gap,
+    interaction,
+    is_person_in_way,
+    is_tail_in_way,
+    is_vehicle_in_way,
+    reach_beside,
+    steer_front_axle,
+    swing_m,
+    without_reversing,
+)
 
 
 class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
-    """A vehicle with the size of its model, that knows where it will turn.
+    """A vehicle with the size of its model and a planned route.
 
-    highway-env draws the next road when a lane ends. Here some roads are always planned ahead, so that others can
-    know a turn before it begins.
+    highway-env draws the next road when a lane ends. Here some roads are always planned ahead, so that others can know
+    a turn before it begins.
     """
 
     route: list[tuple[str, str, int | None]] | None
@@ -36,26 +52,24 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
     roads_ahead = ROADS_AHEAD
 
     def fit(self, length_m: float, width_m: float, axle_m: float, turn_key: int) -> None:
-        """Take on a size, axles at a distance from the middle, and what decides the turns."""
+        """Set the size, the distance of the axles from the middle, and the key that decides the turns."""
         self.LENGTH, self.WIDTH, self.axle_m, self.turn_key = length_m, width_m, axle_m, turn_key
         self.diagonal = np.hypot(length_m, width_m)
 
     def step(self, dt: float) -> None:
-        # highway-env has the axles at a vehicle's ends: for the bicycle it is as long as its wheelbase.
+        # highway-env puts the axles at a vehicle's ends: for its bicycle model the length is the wheelbase.
         length_m, self.LENGTH = self.LENGTH, 2 * self.axle_m
         super().step(dt)
         self.LENGTH = length_m
 
     def steering_control(self, target_lane_index: tuple[str, str, int]) -> float:
-        """highway-env's; but who reaches beyond its axles leads the front one along the lane, not the middle."""
+        """Return highway-env's steering, but lead the front axle along the lane if the vehicle extends beyond it."""
         if self.axle_m >= self.LENGTH / 2:
             return float(super().steering_control(target_lane_index))
         lane = self.road.network.get_lane(target_lane_index)
         along, aside = lane.local_coordinates(self.position + self.axle_m * self.direction)
-        heading = np.arcsin(np.clip(-self.KP_LATERAL * aside / not_zero(self.speed), -1, 1))
-        heading = lane.heading_at(along + self.speed * self.TAU_PURSUIT) + np.clip(heading, -np.pi / 4, np.pi / 4)
-        angle = wrap_to_pi(heading - self.heading)
-        return float(np.clip(angle, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE))
+        ahead = lane.heading_at(along + self.speed * self.TAU_PURSUIT)
+        return float(steer_front_axle(aside, ahead, self.heading, self.speed, self.KP_LATERAL))
 
     def follow_road(self) -> None:
         self.plan_ahead()
@@ -65,7 +79,7 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         """Draw turns until the route is long enough, or the road ends."""
         graph = self.road.network.graph
         if not self.route or self.route[0][:2] != self.target_lane_index[:2]:
-            # Without the lane's number: MOBIL changes no lane where a route names one.
+            # Without a lane's number: where a route has one, MOBIL changes no lane.
             self.route = [(*self.target_lane_index[:2], None)]
         while len(self.route) < self.roads_ahead:
             here = self.route[-1][1]
@@ -81,7 +95,7 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         self.plan_ahead()
 
     def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
-        """Roads of the route: index, lane, and distance (m) to its start, <= 0 for the one it is on."""
+        """Return the route's roads: index, lane, and distance (m) to its start, <= 0 for the present one."""
         self.plan_ahead()
         roads: list[tuple[tuple[str, str], AbstractLane, float]] = []
         distance_m = 0.0
@@ -97,24 +111,22 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
 
 
 class Driver(SizedVehicle, IDMVehicle):  # type: ignore[misc]
-    """Drives by itself: IDM, keeping the jam distance between bumpers whatever the lengths."""
+    """A driver by IDM, with the jam distance between bumpers whatever the lengths."""
 
     def desired_gap(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, projected: bool = True) -> float:
         gap: float = super().desired_gap(ego_vehicle, front_vehicle, projected)
-        longer = (ego_vehicle.LENGTH + front_vehicle.LENGTH) / 2 - Vehicle.LENGTH
-        return float(gap + max(0.0, longer))
+        return gap + float(extra_gap(ego_vehicle.LENGTH, front_vehicle.LENGTH))
 
     def step(self, dt: float) -> None:
-        # IDM brakes on after the stop: in a queue highway-env's vehicles creep backwards, and steer while they do.
-        acceleration = self.action.get("acceleration", 0.0)
-        self.action = self.action | {"acceleration": max(acceleration, -max(self.speed, 0.0) / dt)}
+        acceleration = without_reversing(self.action.get("acceleration", 0.0), self.speed, dt)
+        self.action = self.action | {"acceleration": acceleration}
         super().step(dt)
 
 
 class HighwayDriver(Driver):
-    """A driver who changes lanes by MOBIL, unless somebody else is about to move into the same gap."""
+    """A driver that changes lanes by MOBIL, unless another vehicle is about to enter the same gap."""
 
-    TIME_WANTED = 1.0  # s; highway-env's 1.5 would fill the lanes, and nobody could pass
+    TIME_WANTED = 1.0  # s; highway-env's 1.5 would fill the lanes, and leave no gap to pass
     KP_LATERAL = 0.5  # 1/s; with highway-env's 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second
 
     def mobil(self, lane_index: tuple[str, str, int]) -> bool:
@@ -128,10 +140,10 @@ class HighwayDriver(Driver):
 
 
 class TownDriver(Driver):
-    """A driver on short, bent roads: looks along the planned route, slows for bends, obeys the junction.
+    """A driver on short, bent roads that looks along its route, slows for bends, and obeys the junction.
 
-    highway-env's search for the vehicle in front measures along the current lane, straight on; at the end of a lane
-    or in a bend it sees too little.
+    highway-env's search for the vehicle in front measures along the current lane, straight on; at the end of a lane or
+    in a bend it sees too little.
     """
 
     junction: Junction | None = None
@@ -144,16 +156,13 @@ class TownDriver(Driver):
             self.action["acceleration"] = float(np.clip(min(free, self._follow()), -self.ACC_MAX, self.ACC_MAX))
 
     def acceleration(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, rear_vehicle: Vehicle = None) -> float:
-        """IDM on a free road, towards the speed that the bends ahead allow."""
-        allowed = [
-            np.sqrt(lane.speed_limit**2 + 2 * EASY_BRAKING_M_S2 * max(distance_m, 0.0))
-            for _, lane, distance_m in self.upcoming()
-        ]
+        """Return IDM's acceleration on a free road, towards the speed that the bends ahead allow."""
+        allowed = [approach_speed(lane.speed_limit, distance_m) for _, lane, distance_m in self.upcoming()]
         speed = min(self.target_speed, *allowed)
         return float(self.COMFORT_ACC_MAX * (1 - (max(self.speed, 0.0) / speed) ** self.DELTA))
 
     def _follow(self) -> float:
-        """IDM behind what is in front: the leader, or the stop line."""
+        """Return IDM's acceleration behind the leader or the stop line."""
         accelerations = [np.inf]
         if self.leader is not None:
             accelerations.append(self._behind(self.leader, self.leader_m))
@@ -163,13 +172,10 @@ class TownDriver(Driver):
         return min(accelerations)
 
     def _behind(self, front: RoadObject, distance_m: float) -> float:
-        gap = self.desired_gap(self, front)
-        # A gap that is wanted to be negative (the leader is much faster) is no reason to brake.
-        push = max(gap, 0.0) / max(distance_m, 0.1)
-        return float(self.acceleration(self, None) - self.COMFORT_ACC_MAX * push**2)
+        return float(self.acceleration(self, None) - interaction(self.desired_gap(self, front), distance_m))
 
     def _look_ahead(self) -> tuple[RoadObject | None, float]:
-        """The nearest vehicle or person on the planned route, and the distance (m) between middles along it."""
+        """Return the nearest obstacle on the planned route, and the distance (m) between middles along it."""
         nearest: tuple[RoadObject | None, float] = (None, LOOK_AHEAD_M)
         near = [
             other
@@ -186,12 +192,12 @@ class TownDriver(Driver):
                     continue
                 if abs(aside) > lane.width_at(along) / 2 + NEAR_M:
                     continue
-                if self._in_my_way(other, lane, along, aside):
+                if self._is_in_way(other, lane, along, aside):
                     nearest = (other, distance_m)
         return nearest
 
     def _tail_ahead(self, nearest: RoadObject | None, nearest_m: float) -> tuple[RoadObject | None, float]:
-        """The nearest, or before it a long vehicle that turns off: its middle is off the route, its tail not yet."""
+        """Return `nearest`, or a long vehicle before it that turns off and still has its tail on the route."""
         for other in self.road.vehicles:
             tail = other.position - other.LENGTH / 2 * other.direction
             if other is self or other.LENGTH <= LONG_M or np.hypot(*(tail - self.position)) > nearest_m:
@@ -201,37 +207,24 @@ class TownDriver(Driver):
                 distance_m = start_m + along + other.LENGTH / 2
                 if not (0 <= along <= lane.length and other.LENGTH / 2 < distance_m < nearest_m):
                     continue
-                reach = (self.WIDTH + other.WIDTH) / 2 + BESIDE_M + self._swing_m(lane)
-                middle_is_off = abs(lane.local_coordinates(other.position)[1]) >= reach
-                same_way = np.cos(other.heading - lane.heading_at(along)) > SAME_WAY
-                if abs(aside) < reach and middle_is_off and same_way:
+                reach_m = reach_beside(self.WIDTH, other.WIDTH) + self._swing_m(lane)
+                middle_aside = lane.local_coordinates(other.position)[1]
+                if is_tail_in_way(aside, other.heading - lane.heading_at(along), middle_aside, reach_m):
                     nearest, nearest_m = other, distance_m
         return nearest, nearest_m
 
     def _swing_m(self, lane: AbstractLane) -> float:
-        return swing_m(self.LENGTH, self.axle_m, lane.radius) if isinstance(lane, CircularLane) else 0.0
+        return float(swing_m(self.LENGTH, self.axle_m, lane.radius)) if isinstance(lane, CircularLane) else 0.0
 
-    def _in_my_way(self, other: RoadObject, lane: AbstractLane, along: float, aside: float) -> bool:
-        """Whether to stay behind `other`, which is `along` and `aside` on `lane`.
-
-        Vehicles if they go the same way (who crosses is the junction's business), are wrecks, or stand across with
-        their ends in the lane; people if they are in the lane or about to step into it. Who swings out itself keeps
-        behind those who go the same way on the outside, too.
-        """
-        reach = (self.WIDTH + other.WIDTH) / 2 + BESIDE_M
-        heading = other.heading - lane.heading_at(along)
+    def _is_in_way(self, other: RoadObject, lane: AbstractLane, along: float, aside: float) -> bool:
+        reach_m = reach_beside(self.WIDTH, other.WIDTH)
+        angle = other.heading - lane.heading_at(along)
         if isinstance(other, Vehicle):
-            same_way = np.cos(heading) > SAME_WAY
-            if same_way:
-                reach += self._swing_m(lane)
-            if other.crashed or other.speed < STANDING_M_S:
-                across = np.abs(np.cos(heading)) * other.WIDTH + np.abs(np.sin(heading)) * other.LENGTH
-                return bool(abs(aside) < reach + (across - other.WIDTH) / 2)
-            return bool(abs(aside) < reach and same_way)
-        if isinstance(lane, CircularLane):  # the rear of a long vehicle goes inside the bend
-            reach += self.LENGTH**2 / (8 * lane.radius)
-        soon = aside + other.speed * np.sin(heading) * STEP_OUT_S
-        return bool(min(aside, soon) < reach and max(aside, soon) > -reach)
+            stands = bool(other.crashed or other.speed < STANDING_M_S)
+            return is_vehicle_in_way(aside, angle, other.LENGTH, other.WIDTH, stands, reach_m, self._swing_m(lane))
+        if isinstance(lane, CircularLane):
+            reach_m += cut_inside_m(self.LENGTH, lane.radius)
+        return is_person_in_way(aside, angle, other.speed, reach_m)
 
 
 class _Line(RoadObject):  # type: ignore[misc]
@@ -244,7 +237,7 @@ class _Line(RoadObject):  # type: ignore[misc]
 
 
 class Chauffeured(SizedVehicle, MDPVehicle):  # type: ignore[misc]
-    """Driven by meta-actions: keeps lane and speed until told otherwise."""
+    """A vehicle driven by meta-actions, which keeps lane and speed without one."""
 
     def choose_among(self, speeds_m_s: tuple[float, ...]) -> None:
         """Set the speeds that "faster" and "slower" step through; they are evenly spaced."""
@@ -254,7 +247,7 @@ class Chauffeured(SizedVehicle, MDPVehicle):  # type: ignore[misc]
 
 
 class Parked(SizedVehicle):
-    """Stands where it is, and asks for nothing."""
+    """A vehicle that stands, and asks for nothing."""
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
         self.action = {"steering": 0.0, "acceleration": 0.0}

@@ -1,4 +1,4 @@
-"""The engine that steps highway-env's own objects: what the arrays are checked against, and for lanes of any kind."""
+"""The engine that steps highway-env's own objects."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from highway_env.road.road import Road
+from highway_env.road import lane as highway_lanes
+from highway_env.road import road as highway_roads
 from highway_env.vehicle.objects import RoadObject
 from numpy.typing import NDArray
 
 from coopsim.types import Ints
 from coopsim.types.maneuvers import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
-from coopsim.world.places.layout import Road as RoadIndex
+from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
-from coopsim.world.traffic.engine.lanes import Network
+from coopsim.world.traffic.engine.lanes import NumberedNetwork
 from coopsim.world.traffic.highway_reference.drivers import (
     Chauffeured,
     Driver,
@@ -35,44 +36,45 @@ _DRIVERS: dict[int, type[SizedVehicle]] = {
 
 
 class _Body(RoadObject):  # type: ignore[misc]
-    """A person as cars see one: an obstacle that moves. A car that touches it is crashed."""
+    """A person as an obstacle that moves; a car that touches it is crashed."""
 
-    def __init__(self, road: Road, row: NDArray[Any]) -> None:
+    def __init__(self, road: highway_roads.Road, row: NDArray[Any]) -> None:
         super().__init__(road, (row["x"], row["y"]))
         self.LENGTH, self.WIDTH = float(row["length"]), float(row["width"])
         self.diagonal = np.hypot(self.LENGTH, self.WIDTH)
 
 
 class ReferenceEngine:
-    """As `ArrayEngine`, with the same arguments."""
+    """Steps a fleet as `ArrayEngine` does, with the same arguments."""
 
     def __init__(
         self,
-        network: Network,
-        movements: Sequence[RoadIndex] = (),
+        network: NumberedNetwork,
+        movements: Sequence[Road] = (),
         speeds_m_s: Sequence[float] = (),
-        priority: Sequence[RoadIndex] = (),
+        priority: Sequence[Road] = (),
         clearance_m: float = CLEARANCE_M,
     ) -> None:
         self._network, self._speeds = network, tuple(speeds_m_s)
-        self._road = Road(network.source)
+        self._road = highway_roads.Road(_as_highway_env(network.source))
         self._junction = Junction(network.source, movements, priority, clearance_m) if movements else None
         self._ids: list[int] = []
 
-    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, told: Mapping[int, int]) -> None:
-        self._take(fleet, people)
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
+        """Advance a fleet by `dt_s`; see `ArrayEngine.step`."""
+        self._read(fleet, people)
         vehicles: list[SizedVehicle] = self._road.vehicles
-        for row, maneuver in told.items():
+        for row, maneuver in maneuvers.items():
             vehicles[row].act(MANEUVERS[maneuver].upper())
         if self._junction is not None:
             commanded = [vehicle for vehicle in vehicles if isinstance(vehicle, Chauffeured)]
             self._junction.update(vehicles, commanded)
         self._road.act()
         self._road.step(dt_s)
-        self._give(fleet)
+        self._write(fleet)
 
-    def _take(self, fleet: Fleet, people: NDArray[Any]) -> None:
-        """What others decide: who is there, how fast drivers want to go, where people are."""
+    def _read(self, fleet: Fleet, people: NDArray[Any]) -> None:
+        """Take over new vehicles, target speeds, and people."""
         for k, row in enumerate(fleet.rows):
             if k == len(self._ids):
                 self._ids.append(0)
@@ -87,7 +89,7 @@ class ReferenceEngine:
             body.position = np.array([row["x"], row["y"]])
             body.heading, body.speed = row["heading"], row["speed"]
 
-    def _give(self, fleet: Fleet) -> None:
+    def _write(self, fleet: Fleet) -> None:
         for row, vehicle in zip(fleet.rows, self._road.vehicles, strict=True):
             row["x"], row["y"] = vehicle.position
             row["heading"], row["speed"], row["crashed"] = vehicle.heading, vehicle.speed, vehicle.crashed
@@ -114,3 +116,17 @@ class ReferenceEngine:
         if isinstance(vehicle, Chauffeured):
             vehicle.choose_among(self._speeds)
         return vehicle
+
+
+def _as_highway_env(network: RoadNetwork) -> highway_roads.RoadNetwork:
+    """Return the same roads as highway-env's objects."""
+    converted = highway_roads.RoadNetwork()
+    for (start, end, _), lane in network.lanes.items():
+        usual = {"width": lane.width, "speed_limit": lane.speed_limit, "forbidden": lane.forbidden}
+        if isinstance(lane, StraightLane):
+            converted.add_lane(start, end, highway_lanes.StraightLane(lane.start, lane.end, **usual))
+        elif isinstance(lane, CircularLane):
+            # highway-env looks at y from above: its clockwise is our left turn.
+            arc = (lane.center, lane.radius, lane.start_phase, lane.end_phase, lane.turn > 0)
+            converted.add_lane(start, end, highway_lanes.CircularLane(*arc, **usual))
+    return converted

@@ -89,7 +89,7 @@ def test_who_starts_with_a_route_takes_it() -> None:
     layout = place_of_file(VILLAGE).make_layout()
     rows, routes = world._traffic.fleet.rows, world._traffic.fleet.routes
     names = world._traffic._network.roads
-    start = layout.slots[layout.connected_first[0]]
+    start = layout.slots[layout.connected_order[0]]
     assert [names[k] for k, _ in routes[world._traffic.connected[0]][: len(start.route)]] == list(start.route)
     assert start.route[-2:] == (("west_line", "north_out"), ("north_out", "north_end"))
     visited = set()

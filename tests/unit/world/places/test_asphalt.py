@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from highway_env.road.lane import CircularLane
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Point, Polygon, union_all
 
 from coopsim.envs.scenario_file import SHIPPED, load_scenario_file
 from coopsim.world.places.layout import lane_outline
+from coopsim.world.places.road_network import CircularLane
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario
 
 ISLAND_M2 = 10.0
@@ -42,7 +42,7 @@ def test_kinks_of_a_road_from_a_file_leave_no_slit() -> None:
 )
 def test_an_outline_covers_its_bend(radius_m: float, start_rad: float, swept_rad: float, left: bool) -> None:
     end_rad = start_rad + (swept_rad if left else -swept_rad)
-    lane = CircularLane([3.0, -2.0], radius_m, start_rad, end_rad, clockwise=left, width=4.0)
+    lane = CircularLane([3.0, -2.0], radius_m, start_rad, end_rad, width=4.0)
     outlines = [Polygon(outline) for outline in lane_outline(lane)]
     assert all(outline.exterior.is_ccw for outline in outlines)
     along = np.linspace(0.0, lane.length, 500)

@@ -117,6 +117,6 @@ def test_a_car_that_is_driven_into_another_stays_as_an_obstacle() -> None:
 
 
 def test_a_layout_need_not_rank_all_of_its_slots() -> None:
-    layout = replace(make_highway(), connected_first=(0,))
+    layout = replace(make_highway(), connected_order=(0,))
     traffic = Traffic(layout, Population(vehicles=12, connected_cars=1, pedestrians=0), make_models(), 0)
     assert len(traffic.fleet.rows) == 12 and len(traffic.connected) == 1

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from highway_env.road.lane import StraightLane
-from highway_env.road.road import RoadNetwork
 
 from coopsim.world.places.markings import lane_lines
+from coopsim.world.places.road_network import RoadNetwork, StraightLane
 from coopsim.world.scenario import make_scenario
 
 
@@ -43,9 +42,9 @@ def test_a_lane_alone_or_far_from_another_has_none() -> None:
 def test_lines_of_the_built_in_places_lie_on_their_roads(name: str, least: int) -> None:
     layout = make_scenario(name).layout
     assert len(layout.road_map.markings) >= least
-    lanes = layout.network.lanes_list()
+    lanes = layout.network.lanes.values()
     for line in layout.road_map.markings[::40]:
-        assert any(lane.on_lane(line.mean(axis=0), margin=0.5) for lane in lanes)
+        assert any(lane.contains(line.mean(axis=0), margin_m=0.5) for lane in lanes)
 
 
 def test_nothing_is_painted_between_the_stop_lines_of_a_crossing() -> None:

@@ -1,33 +1,37 @@
-"""The engine over arrays does as highway-env's objects do: its own drivers on its own roads, and ours on ours."""
+"""The engine over arrays does as highway-env's objects do, on its roads and on ours."""
 
 import numpy as np
 import pytest
+from highway_env.road import road as highway_roads
 from highway_env.road.lane import PolyLaneFixedWidth
-from highway_env.road.road import Road, RoadNetwork
+from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.controller import ControlledVehicle
 from highway_env.vehicle.kinematics import Vehicle
-from highway_env_roads import PLACES, fleet_of, make_road, network_of
+from highway_env_roads import PLACES, fleet_of, make_road, network_of, numbered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types.maneuvers import MANEUVERS
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.scenario import make_scenario
+from coopsim.world.traffic import rules
 from coopsim.world.traffic.engine import car_following, lanes, vehicle_motion
 from coopsim.world.traffic.engine.array_engine import ArrayEngine
 from coopsim.world.traffic.engine.fleet import BODY, PARKED, bodies_of
-from coopsim.world.traffic.engine.lanes import Network
+from coopsim.world.traffic.engine.lanes import NumberedNetwork
 from coopsim.world.traffic.engine.neighbours import behind, in_front, list_along_lanes
 from coopsim.world.traffic.traffic import ENGINES
 from coopsim.world.world import World
 
 NOBODY = np.zeros(0, BODY)
-NETWORKS = {place: Network(network_of(place)) for place in PLACES}
+THEIRS = {place: network_of(place) for place in PLACES}
+NETWORKS = {place: numbered(THEIRS[place]) for place in PLACES}
 
 
-def state_of(road: Road, network: Network) -> NDArray[np.float64]:
+def state_of(road: Road, network: NumberedNetwork) -> NDArray[np.float64]:
     """(N, 7): x, y, heading, speed, lane, target lane, crashed."""
     return np.array(
         [
@@ -49,7 +53,7 @@ def test_trajectories_are_highway_envs(place: str) -> None:
     changed = crashed = 0
     for seed in range(3):
         road = make_road(place, seed, count=16)
-        network = Network(road.network)
+        network = numbered(road.network)
         fleet, engine = fleet_of(road, network), ArrayEngine(network)
         start = state_of(road, network)
         for _ in range(60):
@@ -127,9 +131,9 @@ def test_constants_are_highway_envs() -> None:
     assert pytest.approx(ControlledVehicle.KP_HEADING) == vehicle_motion.HEADING_GAIN_1_S
     assert pytest.approx(ControlledVehicle.KP_A) == vehicle_motion.SPEED_GAIN_1_S
     assert pytest.approx(ControlledVehicle.TAU_PURSUIT) == vehicle_motion.PURSUIT_S
-    assert ControlledVehicle.MAX_STEERING_ANGLE == vehicle_motion.STEERING_MAX_RAD
+    assert ControlledVehicle.MAX_STEERING_ANGLE == rules.STEERING_MAX_RAD
     assert Vehicle.MAX_SPEED == -Vehicle.MIN_SPEED == vehicle_motion.SPEED_MAX_M_S
-    assert Vehicle.LENGTH == lanes.VEHICLE_LENGTH_M
+    assert Vehicle.LENGTH == rules.VEHICLE_LENGTH_M
 
 
 places = st.tuples(st.floats(-150, 250), st.floats(-150, 150), st.floats(-7, 7))
@@ -138,18 +142,24 @@ places = st.tuples(st.floats(-150, 250), st.floats(-150, 150), st.floats(-7, 7))
 @given(st.sampled_from(sorted(PLACES)), places)
 @settings(max_examples=200)  # each looks at all lanes of a place: slow on a busy machine
 def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, float]) -> None:
-    network = NETWORKS[place]
+    network, theirs = NETWORKS[place], THEIRS[place]
     x, y, heading = where
+    spot = np.array([x, y])
     for row, index in zip(network.arrays.lanes, network.lane_index, strict=True):
-        lane = network.source.get_lane(index)
-        along, aside = lane.local_coordinates(np.array([x, y]))
+        lane, ours = theirs.get_lane(index), network.source.get_lane(index)
+        along, aside = lane.local_coordinates(spot)
+        assert ours.local_coordinates(spot) == (along, aside) and ours.length == lane.length
+        assert ours.position(along, aside).tolist() == lane.position(along, aside).tolist()
+        assert ours.heading_at(along) == lane.heading_at(along)
+        assert ours.contains(spot) == lane.on_lane(spot)
         np.testing.assert_allclose(lanes.local_coordinates(row, x, y), (along, aside), atol=1e-9)
         np.testing.assert_allclose(lanes.position_at(row, along), lane.position(along, 0), atol=1e-9)
         assert lanes.heading_at(row, along) == pytest.approx(lane.heading_at(along), abs=1e-12)
-        distance = lane.distance(np.array([x, y]))
+        distance = lane.distance(spot)
         assert lanes.distance_to(row, x, y) == pytest.approx(distance, abs=1e-9)
         assert lanes.distance_to_box(row, x, y) <= distance + 1e-9
-    closest = network.source.get_closest_lane_index(np.array([x, y]), heading)
+    closest = theirs.get_closest_lane_index(spot, heading)
+    assert network.source.closest_lane(spot, heading) == closest
     for guess in (0, len(network.lane_index) - 1):
         assert network.lane_index[lanes.closest_lane(network.arrays.lanes, x, y, heading, guess)] == closest
 
@@ -157,7 +167,7 @@ def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, fl
 @pytest.mark.parametrize("place", PLACES)
 def test_neighbours_are_highway_envs(place: str) -> None:
     road = make_road(place, 5, count=40)
-    network = Network(road.network)
+    network = numbered(road.network)
     fleet = fleet_of(road, network)
     lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet.rows, NOBODY))
     found = 0
@@ -173,21 +183,21 @@ def test_neighbours_are_highway_envs(place: str) -> None:
 
 
 def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
-    road = Road(RoadNetwork.straight_road_network(lanes=1))
+    road = Road(highway_roads.RoadNetwork.straight_road_network(lanes=1))
     for x, y in ((50.0, 0.0), (80.0, 1.0), (80.0, -1.0), (20.0, 1.0), (20.0, -1.0)):
         road.vehicles.append(IDMVehicle(road, (x, y), speed=10.0))
-    network = Network(road.network)
+    network = numbered(road.network)
     lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet_of(road, network).rows, NOBODY))
     front, rear = (road.vehicles.index(other) for other in road.neighbour_vehicles(road.vehicles[0]))
     assert in_front(lists, network.arrays.lanes, 0, 0, 50.0) == front
     assert behind(lists, network.arrays.lanes, 0, 0, 50.0) == rear
 
 
-def test_a_lane_of_another_kind_is_refused_with_a_way_out() -> None:
+def test_a_lane_of_another_kind_is_refused_with_the_accepted_ones() -> None:
     network = RoadNetwork()
     network.add_lane("a", "b", PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
-    with pytest.raises(InvalidValueError, match=r"got PolyLaneFixedWidth at .*traffic='highway-env' takes any lane"):
-        ArrayEngine(Network(network))
+    with pytest.raises(InvalidValueError, match=r"StraightLane or CircularLane, got PolyLaneFixedWidth at .*'a', 'b'"):
+        ArrayEngine(NumberedNetwork(network))
 
 
 def test_an_unknown_engine_is_refused_with_the_known_ones() -> None:

@@ -4,18 +4,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from highway_env.road.lane import CircularLane, StraightLane
-from highway_env.road.road import RoadNetwork
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from worlds import DT_S, make_world
 
+from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
 from coopsim.world.traffic.engine.array_engine import ArrayEngine
 from coopsim.world.traffic.engine.fleet import BODY, PARKED, TOWN, VEHICLE, Fleet
-from coopsim.world.traffic.engine.lanes import Network
-from coopsim.world.traffic.engine.long_vehicles import swing_m
+from coopsim.world.traffic.engine.lanes import NumberedNetwork
 from coopsim.world.traffic.highway_reference.reference_engine import ReferenceEngine
+from coopsim.world.traffic.rules import swing_m
 
 WIDTH_M = 2.55
 COACH = {"length": 12.3, "width": WIDTH_M, "axle_m": 12.3 / 4}
@@ -24,30 +23,30 @@ TRUCK = {"length": 7.5, "width": 2.4, "axle_m": 7.5 / 2}
 CAR = {"length": 4.5, "width": 1.9, "axle_m": 4.5 / 2}
 NOBODY = np.zeros(0, BODY)
 
-Engine = Callable[[Network], ArrayEngine | ReferenceEngine]
+Engine = Callable[[NumberedNetwork], ArrayEngine | ReferenceEngine]
 ENGINES: list[Engine] = [ArrayEngine, ReferenceEngine]
 
 
-def bend(radius_m: float, turn_rad: float = np.pi / 2, speed_m_s: float = 6.5) -> Network:
+def bend(radius_m: float, turn_rad: float = np.pi / 2, speed_m_s: float = 6.5) -> NumberedNetwork:
     """In along x, to the left around (0, radius), and straight on."""
     network = RoadNetwork()
     network.add_lane("in", "bend", StraightLane([-60, 0], [0, 0], speed_limit=speed_m_s))
     end = turn_rad - np.pi / 2
-    arc = CircularLane([0, radius_m], radius_m, -np.pi / 2, end, clockwise=True, speed_limit=speed_m_s)
+    arc = CircularLane([0, radius_m], radius_m, -np.pi / 2, end, speed_limit=speed_m_s)
     network.add_lane("bend", "out", arc)
     start, ahead = arc.position(arc.length, 0), np.array([np.cos(turn_rad), np.sin(turn_rad)])
     network.add_lane("out", "end", StraightLane(start, start + 60 * ahead, speed_limit=speed_m_s))
-    return Network(network)
+    return NumberedNetwork(network)
 
 
-def fork() -> Network:
+def fork() -> NumberedNetwork:
     """In along x, then straight on or to the left, as at the west end of `merge`."""
     network = bend(22.0, speed_m_s=8.0).source
     network.add_lane("bend", "beyond", StraightLane([0, 0], [60, 0], speed_limit=8.0))
-    return Network(network)
+    return NumberedNetwork(network)
 
 
-def fleet_on(network: Network, *vehicles: dict[str, object]) -> Fleet:
+def fleet_on(network: NumberedNetwork, *vehicles: dict[str, object]) -> Fleet:
     """Vehicles on lanes: what `COACH` and so on say, and `route`, `along` and `speed` of each."""
     rows, routes = np.zeros(len(vehicles), VEHICLE), np.zeros((len(vehicles), 3, 2), np.int64)
     for k, (row, vehicle) in enumerate(zip(rows, vehicles, strict=True)):
@@ -74,7 +73,7 @@ def corners(row: NDArray[np.void]) -> NDArray[np.float64]:
     )
 
 
-def asides(network: Network, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def asides(network: NumberedNetwork, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) m to the left of the way that the three lanes of `bend` make."""
     lanes = [network.source.get_lane(index) for index in network.lane_index]
     found = []
@@ -125,7 +124,7 @@ def test_the_front_swings_about_as_far_out_as_its_driver_thinks_and_not_farther(
 def test_a_bus_comes_back_to_its_lane_without_swaying(speed_m_s: float, aside_m: float, length_m: float) -> None:
     road = RoadNetwork()
     road.add_lane("a", "b", StraightLane([0, 0], [1000, 0], speed_limit=speed_m_s))
-    network = Network(road)
+    network = NumberedNetwork(road)
     bus = COACH | {"length": length_m, "axle_m": length_m / 4, "route": [("a", "b")], "along": 0.0}
     fleet, stepper, asides_m = fleet_on(network, bus | {"speed": speed_m_s}), ArrayEngine(network), []
     fleet.rows["y"] = aside_m

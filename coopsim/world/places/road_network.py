@@ -1,0 +1,173 @@
+"""Lanes and the network they form; the geometry is highway-env's, number by number.
+
+Coordinates of a lane: `along_m` from its start on the middle line, `aside_m` to the left of the direction of travel.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopsim.geometry.se3 import Floats
+
+Road = tuple[str, str]
+"""A road by the nodes that it connects; it has one or more lanes side by side."""
+
+LaneIndex = tuple[str, str, int]
+"""A lane: its road's nodes and its number on the road; 0 is the leftmost."""
+
+DEFAULT_SPEED_M_S = 20.0
+
+
+class Lane(ABC):
+    """A lane around a middle line.
+
+    Args:
+        width: m.
+        speed_limit: m/s.
+        forbidden: no driver may change to it.
+
+    Attributes:
+        length: of the middle line, m.
+    """
+
+    length: float
+
+    def __init__(self, width: float, speed_limit: float, forbidden: bool) -> None:
+        self.width, self.speed_limit, self.forbidden = width, speed_limit, forbidden
+
+    @abstractmethod
+    def position(self, along_m: float, aside_m: float) -> Floats:
+        """Return a place (2,) m in the world."""
+
+    @abstractmethod
+    def heading_at(self, along_m: float) -> float:
+        """Return the direction of the middle line, rad."""
+
+    @abstractmethod
+    def local_coordinates(self, position: Floats) -> tuple[float, float]:
+        """Return `along_m` and `aside_m` of a place (2,) m."""
+
+    def contains(self, position: Floats, margin_m: float = 0.0) -> bool:
+        """Return whether a place (2,) m lies within the lane's edges and a margin, up to 5 m beyond its ends."""
+        along, aside = self.local_coordinates(position)
+        return bool(abs(aside) <= self.width / 2 + margin_m and -5 <= along < self.length + 5)
+
+    def distance(self, position: Floats, heading_rad: float) -> float:
+        """Return how far aside plus how far beyond an end a place (2,) is (m), plus the angle to the lane (rad)."""
+        along, aside = self.local_coordinates(position)
+        angle = abs(_wrapped(heading_rad - self.heading_at(along)))
+        return float(abs(aside) + max(along - self.length, 0) + max(0 - along, 0) + angle)
+
+
+class StraightLane(Lane):
+    """A lane from one point (2,) m to another."""
+
+    def __init__(
+        self,
+        start: ArrayLike,
+        end: ArrayLike,
+        width: float = 4.0,
+        speed_limit: float = DEFAULT_SPEED_M_S,
+        forbidden: bool = False,
+    ) -> None:
+        super().__init__(width, speed_limit, forbidden)
+        self.start, self.end = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
+        offset = self.end - self.start
+        self.heading = float(np.arctan2(offset[1], offset[0]))
+        self.length = float(np.linalg.norm(offset))
+        self.direction: Floats = offset / self.length
+        self._left = np.array([-self.direction[1], self.direction[0]])
+
+    def position(self, along_m: float, aside_m: float) -> Floats:
+        return np.asarray(self.start + along_m * self.direction + aside_m * self._left)
+
+    def heading_at(self, along_m: float) -> float:
+        return self.heading
+
+    def local_coordinates(self, position: Floats) -> tuple[float, float]:
+        offset = position - self.start
+        return float(np.dot(offset, self.direction)), float(np.dot(offset, self._left))
+
+
+class CircularLane(Lane):
+    """A lane along an arc of at most half a turn, from `start_phase` to `end_phase` (rad) around `center` (2,) m.
+
+    It bends to the left if the angle grows, else to the right; `turn` is 1 or -1 accordingly.
+    """
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        radius: float,
+        start_phase: float,
+        end_phase: float,
+        width: float = 4.0,
+        speed_limit: float = DEFAULT_SPEED_M_S,
+        forbidden: bool = False,
+    ) -> None:
+        super().__init__(width, speed_limit, forbidden)
+        self.center = np.array(center, dtype=np.float64)
+        self.radius, self.start_phase, self.end_phase = radius, start_phase, end_phase
+        self.turn = 1 if end_phase > start_phase else -1
+        self.length = radius * (end_phase - start_phase) * self.turn
+
+    def position(self, along_m: float, aside_m: float) -> Floats:
+        phase = self._phase(along_m)
+        return np.asarray(self.center + (self.radius - aside_m * self.turn) * np.array([np.cos(phase), np.sin(phase)]))
+
+    def heading_at(self, along_m: float) -> float:
+        return self._phase(along_m) + np.pi / 2 * self.turn
+
+    def local_coordinates(self, position: Floats) -> tuple[float, float]:
+        offset = position - self.center
+        # Adding and subtracting the start phase rounds as highway-env does.
+        phase = self.start_phase + _wrapped(np.arctan2(offset[1], offset[0]) - self.start_phase)
+        along = self.turn * (phase - self.start_phase) * self.radius
+        return float(along), float(self.turn * (self.radius - np.linalg.norm(offset)))
+
+    def _phase(self, along_m: float) -> float:
+        return self.turn * along_m / self.radius + self.start_phase
+
+
+class RoadNetwork:
+    """Lanes by road, in the order in which they were added.
+
+    Attributes:
+        graph: lanes by the nodes that a road leads from and to.
+    """
+
+    def __init__(self) -> None:
+        self.graph: dict[str, dict[str, list[Lane]]] = {}
+
+    def add_lane(self, start: str, end: str, lane: Lane) -> None:
+        """Add a lane to the road between two nodes, to the right of the lanes that it has."""
+        self.graph.setdefault(start, {}).setdefault(end, []).append(lane)
+
+    def get_lane(self, index: LaneIndex) -> Lane:
+        """Return a lane."""
+        start, end, number = index
+        return self.graph[start][end][number]
+
+    @property
+    def lanes(self) -> Mapping[LaneIndex, Lane]:
+        """All lanes, by the roads' start nodes, end nodes and numbers."""
+        return {
+            (start, end, number): lane
+            for start, ends in self.graph.items()
+            for end, lanes in ends.items()
+            for number, lane in enumerate(lanes)
+        }
+
+    def closest_lane(self, position: Floats, heading_rad: float) -> LaneIndex:
+        """Return the lane with the least `Lane.distance`, the first of equals."""
+        lanes = self.lanes
+        return min(lanes, key=lambda index: lanes[index].distance(position, heading_rad))
+
+
+def _wrapped(angle_rad: float) -> float:
+    """Wrap an angle to [-pi, pi)."""
+    return ((angle_rad + np.pi) % (2 * np.pi)) - np.pi

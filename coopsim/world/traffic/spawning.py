@@ -1,0 +1,137 @@
+"""Where vehicles start: choice of slots and classes, new vehicles, and parked ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coopsim.support.rng import stream
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model, models_of
+from coopsim.world.places.layout import LANE_M, Layout, StartSlot
+from coopsim.world.population import Population
+from coopsim.world.traffic.engine.array_engine import closest_speed
+from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
+from coopsim.world.traffic.engine.lanes import NumberedNetwork
+from coopsim.world.traffic.rules import PARKED_ASIDE_M
+
+_BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
+_GAP_M = 0.5  # left when it has braked
+_TURN_RAD = 0.3  # a vehicle with another heading is not ahead
+
+_BUS_AXLES = 0.25  # from the middle, in lengths: half a length apart, as `coopsim.world.models.heavy` draws them
+
+_PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
+
+# Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and leave no gap to pass;
+# with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
+_MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6)}
+
+
+class Spawner:
+    """Makes the vehicles of an episode.
+
+    Args:
+        layout: the place.
+        network: its roads.
+        models: shapes to choose from.
+        seed: the episode's.
+
+    Attributes:
+        rng: draws of traffic.
+    """
+
+    def __init__(self, layout: Layout, network: NumberedNetwork, models: Sequence[Model], seed: int) -> None:
+        self._layout, self._network, self._models, self._seed = layout, network, models, seed
+        self.rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
+        self._next_id = 1
+
+    def choose_starts(self, population: Population) -> tuple[list[int], list[int]]:
+        """Return the slots of the vehicles, ascending, and their classes.
+
+        Good slots for connected cars are always taken, and get cars if the layout asks for it.
+        """
+        count = sum(population.on_roads.values())
+        first = list(self._layout.connected_order[: count // 3])
+        rest = self.rng.permutation(np.setdiff1d(np.arange(len(self._layout.slots)), first))
+        slots = sorted([*first, *rest[: count - len(first)].tolist()])
+        labels = self.rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
+        return slots, self._with_cars_first(slots, labels)
+
+    def _with_cars_first(self, slots: list[int], labels: list[int]) -> list[int]:
+        """Reorder the classes so that the first `cars_first` slots have cars."""
+        rank = {slot: place for place, slot in enumerate(self._layout.connected_order)}
+        order = sorted(range(len(slots)), key=lambda k: rank.get(slots[k], len(rank)))
+        cars = [k for k in order if labels[k] == ObjectClass.CAR][: self._layout.cars_first]
+        donors = cars + [k for k in order if k not in cars]
+        given = dict(zip(order, (labels[k] for k in donors), strict=True))
+        return [given[k] for k in range(len(labels))]
+
+    def spawn(self, fleet: Fleet, k: int, driver: int, slot: StartSlot, label: int, speed: float | None = None) -> None:
+        """Put a new vehicle into row `k`; without a speed (m/s) it is near the lane's limit."""
+        lane = self._layout.network.get_lane(slot.lane)
+        along = slot.along_m + self.rng.uniform(-1.0, 1.0)
+        if speed is None:
+            speed = self.rng.uniform(0.75, 1.0) * lane.speed_limit
+        fitting = models_of(self._models, ObjectClass(label))
+        model = fitting[self.rng.integers(len(fitting))]
+        fleet.rows[k] = np.zeros((), VEHICLE)
+        row = fleet.rows[k]
+        row["id"], row["driver"], row["model"] = self._new_id(), driver, model
+        row["x"], row["y"] = lane.position(along, 0.0)
+        row["heading"], row["speed"], row["target_speed"] = lane.heading_at(along), speed, speed
+        if driver == CHAUFFEURED:
+            speeds = np.array(self._layout.speeds_m_s)
+            row["target_speed"] = speeds[closest_speed(speeds, speed)]
+        row["length"], row["width"] = self._models[model].size_m[:2]
+        row["axle_m"] = row["length"] * (_BUS_AXLES if label == ObjectClass.BUS else 0.5)
+        row["lane"] = row["target_lane"] = self._network.lane_number[slot.lane]
+        row["time_wanted"], row["lateral_gain"] = _MANNERS[driver]
+        row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once
+        row["turn_key"] = self._turns_rng.integers(2**63)
+        row["movement"] = row["ticket"] = -1
+        row["route_length"] = len(slot.route)
+        for place, road in enumerate(slot.route):
+            fleet.routes[k, place] = self._network.road_number[road], -1
+
+    def park(self, fleet: Fleet, first: int, count: int) -> None:
+        """Park vehicles in the rows from `first` on: in bays that have a class of their own, then in any."""
+        rng, bays = stream(self._seed, "parking"), self._layout.bays
+        chosen = sorted(rng.permutation(len(bays)).tolist(), key=lambda k: bays[k].label is None)[:count]
+        for k, bay in enumerate((bays[number] for number in sorted(chosen)), start=first):
+            drawn = ObjectClass.VAN if rng.random() < _PARKED_VANS else ObjectClass.CAR
+            fitting = models_of(self._models, drawn if bay.label is None else bay.label)
+            row = fleet.rows[k]
+            row["id"], row["driver"], row["model"] = self._new_id(), PARKED, fitting[rng.integers(len(fitting))]
+            row["x"] = bay.x_m + rng.uniform(-PARKED_ASIDE_M, PARKED_ASIDE_M)
+            row["y"], row["heading"] = bay.y_m, bay.heading_rad
+            row["length"], row["width"] = self._models[row["model"]].size_m[:2]
+            row["axle_m"] = row["length"] / 2
+            lane = self._layout.network.closest_lane(np.array([bay.x_m, bay.y_m]), bay.heading_rad)
+            row["lane"] = row["target_lane"] = self._network.lane_number[lane]
+            row["movement"] = row["ticket"] = -1
+
+    def _new_id(self) -> int:
+        self._next_id += 1
+        return self._next_id - 1
+
+
+def slow_down_behind_others(fleet: Fleet, count: int) -> None:
+    """Limit the speeds of the first `count` vehicles so that each can stop behind the one right ahead.
+
+    Two buses in neighbouring slots are less than a metre apart.
+    """
+    rows = fleet.rows[:count]
+    direction = np.column_stack([np.cos(rows["heading"]), np.sin(rows["heading"])])
+    offset = fleet.position[:count] - fleet.position[:count, None]  # (from, to)
+    ahead_m = np.einsum("ijk,ik->ij", offset, direction)
+    aside_m = np.abs(offset[..., 0] * direction[:, None, 1] - offset[..., 1] * direction[:, None, 0])
+    leads = (ahead_m > 0) & (aside_m < LANE_M / 2) & (direction @ direction.T > np.cos(_TURN_RAD))
+    gap_m = ahead_m - (rows["length"] + rows["length"][:, None]) / 2 - _GAP_M
+    braked = np.where(leads, 2 * _BRAKING_M_S2 * np.maximum(gap_m, 0.0), np.inf)
+    for _ in range(count):  # a vehicle slowed down for one ahead may be too slow for one behind
+        slower = np.minimum(rows["speed"], np.sqrt((rows["speed"] ** 2 + braked).min(axis=1, initial=np.inf)))
+        if (slower == rows["speed"]).all():
+            break
+        rows["speed"] = slower
