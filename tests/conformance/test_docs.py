@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import os
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,11 +26,13 @@ PAGES = {
 
 NOT_RUN = {
     "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
-    "actors.md": "registers a model, which would be there in all tests after it",
     "delays_poses_budgets.md": "has placeholders",
     "benchmark.md": "takes minutes",
     "codecs.md": "a whole episode",
 }
+
+EXAMPLES = {"first_policy.md": "02_your_own_tracker.py"}
+"""Pages that teach by an example; CI runs all examples."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -35,10 +41,21 @@ def blocks(page: str, language: str) -> list[str]:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python") and page not in NOT_RUN])
 def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a process of its own where a page registers something, which would be there in all tests after it."""
+    code = "\n".join(["import coopsim", *blocks(page, "python")])
     monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {"coopsim": coopsim}
-    for block in blocks(page, "python"):
-        exec(block, names)
+    if "register(" in code:
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+    else:
+        exec(code, {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("page", EXAMPLES)
+def test_page_shows_the_example(page: str) -> None:
+    example = (ROOT / "examples" / EXAMPLES[page]).read_text(encoding="utf-8")
+    docstring = ast.parse(example).body[0].end_lineno
+    assert blocks(page, "python")[0].strip() == "\n".join(example.splitlines()[docstring:]).strip()
 
 
 @pytest.mark.parametrize(
