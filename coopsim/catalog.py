@@ -1,17 +1,15 @@
-"""Policies and environments by name. Both live outside the library, which finds them when first asked."""
+"""Policies and environments by name. Both live outside the library, which imports them at the first look-up."""
 
 from __future__ import annotations
 
 import importlib
-import inspect
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from coopsim.errors import InvalidValueError
-from coopsim.support.checks import require_choice
+from coopsim.config.spec import instantiate
 from coopsim.support.registry import Registry
 
 if TYPE_CHECKING:
@@ -25,41 +23,24 @@ ENVIRONMENTS_HOME = "coopsim.envs"
 SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", group="coopsim.policies")
-"""Policy classes; an installed package adds its own through the entry-point group `coopsim.policies`."""
+"""Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
-"""Functions that make an environment, by versioned name (`crossing-v0`)."""
+"""Factories of environments, by versioned name (`crossing-v0`)."""
 
 
 def make_policy(name: str, /, **parameters: Any) -> Policy:
-    """The policy called `name`, made with `parameters`.
+    """Make the policy called `name` with `parameters`.
 
     Raises:
-        UnknownNameError: no such policy, or it has no such parameter; the message lists the close ones.
-        InvalidValueError: a parameter's value is not accepted, or one that the policy needs is missing.
+        UnknownNameError: there is no such policy, or no such parameter; the message lists the close ones.
+        InvalidValueError: a parameter's value is not accepted, or a required one is missing.
     """
-    return instantiate(name, POLICIES.get(name), parameters)
-
-
-def instantiate(name: str, policy: type[Policy], parameters: Mapping[str, Any]) -> Policy:
-    """A policy of that class, which the user knows as `name`; raises as `make_policy` does."""
-    signature = inspect.signature(policy)
-    kinds = {parameter.name: parameter.kind for parameter in signature.parameters.values()}
-    if inspect.Parameter.VAR_KEYWORD not in kinds.values():
-        for parameter in parameters:
-            require_choice(f"parameter of policy {name!r}", parameter, kinds)
-    if inspect.isabstract(policy):
-        missing = ", ".join(sorted(policy.__abstractmethods__))
-        raise InvalidValueError(f"policy {name!r} cannot be made: its class has no {missing}")
-    try:
-        signature.bind(**parameters)
-    except TypeError as error:
-        raise InvalidValueError(f"policy {name!r}: {error}") from error
-    return policy(**parameters)
+    return instantiate("policy", name, POLICIES.get(name), parameters)
 
 
 def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
-    """The environment called `name`.
+    """Make the environment called `name`.
 
     Args:
         name: `crossing` (its newest version), `crossing-v0`, the PettingZoo id `coopsim/crossing-v0`, or the path of a
@@ -78,24 +59,24 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
 
 
 def is_scenario_file(name: object) -> bool:
-    """Whether that is the path of a scenario file, and not the name of an environment."""
+    """Return whether `name` is the path of a scenario file, and not the name of an environment."""
     return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
 
 
 def scenario_file_options(path: str | Path) -> Mapping[str, Any]:
-    """What a scenario file sets, as keywords of `parallel_env`; raises as that does."""
+    """Return the settings of a scenario file as keywords of `parallel_env`; raises as that does."""
     options: Mapping[str, Any] = _scenario_files().load_scenario_file(path).keywords
     return options
 
 
 def usual_seed(environment: str | Path) -> int:
-    """Of an episode for which nobody gives one: what a scenario file says, else 0; raises as `parallel_env` does."""
+    """Return the default seed of an environment: the scenario file's, or 0. Raises as `parallel_env` does."""
     seed: int | None = scenario_file_options(environment).get("seed") if is_scenario_file(environment) else None
     return 0 if seed is None else seed
 
 
 def scenario_files() -> list[str]:
-    """Names of the scenario files that come along."""
+    """Return the names of the scenario files that are shipped."""
     return sorted(path.name for path in _scenario_files().SHIPPED.glob("*.yaml"))
 
 
@@ -104,7 +85,7 @@ def _scenario_files() -> ModuleType:
 
 
 def newest(name: str) -> str:
-    """`name` itself if it has a version or is unknown, else its newest version."""
+    """Return the newest version of an environment; `name` itself if it has a version or is unknown."""
     versions = [
         (int(match[1]), known) for known in ENVIRONMENTS if (match := re.fullmatch(re.escape(name) + r"-v(\d+)", known))
     ]

@@ -91,9 +91,9 @@ def policy(text: str) -> str:
 
 def policies(text: str) -> tuple[str, ...]:
     """Distinct policies with commas between them; commas in brackets belong to parameters."""
-    from coopsim.bench.policy_spec import split_policies
+    from coopsim.config.spec import split_specs
 
-    found = tuple(policy(part) for part in split_policies(text))
+    found = tuple(policy(part) for part in split_specs(text))
     if len(set(found)) < len(found):
         raise argparse.ArgumentTypeError(f"must be distinct policies, got {text!r}")
     return found

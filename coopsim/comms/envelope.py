@@ -88,7 +88,7 @@ def decode_detections(message: Message) -> Detections:
         CodecError: the payload is broken, or the message carries something else.
     """
     codec: SharesDetections[Any] = _codec_of(message, "detections")
-    return codec.shared(codec.decode(message.payload), message.pose)
+    return codec.detections_in(codec.decode(message.payload), message.pose)
 
 
 def decode_tracks(message: Message) -> TrackEstimates:

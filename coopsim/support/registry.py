@@ -1,10 +1,10 @@
-"""One registry for everything that is looked up by name: policies, environments, scenarios, sensors."""
+"""The registry for everything that is looked up by name: policies, environments, codecs, ..."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeVar
 
@@ -14,14 +14,14 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """Names to objects. A duplicate raises; an unknown name raises and lists the close ones.
+    """Objects by name. Registering a name twice raises; an unknown name raises and lists the close ones.
 
     Args:
-        kind: what is registered, in the singular, for error messages ("policy").
-        home: a module imported at the first look-up, whose import registers the built-in entries. It is
-            named, not imported, so that the library does not depend on what is plugged into it.
-        group: an entry-point group through which installed packages add entries; their names are known
-            at once, their modules are loaded when asked for.
+        kind: the kind of the objects, in the singular, for error messages ("policy").
+        home: a module that is imported at the first look-up, and registers the built-in entries. It is given by name,
+            so that the library does not import what is plugged into it.
+        group: an entry-point group through which installed packages add entries. Their names are known at once; their
+            modules are loaded when an entry is looked up.
     """
 
     def __init__(self, kind: str, *, home: str | None = None, group: str | None = None) -> None:
@@ -31,7 +31,7 @@ class Registry(Generic[T]):
         self._aliases: dict[str, str] = {}
 
     def register(self, name: str, *, alias: str | None = None) -> Callable[[T], T]:
-        """Return a decorator that enters the decorated object under `name`.
+        """Return a decorator that registers an object under `name`.
 
         Args:
             name: of the entry.
@@ -50,23 +50,39 @@ class Registry(Generic[T]):
         return enter
 
     def get(self, name: str) -> T:
-        """The entry called `name`; raises `UnknownNameError` when there is none."""
+        """Return the entry called `name`.
+
+        Raises:
+            UnknownNameError: there is none, or the name is no text.
+        """
         self._load_home()
-        # Whoever gives no string is told so, too: the annotation does not keep anybody from it.
-        if isinstance(name, str):
+        if isinstance(name, str):  # callers may ignore the annotation
             name = self._aliases.get(name, name)
             if name in self._entries:
                 return self._entries[name]
-            for point in self._points():
+            for point in self._points:
                 if point.name == name:
                     self._entries[name] = point.load()
                     return self._entries[name]
         raise UnknownNameError(self.kind, name, self.names())
 
-    def names(self) -> tuple[str, ...]:
-        """All known names, sorted."""
+    def name_of(self, entry: type) -> str:
+        """Return the name under which a class is registered.
+
+        Raises:
+            UnknownNameError: it is not registered.
+        """
         self._load_home()
-        return tuple(sorted({*self._entries, *(point.name for point in self._points())}))
+        names = [name for name, known in self._entries.items() if known is entry]
+        names += [point.name for point in self._points if point.value == f"{entry.__module__}:{entry.__qualname__}"]
+        if not names:
+            raise UnknownNameError(f"{self.kind} class", entry.__qualname__, self.names())
+        return names[0]
+
+    def names(self) -> tuple[str, ...]:
+        """Return all known names, sorted."""
+        self._load_home()
+        return tuple(sorted({*self._entries, *(point.name for point in self._points)}))
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self._aliases.get(name, name) in self.names()
@@ -78,11 +94,6 @@ class Registry(Generic[T]):
         if self._home is not None:
             importlib.import_module(self._home)
 
-    def _points(self) -> Iterable[EntryPoint]:
-        return _points_of(self._group) if self._group else ()
-
-
-@cache
-def _points_of(group: str) -> Iterable[EntryPoint]:
-    # Read once: it takes milliseconds, and names are asked for often.
-    return tuple(entry_points(group=group))
+    @cached_property
+    def _points(self) -> tuple[EntryPoint, ...]:
+        return tuple(entry_points(group=self._group)) if self._group else ()

@@ -5,7 +5,7 @@ Shapes are checked when an object is made; values (finite, positive) where they 
 """
 
 from coopsim.types.estimates import Detections, GroundTruth, Tracks
-from coopsim.types.features import FeatureMap, InstanceQueries, PointCloud
+from coopsim.types.features import BevGrid, FeatureMap, InstanceQueries, PointCloud
 from coopsim.types.messages import AgentSpec, Message, Observation
 from coopsim.types.sensing import (
     CameraCalibration,
@@ -24,6 +24,7 @@ __all__ = [
     "CLASS_NAMES",
     "NS_PER_S",
     "AgentSpec",
+    "BevGrid",
     "CameraCalibration",
     "CameraImage",
     "Detections",

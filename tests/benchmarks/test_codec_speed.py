@@ -20,7 +20,7 @@ from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
 from coopsim.comms.codecs.voxel_codec import VoxelsCodec
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.types import FeatureMap, PointCloud
+from coopsim.types import BevGrid, FeatureMap, PointCloud
 
 ROUNDS = 15
 
@@ -38,7 +38,7 @@ def one_map() -> FeatureMap:
     """Features as networks with normalised layers have them."""
     rng = np.random.default_rng(0)
     values = np.maximum(rng.normal(size=(64, 96, 352)), 0).astype(np.float32)
-    return FeatureMap(values, rng.random((96, 352), dtype=np.float32))
+    return FeatureMap(values, BevGrid((-70.4, 70.4), (-19.2, 19.2), 0.4), rng.random((96, 352), dtype=np.float32))
 
 
 def cases() -> Iterator[tuple[str, Codec[Any], Any, int]]:

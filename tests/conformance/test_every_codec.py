@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from codec_samples import SAMPLES, some_detections, some_queries
+from codec_samples import SAMPLES, some_detections, some_grid, some_queries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -121,7 +121,8 @@ def test_no_payload_takes_more_memory_than_is_declared(name: str) -> None:
 def largest(name: str) -> bytes:
     """As many objects as two bytes count, or as many values as are decoded at most."""
     if name in ("features", "sparse_features"):
-        full = FeatureMap(np.ones((16, 1024, 1024), np.float32), np.ones((1024, 1024), np.float32))
+        cells = np.ones((1024, 1024), np.float32)
+        full = FeatureMap(np.ones((16, *cells.shape), np.float32), some_grid(*cells.shape), cells)
         return (SparseFeaturesCodec(most_cells=2**20) if name == "sparse_features" else FeaturesCodec()).encode(full)
     if name == "queries":
         return decoder(name).encode(some_queries(65_535, width=256))

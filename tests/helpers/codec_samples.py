@@ -11,7 +11,7 @@ import numpy as np
 from coopsim.comms.codecs.cpm_codec import CollectivePerception
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.motion.track_estimates import TrackEstimates
-from coopsim.types import Detections, FeatureMap, InstanceQueries, PointCloud, Tracks
+from coopsim.types import BevGrid, Detections, FeatureMap, InstanceQueries, PointCloud, Tracks
 
 
 def some_detections(count: int, seed: int = 0, *, sure: bool = False) -> Detections:
@@ -44,10 +44,14 @@ def some_points(count: int, seed: int = 0, extent_m: float = 100.0) -> PointClou
     return PointCloud(xyz.astype(np.float32), rng.random(count, dtype=np.float32))
 
 
+def some_grid(rows: int, columns: int) -> BevGrid:
+    return BevGrid((-0.4 * columns, 0.0), (3.7, 3.7 + 0.4 * rows), 0.4)
+
+
 def some_features(shape: tuple[int, int, int] = (4, 6, 9), seed: int = 0) -> FeatureMap:
     rng = np.random.default_rng(seed)
     values = rng.normal(size=shape) * 10.0 ** rng.uniform(-3, 3, (shape[0], 1, 1))
-    return FeatureMap(values.astype(np.float32), rng.random(shape[1:], dtype=np.float32))
+    return FeatureMap(values.astype(np.float32), some_grid(*shape[1:]), rng.random(shape[1:], dtype=np.float32))
 
 
 def some_queries(count: int, seed: int = 0, width: int = 16) -> InstanceQueries:

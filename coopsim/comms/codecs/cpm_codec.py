@@ -7,11 +7,11 @@ scenarios are no places. An episode begins when ETSI's time does, at 2004-01-01T
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from coopsim.comms.codecs.codec import CODECS
+from coopsim.comms.codecs.codec import CODECS, encode_prefix
 from coopsim.comms.codecs.cpm_asn1 import (
     DEGREE_M,
     asn1_objects,
@@ -93,12 +93,12 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     def in_range(self, found: Detections) -> Mask:
         return _in_range(found, _LARGEST_M)
 
-    def share(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> CollectivePerception:
+    def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> CollectivePerception:
         """The station's id is the CRC-32 of the sender's name."""
         turned = found.transform(SE3.from_xyz_yaw(np.zeros(3), float(pose.xyz_yaw[3])))
         return CollectivePerception(zlib.crc32(sender.encode()), time_ns, pose.xyz_yaw[:3], turned)
 
-    def shared(self, content: CollectivePerception, pose: PoseEstimate) -> Detections:
+    def detections_in(self, content: CollectivePerception, pose: PoseEstimate) -> Detections:
         return content.objects.transform(SE3.from_xyz_yaw(np.zeros(3), -float(pose.xyz_yaw[3])))
 
     def encode(self, content: CollectivePerception) -> bytes:
@@ -117,6 +117,15 @@ class CpmCodec(SharesDetections[CollectivePerception]):
             },
         }
         return bytes(messages().encode("CollectivePerceptionMessage", message))
+
+    def encode_within(self, content: CollectivePerception, budget_bytes: int) -> bytes:
+        """Return the message with as many leading objects as a budget holds: put the most useful first."""
+
+        def first(count: int) -> CollectivePerception:
+            velocity = None if content.velocity is None else content.velocity[:count]
+            return replace(content, objects=content.objects[:count], velocity=velocity)
+
+        return encode_prefix(lambda count: self.encode(first(count)), len(content.objects), budget_bytes)
 
     def decode(self, payload: bytes) -> CollectivePerception:
         if len(payload) > _LONGEST:

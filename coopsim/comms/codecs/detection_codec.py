@@ -1,4 +1,4 @@
-"""Detections as they are, in float32; and what every codec has in common that carries detections."""
+"""Detections in float32, and the common part of all codecs that carry detections."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, pack_rows, unpack_rows
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, encode_prefix, pack_rows, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -24,7 +24,7 @@ OBJECT_ROW = np.dtype([("box", "<f4", (7,)), ("score", "<f4"), ("label", "u1")])
 
 
 def valid_objects(boxes: Boxes3D, score: Floats, label: Ints) -> Mask:
-    """Which objects (N,) an `OBJECT_ROW` can hold: finite and with a size in float32, of a known class."""
+    """Return the mask (N,) of objects that an `OBJECT_ROW` can hold: finite, of positive size, of a known class."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         numbers = np.column_stack([boxes.array, score]).astype(np.float32)
     good = np.asarray(np.isfinite(numbers).all(axis=1) & (numbers[:, 3:6] > 0).all(axis=1))
@@ -32,14 +32,14 @@ def valid_objects(boxes: Boxes3D, score: Floats, label: Ints) -> Mask:
 
 
 def object_rows(boxes: Boxes3D, score: Floats, label: Ints) -> NDArray[np.void]:
-    """Objects as `OBJECT_ROW`s; they must be valid."""
+    """Return objects as `OBJECT_ROW`s; they must be valid."""
     rows = np.empty(len(boxes), dtype=OBJECT_ROW)
     rows["box"], rows["score"], rows["label"] = boxes.array, score, label
     return rows
 
 
 def require_objects(rows: NDArray[np.void], what: str) -> None:
-    """Raise `CodecError`, naming the first, if there are `OBJECT_ROW`s that `object_rows` does not make."""
+    """Raise `CodecError`, naming the first, for `OBJECT_ROW`s that `object_rows` does not make."""
     if len(rows) and int(rows["label"].max()) >= len(CLASS_NAMES):
         raise CodecError(f"{what} label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
     good = np.isfinite(rows["box"]).all(axis=1) & np.isfinite(rows["score"]) & (rows["box"][:, 3:6] > 0).all(axis=1)
@@ -48,13 +48,13 @@ def require_objects(rows: NDArray[np.void], what: str) -> None:
 
 
 class SharesDetections(Codec[T]):
-    """A codec by which an agent can share what it detected; policies that need detections run with any of them."""
+    """A codec for detections. Policies that need detections run with any of them."""
 
     content: ClassVar[str] = "detections"
     most_objects: ClassVar[int] = MOST_ROWS
 
     def sendable(self, found: Detections) -> Mask:
-        """Which detections (N,) one message can carry: those in range, and of too many the surest."""
+        """Return the mask (N,) of detections that one message can carry: those in range, and of too many the surest."""
         good = self.in_range(found)
         if np.count_nonzero(good) > self.most_objects:
             surest = np.argsort(np.where(good, -found.score, np.inf), kind="stable")[: self.most_objects]
@@ -63,34 +63,38 @@ class SharesDetections(Codec[T]):
 
     @abstractmethod
     def in_range(self, found: Detections) -> Mask:
-        """Which detections (N,) the codec can carry within its error bounds."""
+        """Return the mask (N,) of detections that the codec can carry within its error bounds."""
 
     @abstractmethod
-    def share(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> T:
-        """The content for what `sender` detected, in its base frame, at a time and an estimated pose."""
+    def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> T:
+        """Return the content for detections in the base frame of `sender`, at a time and an estimated pose."""
 
     @abstractmethod
-    def shared(self, content: T, pose: PoseEstimate) -> Detections:
-        """The detections in the content of a message that was sent from a pose, in the sender's base frame."""
+    def detections_in(self, content: T, pose: PoseEstimate) -> Detections:
+        """Return the detections in the content of a message sent from `pose`, in the sender's base frame."""
 
 
 class PlainDetections(SharesDetections[Detections]):
-    """A codec whose content is the detections themselves.
+    """A codec whose content is a `Detections` object.
 
     Attributes:
-        accepted: what is in range, in words.
+        accepted: the range in words, for error messages.
     """
 
     accepted: ClassVar[str]
 
-    def share(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> Detections:
+    def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> Detections:
         return found
 
-    def shared(self, content: Detections, pose: PoseEstimate) -> Detections:
+    def detections_in(self, content: Detections, pose: PoseEstimate) -> Detections:
         return content
 
+    def encode_within(self, content: Detections, budget_bytes: int) -> bytes:
+        """Return the payload of as many leading rows as a budget holds: put the most useful first."""
+        return encode_prefix(lambda count: self.encode(content[:count]), len(content), budget_bytes)
+
     def require_in_range(self, found: Detections) -> None:
-        """Raise `CodecError`, naming the first, if there are detections that cannot be sent."""
+        """Raise `CodecError`, naming the first, for detections that cannot be sent."""
         if not (good := self.in_range(found)).all():
             raise CodecError(f"detection {int(np.argmin(good))} cannot be sent: accepted are {self.accepted}")
 
@@ -108,7 +112,7 @@ class DetectionsCodec(PlainDetections):
     limit_bytes = 64 * 2**20
     accepted = f"finite float32, sizes > 0 and labels in 0..{len(CLASS_NAMES) - 1}"
 
-    _WIDEST = 4096  # receivers keep tables of embeddings: nobody else shall decide how large
+    _WIDEST = 4096  # bounds the tables of embeddings that receivers keep
     _MOST_ELEMENTS = 2**22
 
     def in_range(self, found: Detections) -> Mask:

@@ -1,4 +1,4 @@
-"""Rows of features as float32, float16, or int8 with a scale a row: what codecs of features have in common."""
+"""Rows of features as float32, float16, or int8 with a scale per row: the common part of feature codecs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from coopsim.comms.codecs.codec import Codec
 from coopsim.errors import CodecError
-from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice
 
 FeatureNumber = Literal["float32", "float16", "int8"]
@@ -17,7 +16,7 @@ FeatureNumber = Literal["float32", "float16", "int8"]
 FEATURE_NUMBERS: tuple[str, ...] = get_args(FeatureNumber)
 
 MOST_VALUES = 2**24
-"""The most values that are decoded: 64 MiB of float32, as 256 channels of 256 x 256 cells."""
+"""The most values of one payload: 64 MiB of float32, as 256 channels of 256 x 256 cells."""
 
 Values = NDArray[np.float32]
 
@@ -25,10 +24,10 @@ T = TypeVar("T")
 
 
 class FeatureCodec(Codec[T]):
-    """A codec of features; the first byte of its payloads tells the kind of number.
+    """A codec of features; the first byte of its payloads is the kind of number.
 
     Args:
-        number: how features are written.
+        number: "float32", "float16" or "int8".
     """
 
     def __init__(self, number: FeatureNumber = "float16") -> None:
@@ -41,21 +40,14 @@ class FeatureCodec(Codec[T]):
 
 
 def feature_number(first_byte: int) -> str:
-    """The kind of number that a payload's first byte tells; raises `CodecError` if it is none."""
+    """Return the kind of number for the first byte of a payload; raises `CodecError` if it is unknown."""
     if first_byte >= len(FEATURE_NUMBERS):
         raise CodecError(f"no features are written in number {first_byte}: accepted are 0..{len(FEATURE_NUMBERS) - 1}")
     return FEATURE_NUMBERS[first_byte]
 
 
-def feature_error(values: Values, number: str) -> Floats:
-    """How far values (R, M) may come back from what they were, by row (R, 1)."""
-    largest: Floats = np.abs(values).max(axis=1, keepdims=True, initial=0.0).astype(np.float64)
-    bounds = {"float32": 0 * largest, "float16": largest * 2.0**-11 + 2.0**-25, "int8": largest / 253 + 1e-38}
-    return bounds[number]
-
-
 def pack_features(values: Values, number: str) -> bytes:
-    """The bytes of rows (R, M): for int8 first R scales as float32, then row by row.
+    """Return rows (R, M) as bytes: for int8 first R scales as float32, then row by row.
 
     Raises:
         CodecError: a value is not finite, or is beyond float16.
@@ -76,13 +68,13 @@ def pack_features(values: Values, number: str) -> bytes:
 
 
 def features_size(shape: tuple[int, int], number: str) -> int:
-    """How many bytes `pack_features` makes of rows of that shape."""
+    """Return the number of bytes of packed rows of a shape (R, M)."""
     rows, length = shape
     return {"float32": 4 * rows * length, "float16": 2 * rows * length, "int8": rows * (4 + length)}[number]
 
 
 def unpack_features(block: bytes, shape: tuple[int, int], number: str) -> Values:
-    """The rows that `pack_features` was given; the block is as long as `features_size` says.
+    """Return the rows of a block, which must have the length `features_size`.
 
     Raises:
         CodecError: a value is not finite.

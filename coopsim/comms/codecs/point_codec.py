@@ -1,4 +1,4 @@
-"""Points as they are: what early fusion sends."""
+"""Points one by one, as early fusion sends them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HEAD = struct.Struct("<BIf")
 
 
 def require_sendable_points(cloud: PointCloud) -> None:
-    """Raise `CodecError` unless there are not too many points, all finite, and intensities in [0, 1]."""
+    """Raise `CodecError` for too many points, and unless all are finite and intensities in [0, 1]."""
     if len(cloud) > MOST_POINTS:
         raise CodecError(f"one message carries at most {MOST_POINTS} points, got {len(cloud)}")
     if not np.isfinite(cloud.xyz).all():
@@ -38,7 +38,7 @@ def require_sendable_points(cloud: PointCloud) -> None:
 
 @CODECS.register("points")
 class PointsCodec(Codec[PointCloud]):
-    """One byte for the kind of number, four for how many points, a float32 for the step; then row by row.
+    """One byte for the kind of number, four for the number of points, a float32 for the step; then row by row.
 
     | number | bytes a point | x, y, z | intensity |
     |---|---|---|---|
@@ -49,7 +49,7 @@ class PointsCodec(Codec[PointCloud]):
     Decoded are at most 1,048,576 points.
 
     Args:
-        number: how coordinates are written.
+        number: "float32", "float16" or "int16".
     """
 
     content = "points"
@@ -60,15 +60,10 @@ class PointsCodec(Codec[PointCloud]):
         self._number = number
 
     def error_m(self, extent_m: float) -> float:
-        """How far a coordinate of a cloud may come back from where it was, if its largest is `extent_m`."""
-        least = {"float32": 0.0, "float16": 2.0**-25, "int16": 2.0**-126}  # where numbers, or the step, run out of bits
+        """Return the largest error of a decoded coordinate, in a cloud whose largest coordinate is `extent_m`."""
+        least = {"float32": 0.0, "float16": 2.0**-25, "int16": 2.0**-126}  # numbers, or the step, run out of bits there
         share = {"float32": 0.0, "float16": 2.0**-11, "int16": 1 / 65_000}
         return max(extent_m * share[self._number], least[self._number])
-
-    @property
-    def intensity_error(self) -> float:
-        """How far an intensity may come back from what it was."""
-        return {"float32": 0.0, "float16": 2.0**-12, "int16": 0.5 / 255}[self._number]
 
     def encode(self, content: PointCloud) -> bytes:
         require_sendable_points(content)
@@ -83,6 +78,16 @@ class PointsCodec(Codec[PointCloud]):
         else:
             rows["xyz"], rows["intensity"] = content.xyz, content.intensity
         return _HEAD.pack(_NUMBERS.index(self._number), len(rows), step) + rows.tobytes()
+
+    def encode_within(self, content: PointCloud, budget_bytes: int) -> bytes:
+        """Return the payload of as many points as a budget holds, evenly spaced in their order.
+
+        Sweeps are ordered by firing, so the points that are left out are evenly spread over the view.
+        """
+        count = max(0, budget_bytes - _HEAD.size) // _ROWS[self._number].itemsize
+        if count < len(content):
+            content = content[np.arange(count) * len(content) // max(count, 1)]
+        return self.encode(content)
 
     def decode(self, payload: bytes) -> PointCloud:
         number, count, step = unpack_head(payload, _HEAD, "points")

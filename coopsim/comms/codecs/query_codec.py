@@ -1,7 +1,7 @@
-"""Instance queries: what query-based cooperation sends, a feature vector for each object and where it belongs.
+"""Instance queries, as query-based cooperation sends them: a feature vector and a reference box for each object.
 
-As in QUEST (Fan et al., ICRA 2024) and CoopTrack (ICCV 2025): few hundred bytes an object in the place of a whole
-feature map. How receivers align and fuse them is theirs.
+As in QUEST (Fan et al., ICRA 2024) and CoopTrack (ICCV 2025): a few hundred bytes an object instead of a whole feature
+map. Receivers align and fuse them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import struct
 
 import numpy as np
 
-from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, unpack_head
+from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, encode_prefix, unpack_head
 from coopsim.comms.codecs.detection_codec import OBJECT_ROW, object_rows, require_objects, valid_objects
 from coopsim.comms.codecs.feature_values import (
     MOST_VALUES,
@@ -33,11 +33,11 @@ class QueriesCodec(FeatureCodec[InstanceQueries]):
     """5 bytes of head (number, K and D as uint16), K objects in 33 bytes each as in `DetectionsCodec`, and their
     features query by query, as float32, float16, or int8 with a scale a query.
 
-    Objects come back within 2^-24 of themselves; a feature's error is as in `FeaturesCodec`, a query in the place of a
-    channel. Decoded are at most 65,535 queries, and 16,777,216 values.
+    Objects come back within 2^-24 of themselves; the error of features is as in `FeaturesCodec`, by query
+    instead of by channel. Decoded are at most 65,535 queries, and 16,777,216 values.
 
     Args:
-        number: how features are written.
+        number: "float32", "float16" or "int8".
     """
 
     content = "queries"
@@ -53,6 +53,10 @@ class QueriesCodec(FeatureCodec[InstanceQueries]):
         rows = object_rows(content.boxes, content.score, content.label)
         head = _HEAD.pack(self._first_byte, count, width)
         return head + rows.tobytes() + pack_features(content.feature, self._number)
+
+    def encode_within(self, content: InstanceQueries, budget_bytes: int) -> bytes:
+        surest = np.argsort(-content.score, kind="stable")
+        return encode_prefix(lambda count: self.encode(content[np.sort(surest[:count])]), len(content), budget_bytes)
 
     def decode(self, payload: bytes) -> InstanceQueries:
         first_byte, count, width = unpack_head(payload, _HEAD, "queries")

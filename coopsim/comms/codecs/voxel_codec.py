@@ -1,4 +1,4 @@
-"""Points by the voxels they are in: a cloud in about two bytes a voxel."""
+"""Points as the voxels that hold them: a cloud in about two bytes a voxel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coopsim.types import PointCloud
 _VOXEL_M = (1e-3, 100.0)
 _MOST_CELLS = 2**32
 _FARTHEST = 2**22
-"""Indices within which float32 tells the centres of two voxels apart."""
+"""The largest index: beyond, float32 cannot tell the centres of two voxels apart."""
 
 _PLANES = 5
 _EFFORT = 4
@@ -30,12 +30,12 @@ _HEAD = struct.Struct("<d3i3II")
 
 @CODECS.register("voxels")
 class VoxelsCodec(Codec[PointCloud]):
-    """The voxels that have points in them, sorted; decoded to their centres.
+    """The occupied voxels, sorted; decoded to their centres.
 
     36 bytes of head: edge (float64), three least indices (int32), three numbers of indices and the number of voxels
     (uint32). Then a zlib stream: the distance from each voxel's number to the next one's (uint32) and the mean
-    intensity in steps of 1/255 (uint8), byte plane by byte plane (all lowest bytes first), because alike bytes in a row
-    deflate best. A voxel's number counts along z first, then y, then x.
+    intensity in steps of 1/255 (uint8), byte plane by byte plane (all lowest bytes first), because similar bytes in a
+    row deflate best. A voxel's number counts along z first, then y, then x.
 
     Decoded are at most 1,048,576 voxels, in a box of less than 2^32.
 
@@ -53,31 +53,34 @@ class VoxelsCodec(Codec[PointCloud]):
         self._voxel_m = float(voxel_m)
 
     def error_m(self, extent_m: float) -> float:
-        """How far along x, y or z a point may be from its voxel's centre: half an edge.
+        """Return the largest distance along x, y or z between a point and the centre of its voxel: half an edge.
 
         And the rounding of the centre to float32, in a cloud whose largest coordinate is `extent_m`.
         """
         return self._voxel_m / 2 + 2.0**-24 * (extent_m + self._voxel_m)
 
     def encode(self, content: PointCloud) -> bytes:
-        require_sendable_points(content)
-        if not len(content):
-            return _HEAD.pack(self._voxel_m, 0, 0, 0, 0, 0, 0, 0)
-        # Axis by axis in rows: numpy takes the least of many columns of three forty times slower.
-        index = np.floor(np.ascontiguousarray(content.xyz.T, dtype=np.float64) / self._voxel_m)
-        if np.abs(index).max() >= _FARTHEST:
-            raise CodecError(f"a point is {content.extent_m:g} m away, too far for voxels of {self._voxel_m:g} m")
-        low = index.min(axis=1, keepdims=True)
-        x, y, z = cells = (index - low).astype(np.uint64)
-        shape = [int(length) + 1 for length in cells.max(axis=1)]
-        if math.prod(shape) >= _MOST_CELLS:
-            raise CodecError(f"{shape} voxels of {self._voxel_m:g} m are too many: accepted are less than 2^32")
-        voxels, intensity = _by_voxel((x * shape[1] + y) * shape[2] + z, content.intensity)
-        planes = np.empty((_PLANES, len(voxels)), dtype=np.uint8)
-        planes[:4] = np.diff(voxels, prepend=np.uint64(0)).astype("<u4").view(np.uint8).reshape(-1, 4).T
-        planes[4] = np.rint(intensity * 255)
-        head = _HEAD.pack(self._voxel_m, *low[:, 0].astype(np.int64).tolist(), *shape, len(voxels))
-        return head + zlib.compress(planes.tobytes(), level=_EFFORT)
+        return _encode(content, self._voxel_m)
+
+    def encode_within(self, content: PointCloud, budget_bytes: int) -> bytes:
+        """Return the payload with the smallest voxels that a budget holds.
+
+        Resolution is left out, not parts of the view. Edges grow in steps of a quarter octave, up to 100 m. If not even
+        those fit, no points are sent.
+        """
+        payload = self.encode(content)
+        if len(payload) <= budget_bytes:
+            return payload
+        fits = _encode(PointCloud.empty(), self._voxel_m)
+        least, most = 1, math.floor(4 * math.log2(_VOXEL_M[1] / self._voxel_m))
+        while least <= most:
+            step = (least + most) // 2
+            payload = _encode(content, self._voxel_m * 2 ** (step / 4))
+            if len(payload) <= budget_bytes:
+                fits, most = payload, step - 1
+            else:
+                least = step + 1
+        return fits
 
     def decode(self, payload: bytes) -> PointCloud:
         voxel_m, *corner, count = unpack_head(payload, _HEAD, "voxels")
@@ -99,10 +102,31 @@ class VoxelsCodec(Codec[PointCloud]):
         return PointCloud(xyz, (planes[-count:] / 255).astype(np.float32))
 
 
-def _by_voxel(number: NDArray[np.uint64], intensity: NDArray[np.float32]) -> tuple[NDArray[np.uint64], Floats]:
-    """Each number of a voxel once, in order, and the mean intensity of its points.
+def _encode(content: PointCloud, voxel_m: float) -> bytes:
+    require_sendable_points(content)
+    if not len(content):
+        return _HEAD.pack(voxel_m, 0, 0, 0, 0, 0, 0, 0)
+    # Axis by axis in rows: numpy takes the least of many columns of three forty times slower.
+    index = np.floor(np.ascontiguousarray(content.xyz.T, dtype=np.float64) / voxel_m)
+    if np.abs(index).max() >= _FARTHEST:
+        raise CodecError(f"a point is {content.extent_m:g} m away, too far for voxels of {voxel_m:g} m")
+    low = index.min(axis=1, keepdims=True)
+    x, y, z = cells = (index - low).astype(np.uint64)
+    shape = [int(length) + 1 for length in cells.max(axis=1)]
+    if math.prod(shape) >= _MOST_CELLS:
+        raise CodecError(f"{shape} voxels of {voxel_m:g} m are too many: accepted are less than 2^32")
+    voxels, intensity = _by_voxel((x * shape[1] + y) * shape[2] + z, content.intensity)
+    planes = np.empty((_PLANES, len(voxels)), dtype=np.uint8)
+    planes[:4] = np.diff(voxels, prepend=np.uint64(0)).astype("<u4").view(np.uint8).reshape(-1, 4).T
+    planes[4] = np.rint(intensity * 255)
+    head = _HEAD.pack(voxel_m, *low[:, 0].astype(np.int64).tolist(), *shape, len(voxels))
+    return head + zlib.compress(planes.tobytes(), level=_EFFORT)
 
-    Intensities, in steps of 1/65,535, ride in the lowest bits of the numbers: what is sorted needs no second look-up.
+
+def _by_voxel(number: NDArray[np.uint64], intensity: NDArray[np.float32]) -> tuple[NDArray[np.uint64], Floats]:
+    """Return the numbers of the occupied voxels, in order, and the mean intensity of their points.
+
+    Intensities, in steps of 1/65,535, stand in the lowest bits of the sorted numbers, which saves a second look-up.
     """
     rows = number << np.uint64(16) | np.rint(intensity.astype(np.float64) * 0xFFFF).astype(np.uint64)
     rows.sort()
@@ -114,6 +138,6 @@ def _by_voxel(number: NDArray[np.uint64], intensity: NDArray[np.float32]) -> tup
 
 
 def _numbers(planes: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """The voxels' numbers from the byte planes (4, N) of the distances between them."""
+    """Return the numbers of voxels, from the byte planes (4, N) of the distances between them."""
     distances = np.ascontiguousarray(planes.T).view("<u4")[:, 0]
     return np.cumsum(distances, dtype=np.int64)

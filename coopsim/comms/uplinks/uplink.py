@@ -67,7 +67,7 @@ class ShareDetections(Uplink):
         found, time_ns, pose = observation.detections, observation.time_ns, observation.pose
         if not (sent := self._codec.sendable(found)).all():
             found = found[sent]
-        payload = self._codec.encode(self._codec.share(found, sender, time_ns, pose))
+        payload = self._codec.encode(self._codec.content_of(found, sender, time_ns, pose))
         return Message(sender, time_ns, pose, payload, self._name)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from coopsim.agents.late_fusion import LateFusion
-from coopsim.bench.policy_spec import PolicySpec, split_policies
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.config.spec import split_specs
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 
 MINE = """
@@ -56,7 +57,7 @@ def test_one_spelling_for_each_policy(written: str, spelled: str, parameters: di
 
 
 def test_commas_in_brackets_divide_no_policies() -> None:
-    assert split_policies("a(b=1,c=[2,3]), d ,e") == ("a(b=1,c=[2,3])", "d", "e")
+    assert split_specs("a(b=1,c=[2,3]), d ,e") == ("a(b=1,c=[2,3])", "d", "e")
 
 
 def test_a_name_a_module_and_a_file_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

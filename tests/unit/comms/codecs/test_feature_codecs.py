@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from codec_samples import some_features, some_queries
+from codec_samples import some_features, some_grid, some_queries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from coopsim.comms.codecs.feature_codec import CONFIDENCE_ERROR, FeaturesCodec
-from coopsim.comms.codecs.feature_values import FEATURE_NUMBERS, FeatureNumber, feature_error
+from coopsim.comms.codecs.feature_values import FEATURE_NUMBERS, FeatureNumber
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
@@ -31,6 +31,18 @@ MAPS = st.tuples(st.integers(0, 4), st.integers(1, 5), st.integers(1, 5)).flatma
 )
 
 
+def feature_error(values: np.ndarray[Any, Any], number: str) -> np.ndarray[Any, Any]:
+    """How far values (R, M) may come back from what they were, by row (R, 1)."""
+    largest = np.abs(values).max(axis=1, keepdims=True, initial=0.0).astype(np.float64)
+    bounds = {"float32": 0 * largest, "float16": largest * 2.0**-11 + 2.0**-25, "int8": largest / 253 + 1e-38}
+    return bounds[number]
+
+
+def feature_map(values: Any, confidence: Any = None) -> FeatureMap:
+    values = np.asarray(values, dtype=np.float32)
+    return FeatureMap(values, some_grid(*values.shape[1:]), confidence)
+
+
 def by_row(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return values.reshape(len(values), -1) if values.size else values.reshape(len(values), 0)
 
@@ -40,12 +52,13 @@ def by_row(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 @given(content=MAPS, stated=st.booleans())
 def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, content: Any, stated: bool) -> None:
     values, confidence = content
-    sent = FeatureMap(values, confidence if stated else None)
+    sent = feature_map(values, confidence if stated else None)
     payload = FeaturesCodec(number).encode(sent)
     got = FeaturesCodec().decode(payload)
     scales = 4 * len(values) if number == "int8" else 0
-    assert len(payload) == 8 + scales + BYTES[number] * values.size + stated * confidence.size
+    assert len(payload) == 48 + scales + BYTES[number] * values.size + stated * confidence.size
     assert (np.abs(by_row(got.values) - by_row(values)) <= feature_error(by_row(values), number)).all()
+    assert got.grid == sent.grid
     assert (got.confidence is not None) == stated
     if got.confidence is not None:
         assert np.abs(got.confidence - confidence).max() <= CONFIDENCE_ERROR
@@ -57,7 +70,7 @@ def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, co
 def test_of_sparse_maps_the_surest_cells_come_back(
     number: FeatureNumber, content: Any, most: int, least: float
 ) -> None:
-    sent, codec = FeatureMap(*content), SparseFeaturesCodec(most, least, number)
+    sent, codec = feature_map(*content), SparseFeaturesCodec(most, least, number)
     payload = codec.encode(sent)
     got = SparseFeaturesCodec().decode(payload)
     assert sent.confidence is not None and got.confidence is not None
@@ -67,7 +80,7 @@ def test_of_sparse_maps_the_surest_cells_come_back(
     np.testing.assert_array_equal(codec.chosen(sent), cells)
     channels, rest = len(sent.values), np.setdiff1d(np.arange(sure.size), cells)
     scales = 4 * channels if number == "int8" else 0
-    assert len(payload) == 11 + len(cells) * (5 + BYTES[number] * channels) + scales
+    assert len(payload) == 51 + len(cells) * (5 + BYTES[number] * channels) + scales
     assert not got.values.reshape(channels, sure.size)[:, rest].any() and not got.confidence.ravel()[rest].any()
     kept = sent.values.reshape(channels, sure.size)[:, cells]
     back = got.values.reshape(channels, sure.size)[:, cells]
@@ -104,10 +117,10 @@ def queries_with(**changes: Any) -> InstanceQueries:
         (FeaturesCodec("float32"), spoilt(np.nan), "features must be finite"),
         (SparseFeaturesCodec(number="int8"), spoilt(np.inf), "features must be finite"),
         (FeaturesCodec("float16"), spoilt(1e6), "features beyond 65504 are too large for float16"),
-        (FeaturesCodec(), FeatureMap(np.zeros((1, 1025, 1024)), None), r"no message has features \(1, 1025, 1024\)"),
-        (FeaturesCodec(), FeatureMap(np.zeros((70_000, 1, 1))), "at most 65535"),
-        (FeaturesCodec(), FeatureMap(np.zeros((1, 1, 1)), np.full((1, 1), 1.5)), r"confidences .* in \[0, 1\]"),
-        (SparseFeaturesCodec(), FeatureMap(np.zeros((1, 2, 2))), "only of features that have confidences"),
+        (FeaturesCodec(), feature_map(np.zeros((1, 1025, 1024)), None), r"no message has features \(1, 1025, 1024\)"),
+        (FeaturesCodec(), feature_map(np.zeros((70_000, 1, 1))), "at most 65535"),
+        (FeaturesCodec(), feature_map(np.zeros((1, 1, 1)), np.full((1, 1), 1.5)), r"confidences .* in \[0, 1\]"),
+        (SparseFeaturesCodec(), feature_map(np.zeros((1, 2, 2))), "only of features that have confidences"),
         (QueriesCodec(), queries_with(score=[0.5, np.nan]), "query 1 cannot be sent"),
         (QueriesCodec(), queries_with(label=[9, 0]), "query 0 cannot be sent"),
         (QueriesCodec(), queries_with(feature=np.zeros((2, 70_000))), "got 2 x 70000"),

@@ -1,0 +1,114 @@
+"""Specs: things with parameters as a user writes them down, `name` or `name(parameter=value, ...)`.
+
+Values are numbers, True, False, None, texts (without quotes if they are names) and lists of these. Nothing is executed.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import require_choice
+
+T = TypeVar("T")
+
+_SHAPE = re.compile(r"(?P<target>[^()\s][^()]*?)\s*(?:\((?P<parameters>.*)\))?", re.DOTALL)
+
+
+def parse_spec(
+    kind: str, text: object, accepted: str = "name or name(parameter=value, ...)"
+) -> tuple[str, dict[str, Any]]:
+    """Split a spec into its name and its parameters.
+
+    Args:
+        kind: the kind of thing, for error messages ("policy").
+        text: the spec.
+        accepted: the accepted shapes, for error messages.
+
+    Raises:
+        InvalidValueError: the text has another shape.
+    """
+    match = _SHAPE.fullmatch(text.strip()) if isinstance(text, str) else None
+    if match is None:
+        raise InvalidValueError(f"{kind} must be {accepted}, got {text!r}")
+    return match["target"], _parameters(kind, str(text), match["parameters"] or "")
+
+
+def spell_spec(name: str, parameters: Mapping[str, Any]) -> str:
+    """Return the one spelling of a spec: parameters in alphabetical order, quotes only where they are needed."""
+    given = ", ".join(f"{key}={_spelled(value)}" for key, value in sorted(parameters.items()))
+    return f"{name}({given})" if given else name
+
+
+def split_specs(text: str) -> tuple[str, ...]:
+    """Split a list of specs at its commas, but not at those within brackets."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "([") - (letter in ")]")
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return tuple(part.strip() for part in parts)
+
+
+def instantiate(kind: str, name: str, make: Callable[..., T], parameters: Mapping[str, Any]) -> T:
+    """Make a thing by its class or factory.
+
+    Args:
+        kind: the kind of thing, for error messages ("policy").
+        name: the name by which the user knows it.
+        make: its class or factory.
+        parameters: keyword arguments.
+
+    Raises:
+        UnknownNameError: there is no parameter of that name; the message lists the close ones.
+        InvalidValueError: a value is not accepted, a required one is missing, or the class is abstract.
+    """
+    signature = inspect.signature(make)
+    kinds = {parameter.name: parameter.kind for parameter in signature.parameters.values()}
+    if inspect.Parameter.VAR_KEYWORD not in kinds.values():
+        for parameter in parameters:
+            require_choice(f"parameter of {kind} {name!r}", parameter, kinds)
+    if inspect.isabstract(make):
+        missing = ", ".join(sorted(getattr(make, "__abstractmethods__", ())))
+        raise InvalidValueError(f"{kind} {name!r} cannot be made: its class has no {missing}")
+    try:
+        signature.bind(**parameters)
+    except TypeError as error:
+        raise InvalidValueError(f"{kind} {name!r}: {error}") from error
+    return make(**parameters)
+
+
+def _parameters(kind: str, text: str, given: str) -> dict[str, Any]:
+    try:
+        call = ast.parse(f"spec({given})", mode="eval").body
+        if not isinstance(call, ast.Call) or call.args or any(keyword.arg is None for keyword in call.keywords):
+            raise ValueError("a parameter has no name")
+        return {str(keyword.arg): _value(keyword.value) for keyword in call.keywords}
+    except (SyntaxError, ValueError) as error:
+        raise InvalidValueError(
+            f"{kind} {text!r}: parameters must be name=value with commas between them, the values numbers, True, "
+            f"False, None, texts or lists of these, got {given!r}"
+        ) from error
+
+
+def _value(node: ast.expr) -> Any:
+    if isinstance(node, ast.Name):  # a text need not be quoted: delayed=replay
+        return node.id
+    if isinstance(node, (ast.List, ast.Tuple)):
+        return [_value(each) for each in node.elts]
+    value = ast.literal_eval(node)
+    if not (value is None or isinstance(value, (bool, int, float, str))):  # the order of a set is not always the same
+        raise ValueError(f"{value!r} is no value of a parameter")
+    return value
+
+
+def _spelled(value: Any) -> str:
+    if isinstance(value, str) and value.isidentifier() and value not in ("True", "False", "None"):
+        return value
+    return f"[{', '.join(map(_spelled, value))}]" if isinstance(value, list) else repr(value)
