@@ -29,7 +29,8 @@ from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, Tracks
 from coopsim.types.maneuvers import IDLE
-from coopsim.wire.packing import pack_tracks, unpack_observation
+from coopsim.wire.actions import pack_tracks
+from coopsim.wire.observation_format import ObservationFormat
 
 T = TypeVar("T")
 
@@ -118,6 +119,7 @@ class Policy(ABC):
         """
         self.require(agent_specs)
         self.specs, self.rejected = dict(agent_specs), Counter()
+        self._format = ObservationFormat.to_unpack(self.specs)
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))
 
@@ -161,7 +163,7 @@ class Policy(ABC):
         return {name: self._act_one(name, observation) for name, observation in observations.items()}
 
     def _act_one(self, agent: str, packed: Mapping[str, Any]) -> dict[str, Any]:
-        observation = unpack_observation(packed, tuple(self.specs), self.specs[agent])
+        observation = self._format.unpack(packed)
         tracks: object = self.track(agent, observation)
         if not isinstance(tracks, Tracks):
             got = type(tracks).__name__

@@ -10,18 +10,14 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
-from coopsim.envs.options import (
-    CommonOptions,
-    SimulationOptions,
-    require_truth_exposed,
-    sort_options,
-)
+from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.playback import as_recorded
 from coopsim.envs.replay import Replay
 from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulation import Simulation
+from coopsim.envs.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_frame_time
 from coopsim.types.maneuvers import IDLE, MANEUVERS

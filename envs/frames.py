@@ -1,4 +1,4 @@
-"""Where frames come from: the simulation, or a recording. The environment cannot tell which."""
+"""Sources of frames: the simulation, or a recording. The environment cannot tell them apart."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility.lidar_visibility import Visibility
 from coopsim.sensors.visibility.pixel_visibility import PixelVisibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation
+from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 
@@ -23,21 +23,33 @@ class AgentFrame:
 
     Attributes:
         observation: before communication (its inbox is empty).
-        body: the agent's true place.
-        truth: the objects that count in its score, in its base frame.
-        ignored: M objects that do not count: a track on one of them neither helps nor harms.
-        ignored_label: (M,) labels of `ignored`.
+        body: the agent's true pose and shape.
+        truth: all objects but the agent itself, in its base frame; `truth.counts` are those of its score.
         instances: per sweep, the id of the actor behind each point; for training only.
-        segmentation: per camera, the pictures of the modes that are truth; for training only.
+        segmentation: per camera, the image in the modes that are truth; for training only.
     """
 
     observation: Observation
     body: AgentBody
     truth: GroundTruth
-    ignored: Boxes3D = field(default_factory=Boxes3D.empty)
-    ignored_label: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     instances: Mapping[str, Ints] = field(default_factory=dict)
     segmentation: Mapping[str, CameraImage] = field(default_factory=dict)
+
+
+class FrameProbe:
+    """Measurements of one frame that cost time, so they are made when asked for. This one has none."""
+
+    def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
+        """Return images by every agent's cameras, by agent and camera; empty where nothing can be photographed."""
+        return {}
+
+    def visibility(self) -> Mapping[str, Visibility]:
+        """Return how well each agent's LiDARs see every actor, by agent; empty without LiDARs."""
+        return {}
+
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        """Return how well cameras see every actor, by agent with cameras; empty where images tell no actors apart."""
+        return {}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,44 +61,38 @@ class Frame:
         agents: by name, in the environment's order.
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
+        probe: measurements that are made when asked for.
     """
 
     time_ns: int
     agents: Mapping[str, AgentFrame]
     actors: Actors
     last: bool = False
+    probe: FrameProbe = field(default_factory=FrameProbe)
 
 
 class FrameSource(ABC):
-    """Produces the frames of an episode, one after another.
+    """The frames of an episode, one after another.
 
     Attributes:
-        name: the environment id's name part.
-        specs: of all agents that ever appear, in order, with the running episode's cameras.
-        lidars: names of each agent's LiDARs.
-        camera_modes: what the pictures of agents' cameras consist of.
+        name: the environment's id.
+        specs: of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
+        format: of the agents' observations.
         road_map: outlines for pictures.
         capacity: the largest number of actors in a frame.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
-        embedding_dim: length of the embeddings of detections; 0: they have none.
-        detection_covariances: whether detections have covariances.
-        covariances: whether some agent states the covariance of its pose.
     """
 
     name: str
     specs: Mapping[str, AgentSpec]
-    lidars: tuple[str, ...]
-    camera_modes: tuple[str, ...] = ()
+    format: ObservationFormat
     road_map: RoadMap
     capacity: int
     region_m: tuple[float, float] | None
-    embedding_dim: int = 0
-    detection_covariances: bool = False
-    covariances: bool = False
 
     @abstractmethod
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
-        """Begin an episode; its first frame.
+        """Begin an episode and return its first frame.
 
         Raises:
             UnknownNameError: an option is refused, and nothing has begun.
@@ -97,7 +103,7 @@ class FrameSource(ABC):
 
     @abstractmethod
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:
-        """The next frame; `maneuvers` are the discrete meta-actions of the agents that drive."""
+        """Return the next frame; `maneuvers` are the discrete meta-actions of the agents that drive."""
 
     @property
     def sequences(self) -> tuple[str, ...]:
@@ -109,31 +115,19 @@ class FrameSource(ABC):
         """Names that `reset(options=...)` understands."""
         return ()
 
-    def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
-        """The current frame through every agent's cameras, by agent and camera; empty without cameras."""
-        return {}
-
-    def visibility(self) -> Mapping[str, Visibility]:
-        """How well each agent sees every actor in the current frame, by agent; empty without sensors."""
-        return {}
-
-    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
-        """The same by cameras, for the agents that have any; empty where no picture is to tell actors apart."""
-        return {}
-
     def close(self) -> None:
-        """Release what the source holds."""
+        """Release the source's resources."""
 
 
 def actor_rows(actors: Actors, capacity: int) -> Floats:
-    """(capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy by actor in the world frame; zeros below."""
+    """Return actors as rows (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy in the world frame; then zeros."""
     rows = np.zeros((capacity, 11))
     rows[: len(actors)] = np.column_stack([actors.id, actors.label, actors.boxes.array, actors.velocity])
     return rows
 
 
 def world_points(frame: Frame) -> Floats:
-    """The points of all sweeps of a frame, (N, 3) m, moved to the world frame by the true poses."""
+    """Return the points of all sweeps of a frame, (N, 3) m, moved to the world frame by the true poses."""
     parts = [
         agent.body.world_SE3_base.apply(sweep.points)
         for agent in frame.agents.values()

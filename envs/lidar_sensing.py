@@ -1,20 +1,20 @@
-"""What the agents' LiDARs make of each frame: sweeps, or, where no rays are cast, the returns that they would have."""
+"""The agents' LiDARs in each frame: sweeps, or, where no rays are cast, the returns to expect."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from coopsim.detection.simulated.simulated import count_returns
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.lidar.revolution import interpolate
+from coopsim.sensors.lidar.tally import count_returns
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather
@@ -26,14 +26,16 @@ from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 Lidars = Mapping[str, Mapping[str, Lidar]]
 """By kind of agent and name of the sensor."""
 
+Scene = Callable[[], RayScene]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sensed:
-    """What one agent's LiDARs have of a frame.
+class LidarReading:
+    """The output of one agent's LiDARs in one frame.
 
     Attributes:
-        returns: (N,) how many, of each of the N actors.
-        sweeps: by sensor, with instance ids; none where no rays are cast.
+        returns: (N,) number of returns from each of the N actors.
+        sweeps: by sensor, with instance ids; empty where no rays are cast.
     """
 
     returns: Ints
@@ -41,61 +43,66 @@ class Sensed:
 
 
 class LidarSensing(ABC):
-    """The LiDARs of all agents over one episode; asked once in each frame, in order.
-
-    Attributes:
-        scene: what the rays of this frame were cast into; None where none are.
-    """
-
-    scene: RayScene | None = None
+    """The LiDARs of all agents over one episode; asked once in each frame, in order."""
 
     @abstractmethod
-    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
-        """By agent."""
+    def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
+        """Return each agent's reading.
+
+        Args:
+            scene: makes the frame's triangles when first asked for.
+            actors: in the scene.
+            bodies: of the agents, by name.
+        """
+
+    def skip(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> None:
+        """Let a frame pass in which nothing is sensed."""
 
 
 class CastSweeps(LidarSensing):
-    """Sweeps, by agents in parallel.
+    """Sweeps by casting rays, for several agents in parallel.
 
     Args:
-        lidars: what agents carry.
-        geometry: the scene, which every frame moves.
-        agents: names of those who carry them.
-        seed: the episode's.
+        lidars: the sensors.
+        agents: names of the agents that carry them.
+        seed: the episode's seed.
         dt_s: time between two frames.
-        threads: that share the agents.
+        threads: number of threads that share the agents.
     """
 
-    def __init__(
-        self, lidars: Lidars, geometry: SceneGeometry, agents: Iterable[str], seed: int, dt_s: float, threads: int
-    ) -> None:
-        self._lidars, self._geometry, self._dt_s, self._threads = lidars, geometry, dt_s, threads
+    def __init__(self, lidars: Lidars, agents: Iterable[str], seed: int, dt_s: float, threads: int) -> None:
+        self._lidars, self._dt_s, self._threads = lidars, dt_s, threads
         self._sensors = tuple(next(iter(lidars.values())))
         self._rngs = {
             (agent, sensor): stream(seed, "lidar", agent, sensor) for agent in agents for sensor in self._sensors
         }
         self._before: dict[str, SE3] = {}
 
-    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
-        scene = self.scene = RayScene(self._geometry.triangles(actors))
+    def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
+        """Cast all LiDARs' rays; see `LidarSensing.sense`."""
+        triangles = scene()
         before = self._before or {name: self._back(actors, body) for name, body in bodies.items()}
 
-        def sense_one(body: AgentBody) -> Sensed:
-            sweeps = {sensor: self._sweep(scene, body, sensor, before[body.name]) for sensor in self._sensors}
-            return Sensed(count_returns(sweeps, actors.id), sweeps)
+        def sense_one(body: AgentBody) -> LidarReading:
+            sweeps = {sensor: self._sweep(triangles, body, sensor, before[body.name]) for sensor in self._sensors}
+            return LidarReading(count_returns(sweeps, actors.id), sweeps)
 
-        sensed = run_all([partial(sense_one, body) for body in bodies.values()], self._threads)
+        readings = run_all([partial(sense_one, body) for body in bodies.values()], self._threads)
+        self.skip(actors, bodies)
+        return dict(zip(bodies, readings, strict=True))
+
+    def skip(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> None:
+        """Note where agents are, from where they move during the next revolution."""
         self._before = {name: body.world_SE3_base for name, body in bodies.items()}
-        return dict(zip(bodies, sensed, strict=True))
 
     def _sweep(self, scene: RayScene, body: AgentBody, sensor: str, before: SE3) -> Sweep:
-        """A sweep that ends now, of an agent that was at `before` a frame ago."""
+        """Cast a sweep that ends now, of an agent that was at `before` a frame ago."""
         lidar, now, rng = self._lidars[body.kind][sensor], body.world_SE3_base, self._rngs[body.name, sensor]
         start = interpolate(before, now, 1.0 - lidar.config.turn_s / self._dt_s)
         return lidar.sense(scene, now, body.height_m, body.actor_id, rng, start)
 
     def _back(self, actors: Actors, body: AgentBody) -> SE3:
-        """Where an agent was a frame before the first: straight behind, at its speed."""
+        """Return an agent's pose a frame before the first: straight behind, at its speed."""
         if body.actor_id is None:
             return body.world_SE3_base
         (velocity,) = actors.velocity[actors.id == body.actor_id]
@@ -104,13 +111,13 @@ class CastSweeps(LidarSensing):
 
 
 class ExpectReturns(LidarSensing):
-    """The returns that LiDARs would have, by lines of sight (see `coopsim.sensors.lidar.expected_returns`).
+    """The returns to expect of LiDARs, by lines of sight (see `coopsim.sensors.lidar.expected_returns`).
 
     Args:
         config: the LiDAR that every agent would carry.
-        drone_pitch_rad: how far a drone's would look down, on all sides.
+        drone_pitch_rad: how far a drone's LiDAR would look down, on all sides.
         static: the scenery.
-        weather: that dims what is seen; None is dry and clear.
+        weather: dims the returns; None is dry and clear.
     """
 
     def __init__(
@@ -123,8 +130,9 @@ class ExpectReturns(LidarSensing):
             for kind, beams in (("cav", config.beams), ("rsu", config.beams), ("drone", down))
         }
 
-    def sense(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, Sensed]:
-        return {name: Sensed(self._returns(actors, body)) for name, body in bodies.items()}
+    def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
+        """Estimate the returns by lines of sight; see `LidarSensing.sense`."""
+        return {name: LidarReading(self._returns(actors, body)) for name, body in bodies.items()}
 
     def _returns(self, actors: Actors, body: AgentBody) -> Ints:
         at = body.world_SE3_base.apply(self._config.base_SE3_sensor(body.height_m).translation)

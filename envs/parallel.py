@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -23,20 +22,18 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplink
-from coopsim.envs.frames import AgentFrame, Frame, FrameSource, actor_rows, world_points
+from coopsim.envs.frames import Frame, FrameSource, actor_rows, world_points
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
+from coopsim.envs.truth_infos import truth_infos
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
-from coopsim.sensors.camera.picture import TRUTH_MODES
-from coopsim.sensors.visibility.lidar_visibility import Visibility
-from coopsim.sensors.visibility.pixel_visibility import PixelVisibility
 from coopsim.support.checks import require_choice, require_instance
 from coopsim.support.rng import require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.viz.bev import BevFrame, BevRenderer
-from coopsim.wire.packing import action_space, observation_space, pack_image, pack_observation, unpack_action
+from coopsim.wire.actions import action_space, unpack_action
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
@@ -86,18 +83,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "is_parallelizable": True,
             "render_fps": max(1, round(1 / dt_s)),
         }
-        self._observation_spaces = {
-            name: observation_space(
-                self.possible_agents,
-                source.lidars,
-                spec.cameras,
-                source.camera_modes,
-                source.embedding_dim,
-                covariances=source.covariances,
-                detection_covariances=source.detection_covariances,
-            )
-            for name, spec in source.specs.items()
-        }
+        self._observation_spaces = {name: source.format.space(name) for name in source.specs}
         self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
@@ -285,8 +271,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
         By agent and camera; empty where there is nothing to photograph (a replay).
         """
-        self._current()
-        return self._source.photograph()
+        return self._current().probe.photograph()
 
     def render(self) -> NDArray[np.uint8] | None:
         """A bird's-eye picture of `bev_frame()`: (H, W, 3) uint8 as "rgb_array", a window as "human"."""
@@ -338,45 +323,19 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         return tracks, maneuvers
 
     def _observe(self, frame: Frame) -> dict[str, Packed]:
-        """What every agent perceives and hears, packed."""
-        return {
-            name: pack_observation(
-                each,
-                self.possible_agents,
-                self._source.embedding_dim,
-                covariances=self._source.covariances,
-                detection_covariances=self._source.detection_covariances,
-            )
-            for name, each in self._exchange.step(frame).items()
-        }
+        """Exchange messages, and return every agent's packed observation."""
+        pack = self._source.format.pack
+        return {name: pack(observation) for name, observation in self._exchange.step(frame).items()}
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
-        """What is true around each agent, where the environment was made to tell."""
+        """Return the truth around each agent, where the environment was made to expose it."""
         if not self._options.expose_ground_truth:
             return {}
-        truths = {name: _truth(agent) for name, agent in frame.agents.items()}
-        for name, seen in self._source.visibility().items():
-            truths[name]["visibility"] = _columns(seen)
-        for name, shown in self._source.pixel_visibility().items():
-            truths[name]["pixel_visibility"] = _columns(shown)
-        return truths
+        return truth_infos(frame, visibility=self._options.expose_visibility)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
             self.render()
-
-
-def _truth(agent: AgentFrame) -> dict[str, Any]:
-    # Copies, because the originals are what the agent is scored against.
-    truth = {"id": agent.truth.id.copy(), "box": agent.truth.boxes.array, "label": agent.truth.label.copy()}
-    if agent.truth.seen_by is not None:
-        truth["seen_by"] = agent.truth.seen_by.copy()
-    segmentation = {name: pack_image(image, TRUTH_MODES) for name, image in agent.segmentation.items()}
-    return {"ground_truth": truth, "instances": dict(agent.instances), "segmentation": segmentation}
-
-
-def _columns(seen: Visibility | PixelVisibility) -> dict[str, NDArray[Any]]:
-    return {field.name: getattr(seen, field.name) for field in fields(seen)}
 
 
 def fresh_seed() -> int:

@@ -19,6 +19,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, Detections, GroundTruth, Observation, Odometry, PoseEstimate, seconds_to_ns
+from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 _NOWHERE = np.zeros(4)
@@ -46,7 +47,6 @@ class Replay(FrameSource):
         RecordingError: the folder is no recording set, or a label file is broken.
     """
 
-    lidars = ()
     region_m = None
     road_map = RoadMap((), (), (), ())
 
@@ -73,6 +73,7 @@ class Replay(FrameSource):
             for agent in agents
         }
         self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in agents}
+        self.format = ObservationFormat(agents, codec or uplink)
         self._dt_s = dt_s
         self.capacity = self._set.most_objects()
 

@@ -27,7 +27,8 @@ from yaml import MappingNode
 from coopsim.config.keyed_yaml import KeyedYaml, Known, read_keyed_yaml
 from coopsim.config.mappings import with_paths_from
 from coopsim.envs.lidar_options import LIDAR_FIELDS
-from coopsim.envs.options import CommonOptions, SimulationOptions
+from coopsim.envs.options import CommonOptions
+from coopsim.envs.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.sensors.weather import Weather
 from coopsim.world.custom.place import read_place

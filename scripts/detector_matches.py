@@ -23,7 +23,7 @@ from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.types import Detections, Ints, Mask, Sweep, Tracks
-from coopsim.wire.packing import pack_tracks
+from coopsim.wire.actions import pack_tracks
 from coopsim.world.snapshot import Actors
 
 AGENTS = ("ego", "1")

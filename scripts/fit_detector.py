@@ -21,8 +21,9 @@ from scipy.stats import rankdata
 
 from coopsim.detection.presets import FITTED, to_yaml
 from coopsim.detection.simulated.clutter import ClutterConfig
+from coopsim.detection.simulated.confusion import DEFAULT_CONFUSION
 from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetectorConfig
-from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
@@ -59,15 +60,16 @@ def fit(real: Matches, other: Matches) -> CorrelatedDetectorConfig:
     """All numbers, from the matches of the frame's owner and the other car's false detections in the same frame."""
     reach = _reach(real)
     seen = {name: column[real.within(reach)] for name, column in real.objects.items()}
-    found = _found(seen)
+    detection = _detection(seen)
     return CorrelatedDetectorConfig(
         reach_x_m=reach[0],
         reach_y_m=reach[1],
-        found=found,
-        scored=_scored(seen, found),
-        errors={name: _spread(seen, name) for name in ERRORS},
+        detection=detection,
+        score=_score(seen, detection),
+        errors={name: _error(seen, name) for name in ERRORS},
         clutter=_clutter(real, other, reach),
         heading_from_rad=_heading_from(seen),
+        confusion=DEFAULT_CONFUSION,
     )
 
 
@@ -79,7 +81,7 @@ def _reach(real: Matches) -> tuple[float, float]:
     return along, across
 
 
-def _found(seen: dict[str, Floats]) -> Found:
+def _detection(seen: dict[str, Floats]) -> DetectionModel:
     """Recall over the logarithm of the returns; how misses last by the latent correlation that pairs of frames show."""
     logs = np.log(seen["returns"])
     chance = _curve(logs, np.log(RETURNS), seen["found"], np.mean)
@@ -92,10 +94,10 @@ def _found(seen: dict[str, Floats]) -> Found:
         chances = [_shifted(probability[rows], seen["found"][rows].mean()) for rows in (first, second)]
         at.append(_latent(*chances, together))
         weight.append(len(first))
-    return Found(chance, _persistence(np.array(at), np.array(weight)))
+    return DetectionModel(chance, _persistence(np.array(at), np.array(weight)))
 
 
-def _scored(seen: dict[str, Floats], found: Found) -> Scored:
+def _score(seen: dict[str, Floats], detection: DetectionModel) -> ScoreModel:
     """The scores of what was found: how they are spread over range, and how they go with the evidence."""
     floor = round(float(np.nanmin(seen["score"])), 2)
     hit = seen["found"]
@@ -106,21 +108,21 @@ def _scored(seen: dict[str, Floats], found: Found) -> Scored:
     first, second = _pairs(seen, 1)
     before_miss = hit[first] & ~hit[second]
     observed = float(np.mean(normal[first][before_miss]) - np.mean(normal[first][hit[first] & hit[second]]))
-    kept = _autocorrelation(found.persistence, 1)
-    probability = found.chance(np.log(seen["returns"][first]))
-    clearness = float(np.clip(observed / _clearness_gap(probability, kept), -1, 1))
+    kept = _autocorrelation(detection.persistence, 1)
+    probability = detection.probability(np.log(seen["returns"][first]))
+    margin_correlation = float(np.clip(observed / _margin_gap(probability, kept), -1, 1))
     at, weight = [], []
     for lag in LAGS:
-        own = (_correlation(seen, normal, lag) - clearness**2 * _autocorrelation(found.persistence, lag)) / (
-            1 - clearness**2
+        own = (_correlation(seen, normal, lag) - margin_correlation**2 * _autocorrelation(detection.persistence, lag)) / (
+            1 - margin_correlation**2
         )
         at.append(np.clip(own, 0, 1))
         weight.append(len(_pairs(seen, lag)[0]))
     persistence = _persistence(np.array(at), np.array(weight))
-    return Scored(floor, mean, spread, round(clearness, DIGITS), persistence)
+    return ScoreModel(floor, mean, spread, round(margin_correlation, DIGITS), persistence)
 
 
-def _spread(seen: dict[str, Floats], name: str) -> Spread:
+def _error(seen: dict[str, Floats], name: str) -> ErrorModel:
     """Tukey's h-distribution by quantiles: spread from the middle 68 %, tail from the middle 95 %."""
     error, range_m, hit = seen[name], seen["range"], seen["found"]
     wide, narrow, middles = [], [], []
@@ -137,7 +139,7 @@ def _spread(seen: dict[str, Floats], name: str) -> Spread:
     at = np.array([_correlation(seen, normal, lag) for lag in LAGS])
     weight = np.array([len(_pairs(seen, lag)[0]) for lag in LAGS])
     places = _middles(range_m[hit])
-    return Spread(Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight))
+    return ErrorModel(Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight))
 
 
 def _heading_from(seen: dict[str, Floats]) -> float:
@@ -169,13 +171,13 @@ def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> Clutt
     return ClutterConfig(
         density_per_m2=float(f"{density:.3g}"),
         density_spread=round(_spread_of_density(real, reach), DIGITS),
-        found=Found(chance, lasting),
-        scored=Scored(floor, mean, spread, 0.0, score_lasting),
+        detection=DetectionModel(chance, lasting),
+        score=ScoreModel(floor, mean, spread, 0.0, score_lasting),
         life_s=life_s,
         size_m=_rounded(np.exp(np.median(sizes, axis=0))),
         size_noise=round(float(narrow), DIGITS),
         jitter_m=round(float(spread_m / np.sqrt(2)), DIGITS),
-        turned=_rounded(np.quantile(false["yaw"], np.linspace(0, 1, 17))),
+        heading_quantiles_rad=_rounded(np.quantile(false["yaw"], np.linspace(0, 1, 17))),
     )
 
 
@@ -240,16 +242,16 @@ def _areas_m2(reach: tuple[float, float]) -> Floats:
     return np.array([0.25 * len(inside) for inside in _bins(range_m, RANGES_M)])
 
 
-def _clearness_gap(probability: Floats, kept: float) -> float:
+def _margin_gap(probability: Floats, kept: float) -> float:
     """How much clearer, in standard deviations, what is found again was than what is missed next; by drawing it."""
-    rng = stream(0, "clearness")
+    rng = stream(0, "clearness")  # the name decides the draws
     chosen = rng.choice(probability, 400_000)
     now, fresh = rng.standard_normal((2, len(chosen)))
     after = kept * now + np.sqrt(1 - kept**2) * fresh
-    found = Found(Curve((0.0,), (0.0,)))
-    first, clearly = found.decide(chosen, now)
+    found = DetectionModel(Curve((0.0,), (0.0,)))
+    first, margin = found.decide(chosen, now)
     second, _ = found.decide(chosen, after)
-    return float(clearly[first & ~second].mean() - clearly[first & second].mean())
+    return float(margin[first & ~second].mean() - margin[first & second].mean())
 
 
 def _shifted(probability: Floats, mean: float) -> Floats:

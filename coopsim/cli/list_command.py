@@ -18,7 +18,7 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.bench.grid.grid_file import PRESETS
     from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import codecs_of
-    from coopsim.detection.presets import DETECTORS
+    from coopsim.detection.detector import DETECTORS
     from coopsim.sensors.camera.rig_names import RIG_NAMES
 
     listed = {

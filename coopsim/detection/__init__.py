@@ -1,1 +1,1 @@
-"""From what sensors return to boxes."""
+"""From sensor data to boxes: detectors (real and simulated) and embedders."""

@@ -1,4 +1,4 @@
-"""Detectors by name. Those that were fitted to recordings are files beside this one (`fitted/*.yaml`)."""
+"""Built-in detectors by name. Detectors fitted to recordings are YAML files (`fitted/*.yaml`)."""
 
 from __future__ import annotations
 
@@ -9,46 +9,48 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.config.mappings import make, read_mapping, require_mapping
+from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.clutter import ClutterConfig
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.confusion import ClassConfusion
+from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
 from coopsim.detection.simulated.persistence import Persistence
-from coopsim.detection.simulated.simulated import Detector, SimulatedDetector
+from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.errors import UnknownNameError
-from coopsim.support.registry import Registry
 
 FITTED = Path(__file__).parent / "fitted"
-"""Where the fitted detectors' numbers are."""
+"""Folder of the fitted detectors' parameters."""
 
-DETECTORS: Registry[Callable[[], Detector]] = Registry("detector", group="coopsim.detectors")
-"""Functions that make a detector; an installed package adds its own by the entry-point group `coopsim.detectors`."""
+DEFAULT_DETECTOR = "simulated"
+"""Name of the detector of environments that are given none."""
 
 _PARTS: Mapping[str, type[Any]] = {
-    "found": Found,
-    "scored": Scored,
+    "detection": DetectionModel,
+    "score": ScoreModel,
     "clutter": ClutterConfig,
-    "chance": Curve,
+    "confusion": ClassConfusion,
+    "probability": Curve,
     "logit": Curve,
     "spread": Curve,
-    "middle": Curve,
+    "median": Curve,
     "persistence": Persistence,
 }
 
 
-def make_detector(name: str) -> Detector:
-    """The detector called `name`.
+def make_detector(name: str) -> DetectorBase:
+    """Make the detector called `name`.
 
     Raises:
-        UnknownNameError: there is none; the message lists the close ones.
+        UnknownNameError: no such detector; the message lists the close ones.
     """
     return DETECTORS.get(name)()
 
 
 def preset(name: str) -> CorrelatedDetectorConfig:
-    """The numbers of the fitted detector called `name`, to be changed by `dataclasses.replace`.
+    """Return the parameters of the fitted detector called `name`, to be changed by `dataclasses.replace`.
 
     Raises:
-        UnknownNameError: there is none; the message lists the close ones.
+        UnknownNameError: no such fitted detector; the message lists the close ones.
     """
     known = [path.stem for path in FITTED.glob("*.yaml")]
     if name not in known:
@@ -57,7 +59,7 @@ def preset(name: str) -> CorrelatedDetectorConfig:
 
 
 def read_config(path: Path) -> CorrelatedDetectorConfig:
-    """The configuration in a YAML file, whose keys are the fields of `CorrelatedDetectorConfig` and its parts.
+    """Read a configuration from a YAML file, whose keys are the fields of `CorrelatedDetectorConfig` and its parts.
 
     Raises:
         InvalidValueError: the file cannot be read, or a value is not accepted or missing.
@@ -69,7 +71,7 @@ def read_config(path: Path) -> CorrelatedDetectorConfig:
 
 
 def to_yaml(config: CorrelatedDetectorConfig) -> str:
-    """What `read_config` reads."""
+    """Write a configuration as YAML text for `read_config`."""
     import yaml
 
     text: str = yaml.safe_dump(_plain(asdict(config)), default_flow_style=None, sort_keys=False, width=120)
@@ -82,7 +84,7 @@ def _build(kind: type[Any], given: Any) -> Any:
         for name, part in require_mapping(kind.__name__, given).items()
     }
     if kind is CorrelatedDetectorConfig and isinstance(parts.get("errors"), Mapping):
-        parts["errors"] = {name: _build(Spread, part) for name, part in parts["errors"].items()}
+        parts["errors"] = {name: _build(ErrorModel, part) for name, part in parts["errors"].items()}
     return make(kind.__name__, kind, parts)
 
 
@@ -92,7 +94,7 @@ def _plain(value: Any) -> Any:
     return [_plain(part) for part in value] if isinstance(value, tuple) else value
 
 
-def _make_fitted(name: str) -> Detector:
+def _make_fitted(name: str) -> DetectorBase:
     return CorrelatedDetector(preset(name))
 
 

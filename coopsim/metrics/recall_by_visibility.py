@@ -10,7 +10,7 @@ import numpy as np
 from coopsim.metrics.track_log import FlatLog
 
 SEEN_BY = ("me", "others only", "nobody")
-"""Which agents got LiDAR returns from an object in a frame; `GroundTruth.seen_by` holds indices into it."""
+"""Which agents got LiDAR returns from an object in a frame; `GroundTruth.visible_to` holds indices into it."""
 
 UNKNOWN = -1
 """Stands where it is not known which agents saw an object, as in a replay."""

@@ -60,7 +60,7 @@ class TrackLog:
         """Add a frame, with its candidate pairs of one superclass."""
         for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
             start.append(start[-1] + count)
-        seen_by = np.full(len(truth), -1) if truth.seen_by is None else truth.seen_by
+        seen_by = np.full(len(truth), -1) if truth.visible_to is None else truth.visible_to
         objects = (truth.id, truth.label, _range_m(truth.boxes), seen_by)
         reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
         candidates = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)

@@ -169,26 +169,37 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """The objects that count in one frame.
+    """The objects around one agent in one frame, as they are.
 
     Attributes:
         id: (N,) int, unique within the frame and constant over an object's life.
         boxes: N boxes, in the frame in which tracks are reported.
         label: (N,) int, an `ObjectClass`.
-        seen_by: (N,) int, numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`; None where that is not known.
+        visible_to: (N,) int, numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`; None: unknown.
+        velocity: (N, 2) m/s over ground, in the axes of the boxes; None: unknown.
+        returns: (N, A) number of LiDAR returns that each of A agents has from each object; None: unknown.
+        in_region: (N,) whether the object is in the evaluation region; None: all are.
+        counts: (N,) whether the object counts in the score; a track on one that does not neither helps nor harms.
+            None: all count.
     """
 
     id: Ints
     boxes: Boxes3D
     label: Ints
-    seen_by: Ints | None = None
+    visible_to: Ints | None = None
+    velocity: Floats | None = None
+    returns: Ints | None = None
+    in_region: Mask | None = None
+    counts: Mask | None = None
 
     def __post_init__(self) -> None:
-        count = (len(self.boxes),)
-        object.__setattr__(self, "id", frozen(self.id, count, np.int64, "id"))
-        object.__setattr__(self, "label", frozen(self.label, count, np.int64, "label"))
-        if self.seen_by is not None:
-            object.__setattr__(self, "seen_by", frozen(self.seen_by, count, np.int64, "seen_by"))
+        count = len(self.boxes)
+        object.__setattr__(self, "id", frozen(self.id, (count,), np.int64, "id"))
+        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+        for name, (shape, dtype) in _KNOWN_TRUTH.items():
+            column = getattr(self, name)
+            if column is not None:
+                object.__setattr__(self, name, frozen(column, (count, *shape), dtype, name))
 
     @classmethod
     def empty(cls) -> GroundTruth:
@@ -199,7 +210,25 @@ class GroundTruth:
     def __len__(self) -> int:
         return len(self.boxes)
 
+    @property
+    def counted(self) -> GroundTruth:
+        """The objects that count in the score: `id`, `boxes`, `label` and `visible_to` of them."""
+        if self.counts is None:
+            return self
+        visible_to = None if self.visible_to is None else self.visible_to[self.counts]
+        return GroundTruth(self.id[self.counts], self.boxes[self.counts], self.label[self.counts], visible_to)
+
     def validate(self) -> None:
         """Raise `InvalidValueError` if a box is not finite, a size not positive, or an id not unique."""
         self.boxes.validate("objects")
         require_identified(self.id, self.label, "object")
+
+
+_KNOWN_TRUTH: dict[str, tuple[tuple[int | None, ...], Any]] = {
+    "visible_to": ((), np.int64),
+    "velocity": ((2,), np.float64),
+    "returns": ((None,), np.int64),
+    "in_region": ((), np.bool_),
+    "counts": ((), np.bool_),
+}
+"""Shape behind the first axis, and type, of the columns of `GroundTruth` that need not be known."""

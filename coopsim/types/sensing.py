@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import Shape, frozen
 from coopsim.types.units import Ints
+
+OBSERVED_MODES = ("rgb", "depth")
+"""Modes of images that a camera with a depth sensor measures."""
+
+TRUTH_MODES = ("instance", "semantic")
+"""Modes of images that no camera measures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,10 +80,6 @@ class LidarMounting:
         object.__setattr__(self, "elevation_rad", elevation)
 
 
-OBSERVED_MODES = ("rgb", "depth")
-"""The modes of a camera image that a camera with a depth sensor measures."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
     """The image of one camera, in the modes that were asked for; the others are None.
@@ -104,6 +106,12 @@ class CameraImage:
                 pixels = frozen(pixels, (*size, *tail), dtypes[name], name)
                 object.__setattr__(self, name, pixels)
                 size = pixels.shape[:2]
+
+    @classmethod
+    def blank(cls, size: tuple[int, int], modes: Sequence[str]) -> CameraImage:
+        """Return a black image of this height and width, with depth 0, in those of the observed modes."""
+        rgb = np.zeros((*size, 3), np.uint8) if "rgb" in modes else None
+        return cls(rgb, np.zeros(size, np.float32) if "depth" in modes else None)
 
     def without_truth(self) -> CameraImage:
         """Return the image without the modes that are truth."""

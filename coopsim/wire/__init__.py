@@ -1,1 +1,1 @@
-"""Typed structs as the dicts of arrays that PettingZoo's spaces describe, and back."""
+"""Observations and actions as spaces and dicts of arrays."""

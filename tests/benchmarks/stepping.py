@@ -15,12 +15,13 @@ from test_traffic_speed import long_highway
 
 import coopsim
 from coopsim.envs import CooperativeEnv
-from coopsim.envs.options import CommonOptions, SimulationOptions
+from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulation import Simulation
+from coopsim.envs.simulation_options import SimulationOptions
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.types import Tracks
-from coopsim.wire.packing import pack_tracks
+from coopsim.wire.actions import pack_tracks
 from coopsim.world.population import Population
 from coopsim.world.scenario import Scenario
 

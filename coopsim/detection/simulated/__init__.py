@@ -1,1 +1,1 @@
-"""Simulated detectors: they look at the truth, as far as the sensors' returns support it."""
+"""Detectors that are simulated: the truth, thinned and disturbed."""

@@ -1,4 +1,4 @@
-"""What a fit to recordings gives a detector: curves over range or returns, and how single errors are spread."""
+"""The parts of a fitted detector: curves over range or returns, and models of detection, score and box errors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _EDGE = 1e-12  # of probabilities, so that their normal quantiles are finite
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Straight lines between points; constant before the first and after the last.
+    """A piecewise linear function; constant before its first point and after its last.
 
     Attributes:
-        at: (K,) where the points are, rising.
-        value: (K,) their values.
+        at: (K,) abscissas of the points, strictly rising.
+        value: (K,) ordinates.
     """
 
     at: tuple[float, ...]
@@ -46,105 +46,113 @@ class Curve:
             raise InvalidValueError(f"at must rise, got {self.at}")
 
     def __call__(self, at: Floats) -> Floats:
-        """Its values (N,) at (N,) places."""
+        """Evaluate the function at (N,) abscissas; returns (N,)."""
         return np.interp(at, self.at, self.value)
 
     def require_values(self, name: str, least: float, most: float) -> None:
-        """Raise `InvalidValueError` unless all values are in [least, most]."""
+        """Raise `InvalidValueError` unless all ordinates are in [least, most]."""
         for value in self.value:
             require_between(least, most, **{name: value})
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """Whether an object is found, or a phantom believed: with the probability that a curve gives, not anew each frame.
+class DetectionModel:
+    """Whether an object (or a phantom) is reported in a frame.
 
-    A standard normal `evidence` that lasts decides: the object is found where it exceeds the normal quantile of
-    1 - probability, so that misses come in runs and some objects are overlooked always (a Gaussian copula).
+    A Gaussian copula: a standard normal `evidence`, correlated over time, is compared with the quantile of
+    1 - probability. So misses come in runs, and some objects are missed always.
 
     Attributes:
-        chance: probability over whatever decides it.
-        persistence: of the evidence.
+        probability: probability of detection over the variable that decides it.
+        persistence: correlation of the evidence over time.
     """
 
-    chance: Curve
+    probability: Curve
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_parts(Curve, chance=self.chance)
+        require_parts(Curve, probability=self.probability)
         require_parts(Persistence, persistence=self.persistence)
-        self.chance.require_values("chance", 0, 1)
+        self.probability.require_values("probability", 0, 1)
 
     def decide(self, probability: Floats, evidence: Floats) -> tuple[Mask, Floats]:
-        """Who is found (N,), and how clearly, (N,): standard normal among the found; both arguments are (N,)."""
+        """Decide which objects are detected.
+
+        Args:
+            probability: (N,) of detection.
+            evidence: (N,) standard normal.
+
+        Returns:
+            The mask (N,) of detected objects, and a margin (N,), standard normal among the detected.
+        """
         level = ndtr(-evidence)  # uniform; the smaller, the more evidence
-        clearly: Floats = -ndtri(np.clip(level / np.maximum(probability, _EDGE), _EDGE, 1 - _EDGE))
-        return level < probability, clearly
+        margin: Floats = -ndtri(np.clip(level / np.maximum(probability, _EDGE), _EDGE, 1 - _EDGE))
+        return level < probability, margin
 
 
 @dataclass(frozen=True, slots=True)
-class Scored:
-    """Scores s of what is reported: logit((s - `floor`) / (1 - `floor`)) is normal.
+class ScoreModel:
+    """The score s of a detection: logit((s - `floor`) / (1 - `floor`)) is normal.
 
     Attributes:
-        floor: the detector's threshold: nothing below it is reported; in [0, 1).
-        logit: its mean over the range in m.
-        spread: its standard deviation over the range in m.
-        clearness: correlation with how clearly the object was found, in [-1, 1].
-        persistence: of the part that is not due to that.
+        floor: the detector's threshold, below which nothing is reported; in [0, 1).
+        logit: mean of the logit over the range in m.
+        spread: standard deviation of the logit over the range in m.
+        margin_correlation: correlation with the margin of the `DetectionModel`, in [-1, 1].
+        persistence: correlation over time of the part that is independent of the margin.
     """
 
     floor: float
     logit: Curve
     spread: Curve
-    clearness: float = 0.0
+    margin_correlation: float = 0.0
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
         require_parts(Curve, logit=self.logit, spread=self.spread)
         require_parts(Persistence, persistence=self.persistence)
         require_between(0, 0.999, floor=self.floor)
-        require_between(-1, 1, clearness=self.clearness)
+        require_between(-1, 1, margin_correlation=self.margin_correlation)
         self.spread.require_values("spread", 0, np.inf)
 
-    def score(self, range_m: Floats, clearly: Floats, own: Floats) -> Floats:
-        """(N,) from the range, how clearly it was found, and a standard normal number of its own; each (N,)."""
-        normal = self.clearness * clearly + np.sqrt(1 - self.clearness**2) * own
-        score: Floats = self.floor + (1 - self.floor) * expit(self.logit(range_m) + self.spread(range_m) * normal)
+    def score(self, range_m: Floats, margin: Floats, normal: Floats) -> Floats:
+        """Return scores (N,) from range, margin of detection and an independent standard normal number; each (N,)."""
+        mixed = self.margin_correlation * margin + np.sqrt(1 - self.margin_correlation**2) * normal
+        score: Floats = self.floor + (1 - self.floor) * expit(self.logit(range_m) + self.spread(range_m) * mixed)
         return score
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
-    """How one number of a box errs: x = `middle` + `spread` * z * exp(`tail` * z^2 / 2) with a normal z that lasts.
+class ErrorModel:
+    """The error x of one number of a box: x = `median` + `spread` * z * exp(`tail` * z^2 / 2), z standard normal.
 
-    That is Tukey's h-distribution: the larger the tail, the more outliers; with 0 it is normal.
+    This is Tukey's h-distribution: the larger the tail, the more outliers; with 0 it is normal.
 
     Attributes:
         spread: over the range in m.
-        middle: median error over the range in m.
+        median: median error over the range in m.
         tail: in [0, 0.5].
-        persistence: of z.
+        persistence: correlation of z over time.
     """
 
     spread: Curve
-    middle: Curve = field(default_factory=lambda: Curve((0.0,), (0.0,)))
+    median: Curve = field(default_factory=lambda: Curve((0.0,), (0.0,)))
     tail: float = 0.0
     persistence: Persistence = field(default_factory=Persistence)
 
     def __post_init__(self) -> None:
-        require_parts(Curve, spread=self.spread, middle=self.middle)
+        require_parts(Curve, spread=self.spread, median=self.median)
         require_parts(Persistence, persistence=self.persistence)
         require_between(0, 0.5, tail=self.tail)
         self.spread.require_values("spread", 0, np.inf)
 
     def error(self, range_m: Floats, normal: Floats) -> Floats:
-        """(N,) errors from ranges and standard normal numbers, (N,)."""
-        return self.middle(range_m) + self.spread(range_m) * normal * np.exp(self.tail * normal**2 / 2)
+        """Return errors (N,) from ranges and standard normal numbers, (N,) each."""
+        return self.median(range_m) + self.spread(range_m) * normal * np.exp(self.tail * normal**2 / 2)
 
 
 def require_parts(wanted: type[Any], **parts: object) -> None:
-    """Each must be an object of the class `wanted`; raises `InvalidValueError`."""
+    """Raise `InvalidValueError` unless each is an object of the class `wanted`."""
     for name, part in parts.items():
         if not isinstance(part, wanted):
             raise InvalidValueError(f"{name} must be a coopsim {wanted.__name__}, got {part!r}")

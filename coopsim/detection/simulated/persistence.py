@@ -1,4 +1,4 @@
-"""Errors that last: detectors err about an object the same way, frame after frame."""
+"""Errors that persist: a detector errs about an object in the same way, frame after frame."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _TINY = 2.0**-54  # keeps a draw of 0 from being infinitely far out
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
-    """How an error that is a standard normal number in every frame is correlated over time, for one agent and object.
+    """Correlation over time of an error that is a standard normal number in every frame, for one agent and object.
 
-    It is the sum of a constant, a first-order autoregressive process, and white noise. Its autocorrelation after the
-    time t > 0 is `constant` + `lasting` * exp(-t / `lasting_s`).
+    The number is the sum of a constant, a first-order autoregressive process and white noise. Its autocorrelation after
+    the time t > 0 is `constant` + `lasting` * exp(-t / `lasting_s`).
 
     Attributes:
         constant: share of the variance that never changes, in [0, 1].
-        lasting: share of the autoregressive part, in [0, 1]; what the two leave is white.
+        lasting: share of the autoregressive part, in [0, 1]; the rest of the variance is white.
         lasting_s: time in which the autoregressive part loses its correlation to 1/e.
     """
 
@@ -45,16 +45,16 @@ class Persistence:
             )
 
 
-class LastingNormals:
-    """Standard normal numbers for every object, correlated over time; one owner's, asked once in each frame, in order.
+class PersistentNormals:
+    """Standard normal numbers for every object, correlated over time; asked once in each frame, in order.
 
-    An object's numbers depend on the seed, the owner, the object's id and the frames since it came alone, so that one
-    more object does not shift the others'. An object that comes back after a pause has its constant part again.
+    An object's numbers depend only on the seed, the owner, the object's id and the number of frames, so that one more
+    object does not shift the others' numbers. An object that comes back after a pause has its constant part again.
 
     Args:
         seed: the episode's seed.
-        owner: whose they are, and what for.
-        kinds: K, one per number.
+        owner: name of the purpose and the agent that the numbers are for.
+        kinds: K, the persistence of each number.
         dt_s: time between two frames.
     """
 
@@ -70,7 +70,7 @@ class LastingNormals:
         self._constant, self._lasting = (np.zeros((0, self._count)) for _ in range(2))
 
     def step(self, ids: Ints) -> Floats:
-        """This frame's numbers (N, K) of the objects `ids` (N,), distinct ints in [0, 2^31)."""
+        """Return this frame's numbers (N, K) for the objects `ids` (N,), distinct ints in [0, 2^31)."""
         self._frame += 1
         drawn = self._draw(ids, self._frame)
         walk, white = drawn[:, : self._count], drawn[:, self._count :]

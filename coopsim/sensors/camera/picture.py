@@ -14,11 +14,8 @@ from coopsim.sensors.camera.renderer import View
 from coopsim.sensors.scene import STATIC_ID, Triangles
 from coopsim.support.checks import require_choice
 from coopsim.types import CameraImage
-from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.types.sensing import OBSERVED_MODES, TRUTH_MODES
 from coopsim.world.snapshot import Actors
-
-TRUTH_MODES = ("instance", "semantic")
-"""Modes that are truth, and that no camera measures."""
 
 MODES = OBSERVED_MODES + TRUTH_MODES
 

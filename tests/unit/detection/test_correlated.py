@@ -10,7 +10,7 @@ import pytest
 from coopsim.detection.presets import preset
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
 from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.simulated.curves import Curve, Found, Scored, Spread
+from coopsim.detection.simulated.curves import Curve, DetectionModel, ScoreModel, ErrorModel
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -29,11 +29,11 @@ def flat(value: float) -> Curve:
 EXACT = CorrelatedDetectorConfig(
     reach_x_m=100.0,
     reach_y_m=100.0,
-    found=Found(flat(1.0)),
-    scored=Scored(0.2, flat(0.0), flat(0.5)),
-    errors={name: Spread(flat(0.0)) for name in ERRORS},
+    detection=DetectionModel(flat(1.0)),
+    score=ScoreModel(0.2, flat(0.0), flat(0.5)),
+    errors={name: ErrorModel(flat(0.0)) for name in ERRORS},
 )
-PHANTOMS = ClutterConfig(0.004, Found(flat(0.5)), Scored(0.2, flat(0.0), flat(1.0)), life_s=1e6)
+PHANTOMS = ClutterConfig(0.004, DetectionModel(flat(0.5)), ScoreModel(0.2, flat(0.0), flat(1.0)), life_s=1e6)
 
 
 def actors(count: int, range_m: float = 30.0, yaw: float = 0.3) -> Actors:
@@ -57,13 +57,13 @@ def test_without_errors_it_reports_the_truth() -> None:
 
 
 def test_recall_is_the_curve_over_returns_and_zero_without_any() -> None:
-    config = replace(EXACT, found=Found(Curve((0.0, np.log(100)), (0.2, 0.8))))
+    config = replace(EXACT, detection=DetectionModel(Curve((0.0, np.log(100)), (0.2, 0.8))))
     for returns, expected in ((0, 0.0), (1, 0.2), (10, 0.5), (1000, 0.8)):
         assert len(detect(config, actors(5000), returns)[0]) / 5000 == pytest.approx(expected, abs=0.02)
 
 
 def test_misses_last() -> None:
-    config = replace(EXACT, found=Found(flat(0.5), Persistence(0.5, 0.4, 1.0)))
+    config = replace(EXACT, detection=DetectionModel(flat(0.5), Persistence(0.5, 0.4, 1.0)))
     truth = actors(4000)
     first, second = (
         np.isin(np.round(truth.boxes.center[:, 1], 6), np.round(found.boxes.center[:, 1], 6))
@@ -86,8 +86,8 @@ def test_scores_have_their_floor_and_go_with_the_evidence_and_keep_their_distrib
     truth = actors(20_000)
     logits = []
     for clearness in (0.0, 0.9):
-        scored = Scored(0.3, flat(-0.5), flat(0.7), clearness)
-        (found,) = detect(replace(EXACT, found=Found(flat(0.4)), scored=scored), truth)
+        scored = ScoreModel(0.3, flat(-0.5), flat(0.7), clearness)
+        (found,) = detect(replace(EXACT, detection=DetectionModel(flat(0.4)), score=scored), truth)
         assert found.score.min() >= 0.3
         unfloored = (found.score - 0.3) / 0.7
         logits.append(np.log(unfloored / (1 - unfloored)))
@@ -97,7 +97,7 @@ def test_scores_have_their_floor_and_go_with_the_evidence_and_keep_their_distrib
 
 def test_errors_have_their_axis_spread_middle_and_tail() -> None:
     for name, column in (("along", 0), ("across", 1), ("up", 2), ("yaw", 6)):
-        errors = dict(EXACT.errors) | {name: Spread(Curve((0.0, 60.0), (0.0, 0.2)), flat(0.02), tail=0.2)}
+        errors = dict(EXACT.errors) | {name: ErrorModel(Curve((0.0, 60.0), (0.0, 0.2)), flat(0.02), tail=0.2)}
         truth = actors(20_000, yaw=0.0)
         off = detect(replace(EXACT, errors=errors), truth)[0].boxes.array - truth.boxes.array
         assert np.abs(np.delete(off, column, axis=1)).max() < 1e-12
@@ -115,7 +115,7 @@ def test_a_detector_that_does_not_tell_front_from_back_folds_headings() -> None:
 
 
 def test_the_axes_of_errors_turn_with_the_object() -> None:
-    errors = dict(EXACT.errors) | {"along": Spread(flat(0.3))}
+    errors = dict(EXACT.errors) | {"along": ErrorModel(flat(0.3))}
     config = replace(EXACT, errors=errors)
     shifts = [
         detect(config, actors(50, yaw=yaw))[0].boxes.center[:, :2] - actors(50).boxes.center[:, :2]
@@ -125,7 +125,7 @@ def test_the_axes_of_errors_turn_with_the_object() -> None:
 
 
 def test_phantoms_stay_in_the_world_while_the_agent_moves() -> None:
-    clutter = Clutter(replace(PHANTOMS, found=Found(flat(1.0))), 0, "cav_0", 0.1, np.array([60.0, 40.0]))
+    clutter = Clutter(replace(PHANTOMS, detection=DetectionModel(flat(1.0))), 0, "cav_0", 0.1, np.array([60.0, 40.0]))
     seen = []
     for pose in (SE3.identity(), SE3.from_xyz_yaw(np.array([7.0, -3.0, 0.0]), 0.4)):
         found = clutter.detect(pose, np.zeros((0, 2)))
@@ -146,7 +146,7 @@ def test_phantoms_are_common_to_agents_who_believe_in_them_by_themselves() -> No
 
 
 def test_phantoms_die_and_others_come_at_the_same_rate() -> None:
-    config = replace(PHANTOMS, found=Found(flat(1.0)), life_s=1.0)
+    config = replace(PHANTOMS, detection=DetectionModel(flat(1.0)), life_s=1.0)
     clutter = Clutter(config, 0, "cav_0", 0.1, np.array([60.0, 40.0]))
     frames = [clutter.detect(SE3.identity(), np.zeros((0, 2))).boxes.center[:, 0] for _ in range(31)]
     assert len(np.intersect1d(frames[0], frames[5])) == pytest.approx(0.5 * len(frames[0]), abs=0.25 * len(frames[0]))
@@ -176,7 +176,7 @@ def test_every_agent_and_episode_has_its_own_memory() -> None:
 
 
 def test_angles_stay_wrapped() -> None:
-    errors = dict(EXACT.errors) | {"yaw": Spread(flat(1.0))}
+    errors = dict(EXACT.errors) | {"yaw": ErrorModel(flat(1.0))}
     yaw = detect(replace(EXACT, errors=errors), actors(500, yaw=3.1))[0].boxes.yaw
     np.testing.assert_array_equal(yaw, wrap_angle(yaw))
 
@@ -185,18 +185,18 @@ def test_angles_stay_wrapped() -> None:
     ("make", "match"),
     [
         (lambda: replace(EXACT, reach_x_m=0.0), "reach_x_m must be a finite number > 0"),
-        (lambda: replace(EXACT, errors={"along": Spread(flat(0.1))}), "no across"),
-        (lambda: replace(EXACT, errors=dict(EXACT.errors) | {"acros": Spread(flat(0.1))}), "unknown error 'acros'"),
-        (lambda: Found(flat(1.2)), r"chance must be in \[0, 1\]"),
+        (lambda: replace(EXACT, errors={"along": ErrorModel(flat(0.1))}), "no across"),
+        (lambda: replace(EXACT, errors=dict(EXACT.errors) | {"acros": ErrorModel(flat(0.1))}), "unknown error 'acros'"),
+        (lambda: DetectionModel(flat(1.2)), r"probability must be in \[0, 1\]"),
         (lambda: Curve((0.0, 0.0), (1.0, 2.0)), "at must rise"),
         (lambda: Curve((0.0,), (1.0, 2.0)), "as many values as places"),
         (lambda: Curve((), ()), "at least one"),
-        (lambda: Spread(flat(-0.1)), "spread must be in"),
-        (lambda: Scored(1.0, flat(0.0), flat(1.0)), "floor must be in"),
+        (lambda: ErrorModel(flat(-0.1)), "spread must be in"),
+        (lambda: ScoreModel(1.0, flat(0.0), flat(1.0)), "floor must be in"),
         (lambda: replace(PHANTOMS, density_per_m2=0.02), "density_per_m2 must be in"),
         (lambda: replace(PHANTOMS, size_m=(1.0, 2.0)), "size_m must be length, width and height"),
         (lambda: replace(PHANTOMS, life_s=0.0), "life_s must be a finite number > 0"),
-        (lambda: Found(None), "chance must be a coopsim Curve, got None"),  # type: ignore[arg-type]
+        (lambda: DetectionModel(None), "probability must be a coopsim Curve, got None"),  # type: ignore[arg-type]
         (lambda: replace(EXACT, errors=None), "errors must be a coopsim Mapping"),  # type: ignore[arg-type]
         (lambda: CorrelatedDetector(None), "config must be"),  # type: ignore[arg-type]
     ],

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.detection.simulated.persistence import LastingNormals, Persistence
+from coopsim.detection.simulated.persistence import PersistentNormals, Persistence
 from coopsim.errors import InvalidValueError
 
 KIND = Persistence(constant=0.3, lasting=0.5, lasting_s=0.5)
@@ -16,7 +16,7 @@ WHITE = Persistence()
 
 def walk(ids: np.ndarray, frames: int, *kinds: Persistence, seed: int = 0, owner: str = "cav_0") -> np.ndarray:
     """(F, N, K)."""
-    normals = LastingNormals(seed, owner, kinds or (KIND,), dt_s=0.1)
+    normals = PersistentNormals(seed, owner, kinds or (KIND,), dt_s=0.1)
     return np.stack([normals.step(ids) for _ in range(frames)])
 
 
@@ -46,7 +46,7 @@ def test_kinds_objects_owners_and_seeds_are_independent() -> None:
 @settings(max_examples=30)
 @given(st.lists(st.sets(st.integers(0, 2**31 - 1), max_size=6), min_size=1, max_size=5), st.integers(0, 2**31 - 1))
 def test_one_more_object_and_another_order_shift_nobody(frames: list[set[int]], newcomer: int) -> None:
-    one, other = (LastingNormals(3, "rsu_0", (KIND, WHITE), 0.1) for _ in range(2))
+    one, other = (PersistentNormals(3, "rsu_0", (KIND, WHITE), 0.1) for _ in range(2))
     for present in frames:
         ids = np.array(sorted(present - {newcomer}), dtype=np.int64)
         crowd = np.append(ids[::-1], newcomer)
@@ -54,7 +54,7 @@ def test_one_more_object_and_another_order_shift_nobody(frames: list[set[int]], 
 
 
 def test_who_comes_back_has_its_constant_part_again() -> None:
-    normals = LastingNormals(0, "cav_0", (Persistence(1.0),), 0.1)
+    normals = PersistentNormals(0, "cav_0", (Persistence(1.0),), 0.1)
     ids = np.array([7, 9])
     before = normals.step(ids)
     normals.step(ids[:1])

@@ -13,7 +13,7 @@ from coopsim.detection.simulated.correlated import CorrelatedDetector
 from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
 from coopsim.types import Tracks
-from coopsim.wire.packing import pack_tracks
+from coopsim.wire.actions import pack_tracks
 
 NAME = "pointpillars_v2v4real"
 

@@ -1,0 +1,114 @@
+"""Detectors: boxes from one agent's sensors. Derive from `Detector` to plug in your own.
+
+The environment makes one episode's detector by `begin`, and in each frame asks it for all agents at once
+(`detect_all`, by default one `detect` after another). A detector sees sensors and calibrations alone; detectors that
+simulate errors on the truth are `coopsim.detection.oracle.OracleDetector`s.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.support.registry import Registry
+from coopsim.types import AgentSpec, Detections, SensorView
+
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNeeds:
+    """The sensors that a detector or an embedder cannot do without.
+
+    Attributes:
+        lidar: it reads sweeps.
+        cameras: it reads images.
+    """
+
+    lidar: bool = False
+    cameras: bool = False
+
+    def require(self, option: str, value: object, *, lidar: bool, cameras: bool) -> None:
+        """Check that an environment has these sensors.
+
+        Args:
+            option: name of the option that the needs come from, for the message.
+            value: its value, for the message.
+            lidar: whether agents have LiDARs.
+            cameras: whether agents have cameras.
+
+        Raises:
+            InvalidValueError: they have not.
+        """
+        if self.lidar and not lidar:
+            raise InvalidValueError(f"{option} must need no sweeps where lidar is None, got {value!r}")
+        if self.cameras and not cameras:
+            raise InvalidValueError(f"{option} must need no images where cameras is False, got {value!r}")
+
+
+class DetectorBase(ABC):
+    """What real and simulated detectors have in common.
+
+    Attributes:
+        needs: the sensors without which it cannot work; checked when an environment is made.
+        embedding_dim: length of the embeddings in its detections; 0: they have none.
+        states_covariance: whether its detections have covariances.
+    """
+
+    needs: ClassVar[SensorNeeds] = SensorNeeds()
+    embedding_dim: int = 0
+    states_covariance: bool = False
+
+    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> DetectorBase:
+        """Return the detector of one episode, for all agents: this one itself, unless it keeps state.
+
+        Args:
+            specs: the episode's agents, by name.
+            seed: the episode's seed.
+        """
+        return self
+
+
+class Detector(DetectorBase):
+    """A detector that works on sensor data. Override `detect`; override `detect_all` to process agents as one batch."""
+
+    needs: ClassVar[SensorNeeds] = SensorNeeds(lidar=True)
+
+    @abstractmethod
+    def detect(self, view: SensorView, rng: Rng) -> Detections:
+        """Detect the objects of one frame.
+
+        Args:
+            view: the agent's sensor data, in its base frame.
+            rng: the agent's random stream for this purpose, for detectors that draw.
+
+        Returns:
+            The detected objects, in the agent's base frame.
+        """
+
+    def detect_all(self, views: Mapping[str, SensorView], rngs: Mapping[str, Rng]) -> dict[str, Detections]:
+        """Detect the objects of one frame for all agents; both arguments and the result are by agent."""
+        return {agent: self.detect(view, rngs[agent]) for agent, view in views.items()}
+
+
+class NoDetector(Detector):
+    """A detector that never reports anything, for policies that bring their own (`detector="none"`)."""
+
+    needs = SensorNeeds()
+
+    def detect(self, view: SensorView, rng: Rng) -> Detections:
+        """Return no detections."""
+        return Detections.empty()
+
+
+DETECTORS: Registry[Callable[..., DetectorBase]] = Registry(
+    "detector", home="coopsim.detection.presets", group="coopsim.detectors"
+)
+"""Functions that make a detector, by name; packages add theirs through the entry-point group `coopsim.detectors`."""
+
+DETECTORS.register("none")(NoDetector)

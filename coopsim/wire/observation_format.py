@@ -1,0 +1,225 @@
+"""The format of observations: their gymnasium space, and typed structs to dicts of arrays and back.
+
+Spaces use gymnasium's own `Dict`, `Box`, `Discrete` and `Sequence(stack=True)` only, so any PettingZoo tool
+reads them. A stacked sequence of N items is a dict of arrays whose first axis is N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.types import (
+    AgentSpec,
+    CameraImage,
+    Detections,
+    Message,
+    Observation,
+    Odometry,
+    PoseEstimate,
+    Sweep,
+)
+from coopsim.types.embedding import directions
+from coopsim.types.taxonomy import CLASS_NAMES, require_classes
+from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationFormat:
+    """The format of all agents' observations in one environment.
+
+    Attributes:
+        agents: all agents, in the order in which an inbox numbers its senders.
+        codec: the codec of all messages.
+        lidars: names of each agent's LiDARs.
+        cameras: by agent and camera, the height and width of its images.
+        camera_modes: the modes of images; modes that are truth are left out.
+        embedding_dim: length of the embeddings of detections; 0: they have none.
+        detection_covariances: whether detections have covariances.
+        pose_covariances: whether some agent states the covariance of its pose.
+        skips_frames: whether there are frames in which sensors and detector do not run.
+    """
+
+    agents: tuple[str, ...]
+    codec: str
+    lidars: tuple[str, ...] = ()
+    cameras: Mapping[str, Mapping[str, tuple[int, int]]] = field(default_factory=dict)
+    camera_modes: Sequence[str] = OBSERVED_MODES
+    embedding_dim: int = 0
+    detection_covariances: bool = False
+    pose_covariances: bool = False
+    skips_frames: bool = False
+
+    @classmethod
+    def to_unpack(cls, specs: Mapping[str, AgentSpec]) -> ObservationFormat:
+        """Return a format for `unpack` alone, which needs no more than the specs of all agents."""
+        spec = next(iter(specs.values()))
+        return cls(tuple(specs), spec.codec or spec.uplink)
+
+    def space(self, agent: str) -> spaces.Dict:
+        """Return a new space of this agent's observations. (Agents must not share one: it is seeded for each.)"""
+        pose: dict[str, Any] = {"pose": real_space(4)}
+        head: dict[str, Any] = {"sender": spaces.Discrete(len(self.agents)), "captured_ns": spaces.Discrete(COUNTER)}
+        head["pose"] = real_space(4)
+        if self.pose_covariances:
+            pose["pose_covariance"] = real_space(3, 3)
+            head["pose_covariance"] = real_space(3, 3)
+        detection = {"box": box_space(), "score": real_space(1), "label": spaces.Discrete(len(CLASS_NAMES))}
+        if self.embedding_dim:
+            detection["embedding"] = real_space(self.embedding_dim, dtype=np.float32)
+        if self.detection_covariances:
+            detection["covariance"] = real_space(7, 7)
+        sweeps = {name: spaces.Sequence(real_space(5, dtype=np.float32), stack=True) for name in self.lidars}
+        images = {name: self._image_space(size) for name, size in self.cameras.get(agent, {}).items()}
+        sensed = {"sensed": spaces.Discrete(2)} if self.skips_frames else {}
+        return spaces.Dict(
+            time_ns=spaces.Discrete(COUNTER),
+            **pose,
+            odometry=real_space(4),
+            **sensed,
+            detections=rows_space(**detection),
+            sweeps=spaces.Dict(sweeps),
+            cameras=spaces.Dict(images),  # type: ignore[arg-type]
+            inbox=rows_space(**head, payload_bytes=spaces.Discrete(2**32)),
+            # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
+            inbox_payload=spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True),
+        )
+
+    def pack(self, observation: Observation) -> dict[str, Any]:
+        """Return an observation as its space's dict of arrays.
+
+        Raises:
+            InvalidValueError: the detections' embeddings have another length than announced, or they have covariances
+                and none were announced.
+        """
+        packed: dict[str, Any] = {
+            "time_ns": np.int64(observation.time_ns),
+            "pose": observation.pose.xyz_yaw,
+            "odometry": observation.odometry.xyz_yaw,
+            "detections": self._pack_detections(observation.detections),
+            "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
+            "cameras": {name: pack_image(image, OBSERVED_MODES) for name, image in observation.cameras.items()},
+            **self._pack_inbox(observation.inbox),
+        }
+        if self.pose_covariances:
+            packed["pose_covariance"] = _pack_covariances([observation.pose])[0]
+        if self.skips_frames:
+            packed["sensed"] = np.int64(observation.sensed)
+        return packed
+
+    def unpack(self, packed: Mapping[str, Any]) -> Observation:
+        """Return the typed observation that `pack` was given."""
+        rows = packed["detections"]
+        sensed = bool(packed.get("sensed", True))
+        return Observation(
+            time_ns=int(packed["time_ns"]),
+            pose=PoseEstimate(packed["pose"], _stated(packed.get("pose_covariance"))),
+            odometry=Odometry(packed["odometry"]),
+            detections=Detections(
+                Boxes3D.from_array(rows["box"]),
+                np.reshape(rows["score"], -1),
+                rows["label"],
+                _stated(rows.get("covariance")),
+                rows.get("embedding"),
+            ),
+            sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
+            cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()} if sensed else {},
+            inbox=self._unpack_inbox(packed),
+            sensed=sensed,
+        )
+
+    def _image_space(self, size: tuple[int, int]) -> spaces.Dict:
+        pixels = {
+            "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
+            "depth": real_space(*size, low=0.0, dtype=np.float32),
+        }
+        return spaces.Dict({mode: pixels[mode] for mode in OBSERVED_MODES if mode in self.camera_modes})
+
+    def _pack_detections(self, detections: Detections) -> dict[str, Any]:
+        """Pack embeddings at length 1, zeros where unknown, as for covariances: an observation is finite."""
+        require_classes(detections.label, "detection")
+        rows: dict[str, Any] = {
+            "box": detections.boxes.array,
+            "score": detections.score[:, None],
+            "label": detections.label,
+        }
+        embedding, covariance = detections.embedding, detections.covariance
+        if embedding is not None and embedding.shape[1] != self.embedding_dim:
+            raise InvalidValueError(
+                f"detections have embeddings of length {embedding.shape[1]}, announced were {self.embedding_dim}"
+            )
+        if self.embedding_dim:
+            none = np.zeros((len(detections), self.embedding_dim))
+            rows["embedding"], _ = directions(none if embedding is None else embedding)
+        if covariance is not None and not self.detection_covariances:
+            raise InvalidValueError(
+                "detections have covariances, announced were none: Detector.states_covariance says so"
+            )
+        if self.detection_covariances:
+            rows["covariance"] = np.zeros((len(detections), 7, 7)) if covariance is None else covariance
+        return rows
+
+    def _pack_inbox(self, inbox: Sequence[Message]) -> dict[str, Any]:
+        heads: dict[str, Any] = {
+            "sender": np.array([self.agents.index(message.sender) for message in inbox], dtype=np.int64),
+            "captured_ns": np.array([message.captured_ns for message in inbox], dtype=np.int64),
+            "pose": np.array([message.pose.xyz_yaw for message in inbox]).reshape(-1, 4),
+            "payload_bytes": np.array([len(message.payload) for message in inbox], dtype=np.int64),
+        }
+        if self.pose_covariances:
+            heads["pose_covariance"] = _pack_covariances([message.pose for message in inbox])
+        payload = np.frombuffer(b"".join(message.payload for message in inbox), dtype=np.uint8)
+        return {"inbox": heads, "inbox_payload": payload[:, None]}
+
+    def _unpack_inbox(self, packed: Mapping[str, Any]) -> tuple[Message, ...]:
+        heads, heap = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8)
+        covariances = heads.get("pose_covariance", [None] * len(heads["sender"]))
+        ends = np.cumsum(heads["payload_bytes"])
+        starts = ends - heads["payload_bytes"]
+        return tuple(
+            Message(
+                self.agents[sender],
+                int(captured_ns),
+                PoseEstimate(pose, _stated(covariance)),
+                heap[start:end].tobytes(),
+                self.codec,
+            )
+            for sender, captured_ns, pose, covariance, start, end in zip(
+                heads["sender"], heads["captured_ns"], heads["pose"], covariances, starts, ends, strict=True
+            )
+        )
+
+
+def pack_image(image: CameraImage, modes: Sequence[str]) -> dict[str, Any]:
+    """Return an image's pixels in those of `modes` that it has, by mode."""
+    return {mode: getattr(image, mode) for mode in modes if getattr(image, mode) is not None}
+
+
+def _pack_sweep(sweep: Sweep) -> NDArray[np.float32]:
+    rows = np.empty((len(sweep), 5), np.float32)
+    rows[:, :3], rows[:, 3], rows[:, 4] = sweep.points, sweep.intensity, sweep.beam
+    return rows
+
+
+def _unpack_sweep(points: NDArray[np.float32]) -> Sweep:
+    return Sweep(points[:, :3], points[:, 3], points[:, 4].astype(np.int64))
+
+
+def _pack_covariances(poses: Sequence[PoseEstimate]) -> Floats:
+    """Return the poses' covariances (N, 3, 3), zeros where a pose states none."""
+    stated = [np.zeros((3, 3)) if pose.covariance is None else pose.covariance for pose in poses]
+    return np.array(stated).reshape(-1, 3, 3)
+
+
+def _stated(covariance: Any) -> Any:
+    """Return a covariance, or None for the zeros that stand for none."""
+    return None if covariance is None or not np.any(covariance) else covariance

@@ -1,0 +1,114 @@
+"""The sensors that agents of a simulated environment carry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.sensors.camera.camera_rig import CameraRig
+from coopsim.sensors.camera.renderers.choice import make_renderer
+from coopsim.sensors.camera.rigs import Rig, agent_rigs
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.mounting import require_above_ground, require_free_mount
+from coopsim.sensors.visibility.lidar_visibility import VisibilityProbe
+from coopsim.types import CameraCalibration, CameraImage, LidarMounting
+from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.models.model import Model
+from coopsim.world.snapshot import AgentBody
+from coopsim.world.source import WorldSource
+
+
+class Equipment:
+    """All agents' LiDARs and cameras; one object serves all episodes.
+
+    Attributes:
+        lidars: by kind of agent and name of the sensor.
+        cameras: each agent's cameras.
+        visibility_probes: measure what LiDARs see of each actor, by kind of agent.
+
+    Args:
+        options: say which sensors.
+        bodies: the agents that carry them.
+    """
+
+    def __init__(self, options: SimulationOptions, bodies: Iterable[AgentBody]) -> None:
+        self._options = options
+        on_ground, in_air = (
+            {sensor: Lidar(config, options.chosen_weather) for sensor, config in configs.items()}
+            for configs in (options.lidars, options.drone_lidars)
+        )
+        self.lidars: Mapping[str, Mapping[str, Lidar]] = {"cav": on_ground, "rsu": on_ground, "drone": in_air}
+        self.visibility_probes = {
+            kind: VisibilityProbe([lidar.config for lidar in lidars.values()]) for kind, lidars in self.lidars.items()
+        }
+        kinds = {body.name: body.kind for body in bodies}
+        self.cameras: Mapping[str, Rig] = agent_rigs(options.cameras, kinds)
+        # Where no cameras are on, pictures are those that `cameras=True` would make.
+        self._photographers = self.cameras if self.has_cameras else agent_rigs(True, kinds)
+        self._rig: CameraRig | None = None
+
+    @property
+    def has_cameras(self) -> bool:
+        """Whether any agent has a camera."""
+        return any(self.cameras.values())
+
+    @property
+    def images_tell_actors(self) -> bool:
+        """Whether images have a mode that tells actors apart."""
+        return "instance" in self._options.camera_modes
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras that photograph: the agents' own, or those of `cameras=True` where no agent has any."""
+        if self._rig is None:
+            self._rig = CameraRig(
+                self._photographers,
+                make_renderer(self._options.renderer),
+                modes=self._options.camera_modes,
+                illumination=self._options.illumination,
+            )
+        return self._rig
+
+    def mountings(self, body: AgentBody) -> dict[str, LidarMounting]:
+        """Return the mounting of each LiDAR on an agent, by name."""
+        return {sensor: _mounting(lidar.config, body.height_m) for sensor, lidar in self.lidars[body.kind].items()}
+
+    def calibrations(self, body: AgentBody) -> dict[str, CameraCalibration]:
+        """Return the calibration of each camera on an agent, by name."""
+        return {camera.name: camera.calibration(body.height_m) for camera in self.cameras[body.name]}
+
+    def blank_images(self, agent: str) -> dict[str, CameraImage]:
+        """Return black images in place of an agent's images, for a frame in which nothing is sensed."""
+        modes = [mode for mode in OBSERVED_MODES if mode in self._options.camera_modes]
+        return {camera.name: CameraImage.blank(camera.intrinsics.size, modes) for camera in self.cameras[agent]}
+
+    def require_free_mounts(self, world: WorldSource) -> None:
+        """Check that no sensor is under the ground or inside the body that carries it.
+
+        Checks every body that may come to carry a sensor: another car is connected in every episode.
+
+        Raises:
+            InvalidValueError: names the sensor and where it is.
+        """
+        actors = world.actors()
+        for body in world.agents().values():
+            label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
+            shapes: list[tuple[float, Model | None]]
+            shapes = [(float(model.size_m[2]), model) for model in world.models if model.label in label]
+            for height_m, shape in shapes or [(body.height_m, None)]:
+                for sensor, lidar in self.lidars[body.kind].items():
+                    require_free_mount(sensor, lidar.config, height_m, shape)
+                for camera in self.cameras[body.name]:  # which its own body does not blind
+                    require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
+
+    def close(self) -> None:
+        """Release the renderer's resources."""
+        if self._rig is not None:
+            self._rig.close()
+            self._rig = None
+
+
+def _mounting(config: LidarConfig, height_m: float) -> LidarMounting:
+    """Describe a LiDAR on an agent of this height."""
+    pose = config.base_SE3_sensor(height_m)
+    return LidarMounting(pose, config.max_range_m, config.columns, config.beams.elevation_rad)

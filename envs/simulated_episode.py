@@ -1,0 +1,158 @@
+"""One episode of a simulated environment: traffic, then sensors, then perception, one frame at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+import numpy as np
+
+from coopsim.envs.equipment import Equipment
+from coopsim.envs.frames import AgentFrame, Frame, FrameProbe
+from coopsim.envs.lidar_sensing import CastSweeps, ExpectReturns, LidarReading, LidarSensing
+from coopsim.envs.perception import Perception, Vicinity
+from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.visibility.lidar_visibility import Visibility
+from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
+from coopsim.support.arrays import look_up
+from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, seconds_to_ns
+from coopsim.world.snapshot import Actors, AgentBody
+from coopsim.world.source import WorldSource
+
+
+class SimulatedEpisode:
+    """A running episode.
+
+    Args:
+        options: how the world is sensed and scored.
+        equipment: the agents' sensors.
+        world: the world, at its first frame.
+        specs: the agents.
+        seed: the episode's seed.
+    """
+
+    def __init__(
+        self,
+        options: SimulationOptions,
+        equipment: Equipment,
+        world: WorldSource,
+        specs: Mapping[str, AgentSpec],
+        seed: int,
+    ) -> None:
+        self._options, self._equipment, self._world = options, equipment, world
+        self._geometry = SceneGeometry(world.models, world.static)
+        self._lidars = self._lidar_sensing(specs, seed)
+        self._perception = Perception(options, specs, seed)
+        self._cycle = 0
+        self._sensed_ids, self._sensed_returns = np.zeros(0, np.int64), np.zeros((0, len(specs)), np.int64)
+
+    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
+        """Step the world and return the next frame; `maneuvers` are those of the agents that drive."""
+        self._world.step(self._options.dt_s, maneuvers)
+        self._cycle += 1
+        return self.frame()
+
+    def frame(self) -> Frame:
+        """Sense the world as it is now."""
+        # From the cycle, not by addition: 0.1 s must not drift from the tenth of a second.
+        time_ns = seconds_to_ns(self._cycle * self._options.dt_s)
+        actors, bodies = self._world.actors(), self._world.agents()
+        sensed = self._cycle % self._options.sense_every == 0
+        scene = cache(lambda: RayScene(self._geometry.triangles(actors)))
+        readings = self._sense(scene, actors, bodies) if sensed else {}
+        probe = SceneProbe(self._equipment, scene, actors, bodies, readings)
+        if sensed:
+            sweeps = {name: reading.sweeps for name, reading in readings.items()}
+            images = probe.photograph() if self._equipment.has_cameras else {}
+        else:
+            self._lidars.skip(actors, bodies)
+            sweeps = {name: dict.fromkeys(self._options.lidars, Sweep.empty()) for name in bodies}
+            images = {name: self._equipment.blank_images(name) for name in bodies}
+        returns = self._returns(actors)
+        vicinities = {name: Vicinity.of(body, actors, returns, k) for k, (name, body) in enumerate(bodies.items())}
+        observations = self._perception.observe(time_ns, vicinities, sweeps, images, sensed=sensed)
+        region_m, all_count = self._options.region_m, self._options.ground_truth == "all"
+        agents = {
+            name: AgentFrame(
+                observations[name],
+                bodies[name],
+                vicinity.truth(region_m, all_count=all_count),
+                {sensor: sweep.instance for sensor, sweep in sweeps[name].items() if sweep.instance is not None},
+                images.get(name, {}),
+            )
+            for name, vicinity in vicinities.items()
+        }
+        return Frame(time_ns, agents, actors, self._cycle >= self._options.max_cycles, probe)
+
+    def _lidar_sensing(self, specs: Mapping[str, AgentSpec], seed: int) -> LidarSensing:
+        options = self._options
+        if options.lidars:
+            return CastSweeps(self._equipment.lidars, specs, seed, options.dt_s, options.sweep_threads)
+        expected = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
+        return ExpectReturns(expected, options.drone_pitch_rad, self._world.static, options.chosen_weather)
+
+    def _sense(
+        self, scene: Callable[[], RayScene], actors: Actors, bodies: Mapping[str, AgentBody]
+    ) -> dict[str, LidarReading]:
+        """Run the LiDARs, and keep the returns from every actor."""
+        readings = self._lidars.sense(scene, actors, bodies)
+        order = np.argsort(actors.id)
+        self._sensed_ids = actors.id[order]
+        self._sensed_returns = np.stack([reading.returns for reading in readings.values()], axis=1)[order]
+        return readings
+
+    def _returns(self, actors: Actors) -> Ints:
+        """Return the number of returns (N, A) from each actor when last sensed; 0 for those that came since."""
+        place, known = look_up(self._sensed_ids, actors.id)
+        returns = np.zeros((len(actors), self._sensed_returns.shape[1]), np.int64)
+        returns[known] = self._sensed_returns[place[known]]
+        return returns
+
+
+class SceneProbe(FrameProbe):
+    """Measurements of one simulated frame.
+
+    Args:
+        equipment: the agents' sensors.
+        scene: makes the frame's triangles when first asked for.
+        actors: in the frame.
+        bodies: of the agents, by name.
+        readings: of the agents' LiDARs; empty in a frame in which nothing is sensed.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        scene: Callable[[], RayScene],
+        actors: Actors,
+        bodies: Mapping[str, AgentBody],
+        readings: Mapping[str, LidarReading],
+    ) -> None:
+        self._equipment, self._scene, self._actors, self._bodies = equipment, scene, actors, bodies
+        self._readings = readings
+
+    def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
+        """Return images by every agent's cameras; see `FrameProbe.photograph`."""
+        return self._equipment.rig.render(self._scene().triangles, self._actors, self._bodies)
+
+    def visibility(self) -> Mapping[str, Visibility]:
+        """Follow the LiDARs' rays through everything; see `FrameProbe.visibility`."""
+        probes = self._equipment.visibility_probes
+        return {
+            name: probes[self._bodies[name].kind].measure(self._scene(), self._bodies[name], self._actors, reading.returns)
+            for name, reading in self._readings.items()
+            if reading.sweeps
+        }
+
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        """Follow the cameras' rays through everything; see `FrameProbe.pixel_visibility`."""
+        if not self._readings or not self._equipment.images_tell_actors:
+            return {}
+        return {
+            name: measure_pixels(cameras, self._scene(), self._bodies[name], self._actors)
+            for name, cameras in self._equipment.cameras.items()
+            if cameras
+        }

@@ -1,0 +1,233 @@
+"""Options of simulated environments, as a frozen dataclass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from coopsim.config.mappings import make
+from coopsim.detection.detector import Detector, DetectorBase
+from coopsim.detection.embedder import Embedder, make_embedder
+from coopsim.detection.oracle import OracleDetector
+from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
+from coopsim.envs.lidar_options import LidarOption, lidar_configs
+from coopsim.envs.options import refuse_overridden
+from coopsim.errors import InvalidValueError
+from coopsim.localization.localization_files import localization_config
+from coopsim.localization.localizer import LocalizationConfig
+from coopsim.localization.pose_noise import PoseNoise
+from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
+from coopsim.sensors.camera.picture import require_modes
+from coopsim.sensors.camera.renderers.choice import RENDERERS
+from coopsim.sensors.camera.rigs import RigOption, check_rig
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.weather import Weather
+from coopsim.support.checks import (
+    require_between,
+    require_choice,
+    require_count,
+    require_frame_time,
+    require_instance,
+    require_positive,
+)
+from coopsim.support.files import require_writable
+from coopsim.types.sensing import OBSERVED_MODES
+
+_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """Options of a simulated environment (next to its scenario's own numbers).
+
+    Attributes:
+        max_cycles: steps until the episode is truncated.
+        dt_s: time between two frames, in [1e-06, 3600]. Traffic is stepped in tenths of a second at most, so large
+            values work, and make frames that differ (1 s apart, say) for training.
+        sense_every: sensors, cameras and detector run in every n-th frame only, beginning with the first. In the other
+            frames there are no points, images or detections; poses, messages, truth and scores go on, and the objects
+            that count are those that were visible when last sensed.
+        lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
+            mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
+            returns to expect (see `coopsim.sensors.lidar.expected_returns`).
+        drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], in addition to their own pitch.
+        lidar_columns: firings per revolution; not with a `LidarConfig`, which has its own.
+        lidar_range_m: farthest return; the nearest is at 1 m. Not with a `LidarConfig`, either.
+        weather: rain, fog and wet surfaces, for the LiDARs and cameras: a `Weather` or its mapping; None is dry and
+            clear.
+        threads: number of threads that share the agents' sweeps (not embree's); they change nothing but the time.
+        time_of_day: "day", "dusk" or "night", or a custom `Daylight`: the light for cameras.
+        cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
+            a list of `Camera` objects, or one of these by agent. A policy states its needs.
+        camera_modes: modes of images: "rgb", "depth", "instance", "semantic". The last two are truth, which
+            goes into `infos` and needs `expose_ground_truth`.
+        renderer: "auto" (OpenGL if it works, else ray casting), "opengl", "raycast" or "pyrender" (the reference).
+        position_noise_m: standard deviation of the global position, x and y.
+        heading_noise_rad: standard deviation of the global heading.
+        odometry_noise_m: standard deviation of the motion in a frame, x and y.
+        odometry_heading_noise_rad: standard deviation of the turn in a frame.
+        localization: overrides the four options above: a `LocalizationConfig` for all agents, or one by agent (the
+            four options hold for agents without one); or a mapping of either, or the path of a YAML file with that.
+        detector: a `Detector` or `OracleDetector`, or the name of one ("none" never detects anything); None is
+            `DEFAULT_DETECTOR`.
+        embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.
+        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
+        control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
+        ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
+        region_x_m: objects within this distance ahead of and behind the agent count.
+        region_y_m: objects within this distance to its left and right count.
+        record: file for every frame's world; each `reset` begins it anew.
+        playback: such a file, whose world replaces simulated traffic. The population, `dt_s` and (unless fewer are
+            asked for) `max_cycles` are then the recording's.
+    """
+
+    max_cycles: int = 200
+    dt_s: float = 0.1
+    sense_every: int = 1
+    lidar: LidarOption = "HDL-32E"
+    drone_pitch_rad: float = math.pi / 4
+    lidar_columns: int = LidarConfig().columns
+    lidar_range_m: float = LidarConfig().max_range_m
+    weather: Weather | Mapping[str, Any] | None = None
+    threads: int = 2
+    time_of_day: str | Daylight = "day"
+    cameras: RigOption = False
+    camera_modes: Sequence[str] = OBSERVED_MODES
+    renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
+    position_noise_m: float = 0.0
+    heading_noise_rad: float = 0.0
+    odometry_noise_m: float = LocalizationConfig().odometry_noise_m
+    odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
+    localization: LocalizationConfig | Mapping[str, Any] | str | Path | None = None
+    detector: DetectorBase | str | None = None
+    embedder: Embedder | str | None = None
+    traffic: Literal["arrays", "highway-env"] = "arrays"
+    control: Literal["traffic", "policy"] = "traffic"
+    ground_truth: Literal["visible", "all"] = "visible"
+    region_x_m: float = 100.0
+    region_y_m: float = 40.0
+    record: str | Path | None = None
+    playback: str | Path | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
+        require_choice("control", self.control, ("traffic", "policy"))
+        require_choice("ground_truth", self.ground_truth, ("visible", "all"))
+        require_choice("renderer", self.renderer, RENDERERS)
+        require_frame_time(self.dt_s)
+        require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
+        require_between(0, math.pi / 2, drone_pitch_rad=self.drone_pitch_rad)
+        require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
+        check_rig(self.cameras)
+        require_modes(self.camera_modes)
+        if isinstance(self.weather, Mapping):
+            object.__setattr__(self, "weather", make("weather", Weather, self.weather))
+        if not (self.weather is None or isinstance(self.weather, Weather)):
+            accepted = "a Weather, a mapping of its fields, or None"
+            raise InvalidValueError(f"weather must be {accepted}, got {self.weather!r}")
+        self._check_files()
+        lidars = self.lidars
+        self.illumination  # noqa: B018  (its own checks run now)
+        self._check_localization()
+        self._check_detection(lidar=bool(lidars))
+
+    def _check_detection(self, *, lidar: bool) -> None:
+        if self.detector is None or isinstance(self.detector, str):
+            object.__setattr__(self, "detector", make_detector(DEFAULT_DETECTOR if self.detector is None else self.detector))
+        if isinstance(self.embedder, str):
+            object.__setattr__(self, "embedder", make_embedder(self.embedder))
+        if not isinstance(self.detector, OracleDetector):
+            require_instance(Detector, detector=self.detector)
+        require_instance(Embedder, embedder=self.embedder)
+        cameras = bool(self.cameras)
+        self.chosen_detector.needs.require("detector", self.detector, lidar=lidar, cameras=cameras)
+        if self.chosen_embedder is not None:
+            self.chosen_embedder.needs.require("embedder", self.embedder, lidar=lidar, cameras=cameras)
+
+    def _check_files(self) -> None:
+        for name in ("record", "playback"):
+            path = getattr(self, name)
+            if not (path is None or isinstance(path, (str, Path))):
+                raise InvalidValueError(f"{name} must be the path of a file or None, got {path!r}")
+        if self.record is not None:
+            require_writable(Path(self.record))
+        if self.record is not None and self.playback is not None:
+            raise InvalidValueError("record and playback exclude each other: what is played back is recorded already")
+        if self.playback is not None and self.control == "policy":
+            raise InvalidValueError(
+                'control="policy" cannot be played back: a recording\'s cars have driven already; '
+                'accepted: control="traffic"'
+            )
+
+    @property
+    def lidars(self) -> dict[str, LidarConfig]:
+        """The LiDARs of agents on the ground, by name."""
+        return lidar_configs(self.lidar, self.lidar_columns, self.lidar_range_m)
+
+    @property
+    def drone_lidars(self) -> dict[str, LidarConfig]:
+        """The LiDARs of drones, by name."""
+        return {
+            name: replace(config, pitch_rad=config.pitch_rad + self.drone_pitch_rad)
+            for name, config in self.lidars.items()
+        }
+
+    @property
+    def sweep_threads(self) -> int:
+        """Number of threads that share the agents' sweeps."""
+        # Embree's scene is made at the first cast into it, which two threads could begin at once.
+        return 1 if any(config.backend == "embree" for config in self.lidars.values()) else self.threads
+
+    @property
+    def region_m(self) -> tuple[float, float]:
+        """Half the length and width of the evaluation region."""
+        return self.region_x_m, self.region_y_m
+
+    @property
+    def chosen_detector(self) -> DetectorBase:
+        """The detector as an object."""
+        assert isinstance(self.detector, DetectorBase)
+        return self.detector
+
+    @property
+    def chosen_embedder(self) -> Embedder | None:
+        """The embedder as an object; None: the detector's own embeddings stay."""
+        return self.embedder if isinstance(self.embedder, Embedder) else None
+
+    @property
+    def embedding_dim(self) -> int:
+        """Length of the embeddings of detections; 0: they have none."""
+        return self.chosen_detector.embedding_dim if self.chosen_embedder is None else self.chosen_embedder.dim
+
+    @property
+    def illumination(self) -> Illumination:
+        """The light for cameras."""
+        return Illumination(as_daylight(self.time_of_day), self.chosen_weather)
+
+    @property
+    def chosen_weather(self) -> Weather | None:
+        """The weather as an object; None is dry and clear."""
+        return self.weather if isinstance(self.weather, Weather) else None
+
+    def localization_of(self, agent: str) -> LocalizationConfig:
+        """Return an agent's localization."""
+        if isinstance(self.localization, LocalizationConfig):
+            return self.localization
+        if isinstance(self.localization, Mapping) and agent in self.localization:
+            config: LocalizationConfig = self.localization[agent]
+            return config
+        return LocalizationConfig(
+            PoseNoise(self.position_noise_m, self.heading_noise_rad),
+            self.odometry_noise_m,
+            self.odometry_heading_noise_rad,
+        )
+
+    def _check_localization(self) -> None:
+        if self.localization is not None:
+            object.__setattr__(self, "localization", localization_config(self.localization))
+            if isinstance(self.localization, LocalizationConfig):
+                refuse_overridden(self, _LOCALIZATION_OPTIONS, "localization")
+        self.localization_of("")  # its own checks run now, not at the first episode
