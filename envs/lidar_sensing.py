@@ -16,7 +16,6 @@ from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.lidar.revolution import interpolate
 from coopsim.sensors.lidar.tally import count_returns
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
 from coopsim.support.threads import run_all

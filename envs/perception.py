@@ -12,7 +12,7 @@ from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.envs.simulation_options import SimulationOptions
 from coopsim.localization.localizer import Localizer
 from coopsim.support.rng import stream
-from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Observation, Sweep
+from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Mask, Observation, Sweep
 from coopsim.world.snapshot import Actors, AgentBody
 
 
@@ -52,7 +52,7 @@ class Vicinity:
         """
         actors, seen = self.actors, self.returns > 0
         visible_to = np.where(seen[:, self.own], 0, np.where(seen.any(axis=1), 1, 2))
-        in_region = (np.abs(actors.boxes.center[:, :2]) <= region_m).all(axis=1)
+        in_region: Mask = np.all(np.abs(actors.boxes.center[:, :2]) <= region_m, axis=1)
         counts = in_region if all_count else in_region & (visible_to < 2)
         return GroundTruth(
             actors.id, actors.boxes, actors.label, visible_to, actors.velocity, self.returns, in_region, counts

@@ -142,7 +142,9 @@ class SceneProbe(FrameProbe):
         """Follow the LiDARs' rays through everything; see `FrameProbe.visibility`."""
         probes = self._equipment.visibility_probes
         return {
-            name: probes[self._bodies[name].kind].measure(self._scene(), self._bodies[name], self._actors, reading.returns)
+            name: probes[self._bodies[name].kind].measure(
+                self._scene(), self._bodies[name], self._actors, reading.returns
+            )
             for name, reading in self._readings.items()
             if reading.sweeps
         }

@@ -68,9 +68,7 @@ class Simulation(FrameSource):
             camera_modes=options.camera_modes,
             embedding_dim=options.embedding_dim,
             detection_covariances=options.chosen_detector.states_covariance,
-            pose_covariances=any(
-                options.localization_of(name).covariance_scale is not None for name in self.specs
-            ),
+            pose_covariances=any(options.localization_of(name).covariance_scale is not None for name in self.specs),
             skips_frames=options.sense_every > 1,
         )
 

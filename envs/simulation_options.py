@@ -135,8 +135,9 @@ class SimulationOptions:
         self._check_detection(lidar=bool(lidars))
 
     def _check_detection(self, *, lidar: bool) -> None:
-        if self.detector is None or isinstance(self.detector, str):
-            object.__setattr__(self, "detector", make_detector(DEFAULT_DETECTOR if self.detector is None else self.detector))
+        detector = DEFAULT_DETECTOR if self.detector is None else self.detector
+        if isinstance(detector, str):
+            object.__setattr__(self, "detector", make_detector(detector))
         if isinstance(self.embedder, str):
             object.__setattr__(self, "embedder", make_embedder(self.embedder))
         if not isinstance(self.detector, OracleDetector):

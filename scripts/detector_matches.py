@@ -9,20 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
 import coopsim
 from coopsim.data.recording_set import RecordingSet
+from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.detection.presets import make_detector
-from coopsim.detection.simulated.simulated import Detector, count_returns
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.types import Detections, Ints, Mask, Sweep, Tracks
+from coopsim.types import AgentSpec, Detections, Ints, Mask, SensorView, Tracks
 from coopsim.wire.actions import pack_tracks
 from coopsim.world.snapshot import Actors
 
@@ -127,32 +127,27 @@ def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
     return {name: each.close() for name, each in matches.items()}
 
 
-class Watch(Detector):
-    """A detector that notes what it was shown and what it said, by agent and frame.
+class Watch(OracleDetector):
+    """A simulated detector that notes, by agent and frame, the truth that it was given and its detections.
 
     Args:
-        inner: who detects.
+        inner: the detector that is watched.
     """
 
-    needs_sweeps = False
+    def __init__(self, inner: OracleDetector) -> None:
+        self.inner = inner
+        self.notes: dict[str, list[Note]] = {}
 
-    def __init__(self, inner: Detector, notes: list[Note] | None = None) -> None:
-        self.inner, self.agents = inner, {}
-        self.notes: list[Note] = [] if notes is None else notes
+    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
+        """Begin another episode; the notes go on."""
+        begun = type(self)(self.inner.begin(specs, seed))
+        begun.notes = self.notes = {agent: [] for agent in specs}
+        return begun
 
-    def begin(self, seed: int, agent: str, dt_s: float) -> Watch:
-        self.agents[agent] = Watch(self.inner.begin(seed, agent, dt_s))
-        return self.agents[agent]
-
-    def move(self, world_SE3_base: SE3) -> None:
-        self.inner.move(world_SE3_base)
-
-    def detect(self, sweeps: Mapping[str, Sweep], truth: Actors, rng: np.random.Generator) -> Detections:
-        return self.detect_from_returns(count_returns(sweeps, truth.id), truth, rng)
-
-    def detect_from_returns(self, returns: Ints, truth: Actors, rng: np.random.Generator) -> Detections:
-        found = self.inner.detect_from_returns(returns, truth, rng)
-        self.notes.append((returns, truth, found))
+    def detect(self, view: SensorView, oracle: Oracle, rng: np.random.Generator) -> Detections:
+        """Detect as the inner detector does."""
+        found = self.inner.detect(view, oracle, rng)
+        self.notes[view.agent].append((oracle.returns, oracle.actors, found))
         return found
 
 
@@ -163,14 +158,16 @@ def simulate_matches(detector: str, environments: Sequence[str], seeds: Sequence
     """
     matches, episode = Matches(), 0
     for environment in environments:
-        watch = Watch(make_detector(detector))
+        inner = make_detector(detector)
+        assert isinstance(inner, OracleDetector)
+        watch = Watch(inner)
         env = coopsim.parallel_env(environment, detector=watch, lidar=None, uplink="none", **options)
         for seed in seeds:
             env.reset(seed=seed)
             idle = {name: {"tracks": pack_tracks(Tracks.empty())} for name in env.agents}
             while env.agents:
                 env.step(idle)
-            for k, seen in enumerate(zip(*(agent.notes for agent in watch.agents.values()), strict=True)):
+            for k, seen in enumerate(zip(*watch.notes.values(), strict=True)):
                 visible = np.concatenate([truth.id[returns > 0] for returns, truth, _ in seen])
                 for agent, (returns, truth, found) in enumerate(seen):
                     kept = np.isin(truth.id, visible)

@@ -113,9 +113,9 @@ def _score(seen: dict[str, Floats], detection: DetectionModel) -> ScoreModel:
     margin_correlation = float(np.clip(observed / _margin_gap(probability, kept), -1, 1))
     at, weight = [], []
     for lag in LAGS:
-        own = (_correlation(seen, normal, lag) - margin_correlation**2 * _autocorrelation(detection.persistence, lag)) / (
-            1 - margin_correlation**2
-        )
+        own = (
+            _correlation(seen, normal, lag) - margin_correlation**2 * _autocorrelation(detection.persistence, lag)
+        ) / (1 - margin_correlation**2)
         at.append(np.clip(own, 0, 1))
         weight.append(len(_pairs(seen, lag)[0]))
     persistence = _persistence(np.array(at), np.array(weight))
@@ -139,7 +139,9 @@ def _error(seen: dict[str, Floats], name: str) -> ErrorModel:
     at = np.array([_correlation(seen, normal, lag) for lag in LAGS])
     weight = np.array([len(_pairs(seen, lag)[0]) for lag in LAGS])
     places = _middles(range_m[hit])
-    return ErrorModel(Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight))
+    return ErrorModel(
+        Curve(places, _rounded(spreads)), Curve(places, _rounded(middles)), tail, _persistence(at, weight)
+    )
 
 
 def _heading_from(seen: dict[str, Floats]) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class SensorNeeds:
             raise InvalidValueError(f"{option} must need no images where cameras is False, got {value!r}")
 
 
-class DetectorBase(ABC):
+class DetectorBase:
     """What real and simulated detectors have in common.
 
     Attributes:
@@ -64,7 +64,7 @@ class DetectorBase(ABC):
     embedding_dim: int = 0
     states_covariance: bool = False
 
-    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> DetectorBase:
+    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
         """Return the detector of one episode, for all agents: this one itself, unless it keeps state.
 
         Args:
@@ -74,7 +74,7 @@ class DetectorBase(ABC):
         return self
 
 
-class Detector(DetectorBase):
+class Detector(DetectorBase, ABC):
     """A detector that works on sensor data. Override `detect`; override `detect_all` to process agents as one batch."""
 
     needs: ClassVar[SensorNeeds] = SensorNeeds(lidar=True)

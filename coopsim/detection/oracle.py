@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ class Oracle:
     world_SE3_base: SE3
 
 
-class OracleDetector(DetectorBase):
+class OracleDetector(DetectorBase, ABC):
     """A detector that is simulated: it thins and disturbs the truth. It needs no sensors of its own."""
 
     @abstractmethod

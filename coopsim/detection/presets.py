@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import Any
 from coopsim.config.mappings import make, read_mapping, require_mapping
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.clutter import ClutterConfig
-from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.confusion import ClassConfusion
+from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.detection.simulated.simulated import SimulatedDetector

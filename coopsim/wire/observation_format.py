@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types import (
     AgentSpec,
     CameraImage,
@@ -29,6 +28,7 @@ from coopsim.types import (
     Sweep,
 )
 from coopsim.types.embedding import directions
+from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types.taxonomy import CLASS_NAMES, require_classes
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
 
@@ -66,7 +66,7 @@ class ObservationFormat:
         return cls(tuple(specs), spec.codec or spec.uplink)
 
     def space(self, agent: str) -> spaces.Dict:
-        """Return a new space of this agent's observations. (Agents must not share one: it is seeded for each.)"""
+        """Return a new space of this agent's observations; agents do not share one, as each is seeded by itself."""
         pose: dict[str, Any] = {"pose": real_space(4)}
         head: dict[str, Any] = {"sender": spaces.Discrete(len(self.agents)), "captured_ns": spaces.Discrete(COUNTER)}
         head["pose"] = real_space(4)
@@ -78,9 +78,11 @@ class ObservationFormat:
             detection["embedding"] = real_space(self.embedding_dim, dtype=np.float32)
         if self.detection_covariances:
             detection["covariance"] = real_space(7, 7)
-        sweeps = {name: spaces.Sequence(real_space(5, dtype=np.float32), stack=True) for name in self.lidars}
-        images = {name: self._image_space(size) for name, size in self.cameras.get(agent, {}).items()}
-        sensed = {"sensed": spaces.Discrete(2)} if self.skips_frames else {}
+        sweeps: dict[str, Any] = {
+            name: spaces.Sequence(real_space(5, dtype=np.float32), stack=True) for name in self.lidars
+        }
+        images: dict[str, Any] = {name: self._image_space(size) for name, size in self.cameras.get(agent, {}).items()}
+        sensed: dict[str, Any] = {"sensed": spaces.Discrete(2)} if self.skips_frames else {}
         return spaces.Dict(
             time_ns=spaces.Discrete(COUNTER),
             **pose,
@@ -88,7 +90,7 @@ class ObservationFormat:
             **sensed,
             detections=rows_space(**detection),
             sweeps=spaces.Dict(sweeps),
-            cameras=spaces.Dict(images),  # type: ignore[arg-type]
+            cameras=spaces.Dict(images),
             inbox=rows_space(**head, payload_bytes=spaces.Discrete(2**32)),
             # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
             inbox_payload=spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True),

@@ -28,7 +28,7 @@ PARTS = {
     "detection": "detection/simulated/simulated.py:detect",
     "localization": "localization/localizer.py:localize",
     "channel and codec": "comms/channel/channel.py:send comms/channel/channel.py:deliver",
-    "packing observations": "wire/packing.py:pack_observation",
+    "packing observations": "wire/observation_format.py:pack",
     "policy": "agents/policy.py:act",
     "scoring": "envs/scoring.py:update",
 }

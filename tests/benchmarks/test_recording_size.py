@@ -41,13 +41,13 @@ def test_cost_of_visibility() -> None:
     """By the rays of an HDL-32E, and by the pixels of four 320 x 180 cameras, on each of 4 agents."""
     modes = ("rgb", "instance")
     env = coopsim.parallel_env("crossing", cameras="surround", camera_modes=modes, expose_ground_truth=True)
-    stepper, source = Stepper(env), env._source
+    stepper = Stepper(env)
     spent_ms: dict[str, list[float]] = {"visibility": [], "pixel_visibility": []}
     for _ in range(20):
         stepper.step()
         for kind, spent in spent_ms.items():
             began = time.perf_counter()
-            getattr(source, kind)()
+            getattr(env._frame.probe, kind)()
             spent.append((time.perf_counter() - began) * 1000 / len(env.possible_agents))
     for kind, spent in spent_ms.items():
         print(f"\n{kind}: {np.median(spent):.0f} ms per agent and frame, at least {min(spent):.0f}")

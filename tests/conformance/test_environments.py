@@ -198,14 +198,17 @@ def test_truth_that_counts_is_in_the_region_and_was_hit_by_somebody(make_small: 
     hit = np.unique(np.concatenate([info["instances"]["lidar"] for info in infos.values()]))
     everything, infos_all = make_small(expose_ground_truth=True, vehicles=25, ground_truth="all"), {}
     _, infos_all = everything.reset(seed=0)
+    fewer = []
     for agent in env.agents:
-        truth = infos[agent]["ground_truth"]
-        assert np.isin(truth["id"], hit).all()
-        assert (np.abs(truth["box"][:, :2]) <= [100, 40]).all()
-        assert set(truth["id"]) == set(infos_all[agent]["ground_truth"]["id"]) & set(hit)
-    assert any(
-        len(infos[agent]["ground_truth"]["id"]) < len(infos_all[agent]["ground_truth"]["id"]) for agent in env.agents
-    )
+        truth, all_truth = infos[agent]["ground_truth"], infos_all[agent]["ground_truth"]
+        counted, all_counted = truth["id"][truth["counts"]], all_truth["id"][all_truth["counts"]]
+        assert np.isin(counted, hit).all()
+        assert (np.abs(truth["box"][truth["counts"], :2]) <= [100, 40]).all()
+        assert set(counted) == set(all_counted) & set(hit)
+        np.testing.assert_array_equal(truth["in_region"], (np.abs(truth["box"][:, :2]) <= [100, 40]).all(axis=1))
+        np.testing.assert_array_equal(all_truth["counts"], all_truth["in_region"])
+        fewer.append(len(counted) < len(all_counted))
+    assert any(fewer)
 
 
 def test_control_by_policy_moves_the_car(make_small: Make) -> None:

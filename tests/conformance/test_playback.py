@@ -30,7 +30,13 @@ def test_played_back_with_the_same_options_it_is_the_same_to_the_last_bit(
     make_small: Make, tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "run.coopsim"
-    noisy = {"position_noise_m": 0.2, "latency_s": 0.15, "loss": 0.1, "expose_ground_truth": True}
+    noisy = {
+        "position_noise_m": 0.2,
+        "latency_s": 0.15,
+        "loss": 0.1,
+        "expose_ground_truth": True,
+        "expose_visibility": True,
+    }
     live = make_small(name, record=path, **noisy)
     first = play(live, seed=9)
     again = make_small(name, playback=path, **noisy)

@@ -10,32 +10,38 @@ import pytest
 from conftest import SIMULATED
 from test_environments import play
 
+from coopsim.errors import InvalidValueError
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 
 Make = Callable[..., Any]
 
+TRUTH: dict[str, Any] = {"expose_ground_truth": True, "expose_visibility": True}
+
 
 @pytest.mark.parametrize("name", SIMULATED)
 @pytest.mark.parametrize("ground_truth", ["visible", "all"])
 def test_who_saw_an_object_follows_from_the_returns(make_small: Make, name: str, ground_truth: str) -> None:
-    env = make_small(name, expose_ground_truth=True, ground_truth=ground_truth, lidar_range_m=40.0)
+    env = make_small(name, **TRUTH, ground_truth=ground_truth, lidar_range_m=40.0)
     _, infos = env.reset(seed=2)
     columns = {agent: [info["visibility"][name] for name in ("id", "returns")] for agent, info in infos.items()}
     returns = {agent: dict(zip(*both, strict=True)) for agent, both in columns.items()}
     groups = set()
     for agent, info in infos.items():
         truth = info["ground_truth"]
-        for actor, seen_by in zip(truth["id"], truth["seen_by"], strict=True):
+        for k, actor in enumerate(truth["id"]):
             others = any(returns[other].get(actor, 0) for other in returns if other != agent)
             expected = 0 if returns[agent][actor] else 1 if others else 2
-            assert seen_by == expected
-            groups.add(expected)
+            assert truth["visible_to"][k] == expected
+            assert truth["returns"][k].tolist() == [returns[each].get(actor, 0) for each in env.possible_agents]
+            assert truth["seen_by"][k].tolist() == [returns[each].get(actor, 0) > 0 for each in env.possible_agents]
+            if truth["counts"][k]:
+                groups.add(expected)
     assert groups == ({0, 1} if ground_truth == "visible" else {0, 1, 2})
 
 
 def test_visibility_covers_every_actor_but_oneself_in_every_frame(make_small: Make) -> None:
-    env = make_small(expose_ground_truth=True, max_cycles=3)
+    env = make_small(**TRUTH, max_cycles=3)
     history = play(env, seed=2)
     for infos in (frame[-1] for frame in history):
         for info in infos.values():
@@ -46,15 +52,18 @@ def test_visibility_covers_every_actor_but_oneself_in_every_frame(make_small: Ma
             assert set(seen["occluder"]) <= {-1, 0, *env.state()[:, 0].astype(int).tolist()}
 
 
-def test_it_is_told_only_where_the_truth_is(make_small: Make) -> None:
-    _, infos = make_small().reset(seed=2)
-    assert all("visibility" not in info for info in infos.values())
+def test_it_is_told_only_where_it_was_asked_for(make_small: Make) -> None:
+    for options in ({}, {"expose_ground_truth": True}):
+        _, infos = make_small(**options).reset(seed=2)
+        assert all("visibility" not in info for info in infos.values())
+    with pytest.raises(InvalidValueError, match=r"expose_visibility .* needs expose_ground_truth=True"):
+        make_small(expose_visibility=True)
 
 
 def test_without_a_lidar_lines_of_sight_tell_who_saw_what(make_small: Make) -> None:
-    _, infos = make_small(lidar=None, expose_ground_truth=True, ground_truth="all").reset(seed=2)
+    _, infos = make_small(lidar=None, **TRUTH, ground_truth="all").reset(seed=2)
     assert all("visibility" not in info for info in infos.values())
-    assert {seen_by for info in infos.values() for seen_by in info["ground_truth"]["seen_by"]} >= {0, 1}
+    assert {seen_by for info in infos.values() for seen_by in info["ground_truth"]["visible_to"]} >= {0, 1}
 
 
 TINY = Camera("front", Intrinsics.from_fov(48, 27))
@@ -64,7 +73,7 @@ CAMERAS: dict[str, Any] = {"cameras": {"cav_0": [TINY], "rsu_0": [TINY]}, "rende
 @pytest.mark.parametrize("lidar", [None, "VLP-16"])
 def test_pixels_are_told_of_who_has_cameras_where_pictures_tell_actors_apart(make_small: Make, lidar: Any) -> None:
     modes = ("rgb", "instance")
-    env = make_small(expose_ground_truth=True, max_cycles=2, lidar=lidar, camera_modes=modes, **CAMERAS)
+    env = make_small(**TRUTH, max_cycles=2, lidar=lidar, camera_modes=modes, **CAMERAS)
     for infos in (frame[-1] for frame in play(env, seed=2)):
         for agent, info in infos.items():
             assert ("pixel_visibility" in info) == (agent in ("cav_0", "rsu_0"))
@@ -75,7 +84,7 @@ def test_pixels_are_told_of_who_has_cameras_where_pictures_tell_actors_apart(mak
 
 
 def test_pixels_are_told_only_where_they_are_asked_for(make_small: Make) -> None:
-    for options in ({"expose_ground_truth": True}, {"expose_ground_truth": True, **CAMERAS}, CAMERAS):
+    for options in (TRUTH, {**TRUTH, **CAMERAS}, CAMERAS):
         _, infos = make_small(**options).reset(seed=2)
         assert all("pixel_visibility" not in info for info in infos.values())
 

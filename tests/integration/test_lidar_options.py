@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.detection.simulated.simulated import Detector, SimulatedDetector
+from coopsim.detection.detector import Detector
+from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS
@@ -95,7 +96,7 @@ def test_without_a_lidar_there_are_detections_and_truth_but_no_points(run: Make)
         assert observation["sweeps"] == {} and infos[agent]["instances"] == {}
     assert sum(len(each["detections"]["score"]) for each in observations.values()) > 4
     visible, everything = (
-        {agent: len(info["ground_truth"]["id"]) for agent, info in infos.items()}
+        {agent: info["ground_truth"]["counts"].sum() for agent, info in infos.items()}
         for infos in (infos, run(lidar=None, vehicles=25, ground_truth="all")[1])
     )
     assert all(0 < visible[agent] <= everything[agent] for agent in visible)
@@ -172,15 +173,13 @@ def test_a_view_has_what_sensors_give_and_no_truth() -> None:
 
 
 class NeedsPoints(Detector):
-    def detect(self, sweeps, truth, rng):  # type: ignore[no-untyped-def]
+    def detect(self, view, rng):  # type: ignore[no-untyped-def]
         return Detections.empty()
 
 
 def test_a_detector_that_needs_sweeps_needs_a_lidar() -> None:
     with pytest.raises(InvalidValueError, match="detector must need no sweeps where lidar is None"):
         make(lidar=None, detector=NeedsPoints())
-    with pytest.raises(InvalidValueError, match="NeedsPoints needs sweeps"):
-        NeedsPoints().detect_from_returns(np.zeros(0), None, np.random.default_rng(0))  # type: ignore[arg-type]
     make(lidar=None, detector=SimulatedDetector())
     make(detector=NeedsPoints())
 

@@ -14,7 +14,7 @@ from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameErro
 from coopsim.localization.localization_files import localization_config
 from coopsim.localization.localizer import LocalizationConfig
 from coopsim.localization.pose_noise import PoseNoise
-from coopsim.wire.packing import unpack_observation
+from coopsim.wire.observation_format import ObservationFormat
 
 Make = Callable[..., Any]
 
@@ -79,10 +79,8 @@ def test_a_stated_covariance_reaches_who_hears_it(make_small: Make) -> None:
     honest = LocalizationConfig(PoseNoise(0.3, 0.01), covariance_scale=1.0)
     env = make_small(lidar=None, localization={"cav_1": honest})
     observations, _ = env.reset(seed=5)
-    seen = {
-        name: unpack_observation(packed, env.possible_agents, env.agent_specs[name])
-        for name, packed in observations.items()
-    }
+    unpack = ObservationFormat.to_unpack(env.agent_specs).unpack
+    seen = {name: unpack(packed) for name, packed in observations.items()}
     wanted = np.diag([0.09, 0.09, 0.0001])
     assert seen["cav_0"].pose.covariance is None
     np.testing.assert_allclose(seen["cav_1"].pose.covariance, wanted)

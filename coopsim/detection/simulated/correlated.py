@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -102,9 +103,9 @@ class CorrelatedDetector(OracleDetector):
         self.config = config
         self._memories: dict[str, _Memory] = {}
 
-    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> CorrelatedDetector:
+    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
         """Return a detector for one episode, with a memory for each agent."""
-        begun = CorrelatedDetector(self.config)
+        begun = type(self)(self.config)
         begun._memories = {
             agent: _Memory(self.config, seed, agent, spec.dt_s * spec.sense_every) for agent, spec in specs.items()
         }

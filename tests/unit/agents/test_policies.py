@@ -15,7 +15,8 @@ from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
-from coopsim.wire.packing import observation_space, pack_observation, pack_tracks, unpack_action, unpack_observation
+from coopsim.wire.actions import pack_tracks, unpack_action
+from coopsim.wire.observation_format import ObservationFormat
 
 CAR = [4.5, 1.9, 1.6]
 LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).needs.uplink != "none"]
@@ -134,7 +135,8 @@ def test_renaming_and_permuting_agents_permutes_results() -> None:
     for names in (("a", "b"), ("b", "a")):
         policy = coopsim.make_policy("no_fusion", hits=1)
         policy.reset(specs(*names))
-        packed = {name: pack_observation(observe(found[name]), names) for name in names}
+        wire = ObservationFormat(names, "detections")
+        packed = {name: wire.pack(observe(found[name])) for name in names}
         outputs.append(policy.act(packed))
     for name in found:
         np.testing.assert_array_equal(outputs[0][name]["tracks"]["box"], outputs[1][name]["tracks"]["box"])
@@ -147,7 +149,8 @@ def test_observations_survive_packing() -> None:
         message("rsu_0", 200, [3, 4, 0, -0.5], detections()),
     )
     sent = observe(detections((7, 8, 0.2), (9, 9, 0)), *inbox, pose=(5, 6, 0, 1), time_ns=300)
-    got = unpack_observation(pack_observation(sent, names), names, specs("cav_0")["cav_0"])
+    wire = ObservationFormat(names, "detections")
+    got = wire.unpack(wire.pack(sent))
     assert got.time_ns == 300
     np.testing.assert_array_equal(got.pose.xyz_yaw, sent.pose.xyz_yaw)
     np.testing.assert_array_equal(got.detections.boxes.array, sent.detections.boxes.array)
@@ -157,38 +160,40 @@ def test_observations_survive_packing() -> None:
 
 
 def test_embeddings_survive_packing_as_directions() -> None:
-    names = ("cav_0",)
+    plain = ObservationFormat(("cav_0",), "detections")
+    wire = replace(plain, embedding_dim=2)
     seen = replace(detections((7, 8, 0.2), (9, 9, 0)), embedding=[[30.0, 40.0], [np.nan, 1.0]])
-    packed = pack_observation(observe(seen), names, embedding_dim=2)
-    assert observation_space(names, (), {}, embedding_dim=2)["detections"].contains(packed["detections"])
-    got = unpack_observation(packed, names, specs("cav_0")["cav_0"]).detections
+    packed = wire.pack(observe(seen))
+    assert wire.space("cav_0")["detections"].contains(packed["detections"])
+    got = wire.unpack(packed).detections
     np.testing.assert_allclose(got.embedding, [[0.6, 0.8], [0, 0]], rtol=1e-6)
-    blind = pack_observation(observe(detections((7, 8, 0.2))), names, embedding_dim=2)
+    blind = wire.pack(observe(detections((7, 8, 0.2))))
     np.testing.assert_array_equal(blind["detections"]["embedding"], [[0, 0]])
     with pytest.raises(coopsim.errors.InvalidValueError, match="embeddings of length 2, announced were 0"):
-        pack_observation(observe(seen), names)
+        plain.pack(observe(seen))
 
 
 def test_a_detector_that_names_no_class_is_told_so_not_the_policy() -> None:
     wrong = replace(detections((7, 8, 0.2)), label=[99])
     with pytest.raises(coopsim.errors.InvalidValueError, match=r"detection labels must be in 0..8, got \[99\]"):
-        pack_observation(observe(wrong), ("cav_0",))
+        ObservationFormat(("cav_0",), "detections").pack(observe(wrong))
 
 
 def test_covariances_of_detections_survive_packing() -> None:
-    names, spec = ("cav_0",), specs("cav_0")["cav_0"]
+    plain = ObservationFormat(("cav_0",), "detections")
+    wire = replace(plain, detection_covariances=True)
     spread = np.stack([np.diag(np.arange(1.0, 8.0)), np.eye(7)])
     seen = replace(detections((7, 8, 0.2), (9, 9, 0)), covariance=spread)
-    packed = pack_observation(observe(seen), names, detection_covariances=True)
-    space = observation_space(names, (), {}, detection_covariances=True)["detections"]
+    packed = wire.pack(observe(seen))
+    space = wire.space("cav_0")["detections"]
     assert space.contains(packed["detections"])
-    np.testing.assert_array_equal(unpack_observation(packed, names, spec).detections.covariance, spread)
+    np.testing.assert_array_equal(wire.unpack(packed).detections.covariance, spread)
     for unsure in (detections((7, 8, 0.2)), detections()):
-        packed = pack_observation(observe(unsure), names, detection_covariances=True)
+        packed = wire.pack(observe(unsure))
         assert space.contains(packed["detections"])
-        assert unpack_observation(packed, names, spec).detections.covariance is None
+        assert wire.unpack(packed).detections.covariance is None
     with pytest.raises(coopsim.errors.InvalidValueError, match=r"have covariances.*Detector\.states_covariance"):
-        pack_observation(observe(seen), names)
+        plain.pack(observe(seen))
 
 
 class Doubtful(SimulatedDetector):
@@ -196,8 +201,8 @@ class Doubtful(SimulatedDetector):
 
     states_covariance = True
 
-    def detect_from_returns(self, returns: Any, truth: Any, rng: np.random.Generator) -> Detections:
-        found = super().detect_from_returns(returns, truth, rng)
+    def detect(self, view: Any, oracle: Any, rng: np.random.Generator) -> Detections:
+        found = super().detect(view, oracle, rng)
         return replace(found, covariance=np.broadcast_to(100.0 * np.eye(7), (len(found), 7, 7)))
 
 
@@ -218,8 +223,8 @@ class Recogniser(SimulatedDetector):
 
     embedding_dim = 64
 
-    def detect(self, sweeps: Any, truth: Any, rng: np.random.Generator) -> Detections:
-        found = super().detect(sweeps, truth, rng)
+    def detect(self, view: Any, oracle: Any, rng: np.random.Generator) -> Detections:
+        found, truth = super().detect(view, oracle, rng), oracle.actors
         apart_m = np.linalg.norm(found.boxes.center[:, None] - truth.boxes.center, axis=2)
         looks = np.array([np.random.default_rng(id_).normal(size=self.embedding_dim) for id_ in truth.id])
         return replace(found, embedding=looks[apart_m.argmin(axis=1)])

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coopsim.detection.oracle import Oracle
 from coopsim.detection.presets import preset
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
 from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.simulated.curves import Curve, DetectionModel, ScoreModel, ErrorModel
+from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
-from coopsim.types import Detections
+from coopsim.types import AgentSpec, Detections, Odometry, SensorView
 from coopsim.world.snapshot import Actors
 
 RNG = np.random.default_rng(0)
@@ -44,10 +45,18 @@ def actors(count: int, range_m: float = 30.0, yaw: float = 0.3) -> Actors:
     return Actors(np.arange(1, count + 1), boxes, np.zeros((count, 2)), zeros, zeros, np.zeros((count, 3), np.uint8))
 
 
+def specs(*agents: str) -> dict[str, AgentSpec]:
+    return {agent: AgentSpec(agent, "cav", 0.1, "none") for agent in agents}
+
+
+def view(agent: str) -> SensorView:
+    return SensorView(agent, 0, Odometry(np.zeros(4)))
+
+
 def detect(config: CorrelatedDetectorConfig, truth: Actors, returns: int = 50, frames: int = 1) -> list[Detections]:
-    detector = CorrelatedDetector(config, seed=5, agent="cav_0", dt_s=0.1)
-    seen = np.full(len(truth), returns)
-    return [detector.detect_from_returns(seen, truth, RNG) for _ in range(frames)]
+    detector = CorrelatedDetector(config).begin(specs("cav_0"), seed=5)
+    oracle = Oracle(truth, np.full(len(truth), returns), SE3.identity())
+    return [detector.detect(view("cav_0"), oracle, RNG) for _ in range(frames)]
 
 
 def test_without_errors_it_reports_the_truth() -> None:
@@ -166,8 +175,9 @@ def test_every_agent_and_episode_has_its_own_memory() -> None:
     truth, returns = actors(30), np.full(30, 100)
 
     def three_frames(seed: int, agent: str) -> list[Detections]:
-        begun = detector.begin(seed, agent, 0.1)
-        return [begun.detect_from_returns(returns, truth, RNG) for _ in range(3)]
+        begun = detector.begin(specs("cav_0", "cav_1"), seed)
+        oracle = Oracle(truth, returns, SE3.identity())
+        return [begun.detect(view(agent), oracle, RNG) for _ in range(3)]
 
     first, again, other = three_frames(1, "cav_0"), three_frames(1, "cav_0"), three_frames(1, "cav_1")
     for one, two in zip(first, again, strict=True):

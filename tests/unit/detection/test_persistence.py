@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.detection.simulated.persistence import PersistentNormals, Persistence
+from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
 
 KIND = Persistence(constant=0.3, lasting=0.5, lasting_s=0.5)

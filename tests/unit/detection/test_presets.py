@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.detection.presets import DETECTORS, make_detector, preset, read_config, to_yaml
+from coopsim.detection.detector import DETECTORS
+from coopsim.detection.presets import make_detector, preset, read_config, to_yaml
 from coopsim.detection.simulated.correlated import CorrelatedDetector
 from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
@@ -52,7 +53,11 @@ def test_a_preset_is_written_as_it_is_read(tmp_path: Path) -> None:
         (("reach_x_m", "reach_x"), UnknownNameError, "reach_x_m"),
         (("lasting_s", "lasts_s"), UnknownNameError, "lasting_s"),
         (("reach_x_m: ", "reach_x_m: x"), InvalidValueError, "reach_x_m must be a finite number > 0"),
-        (("found:", "found: 3\nx:"), (UnknownNameError, InvalidValueError), "x|Found must be a mapping"),
+        (
+            ("detection:", "detection: 3\nx:"),
+            (UnknownNameError, InvalidValueError),
+            "x|DetectionModel must be a mapping",
+        ),
         (("reach_x_m:", "[: x"), InvalidValueError, "detector: cannot read"),
     ],
 )

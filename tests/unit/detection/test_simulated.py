@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig, count_returns
+from coopsim.detection.oracle import Oracle
+from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.types import Sweep
+from coopsim.geometry.se3 import SE3
+from coopsim.types import Odometry, SensorView
 from coopsim.world.snapshot import Actors
 
 QUIET = SimulatedDetectorConfig(false_positives=0.0, yaw_flip=0.0)
@@ -24,38 +24,17 @@ def actors(count: int, range_m: float = 20.0) -> Actors:
     return Actors(ids, Boxes3D.from_array(rows), np.zeros((count, 2)), zeros, zeros, np.zeros((count, 3)))
 
 
-def sweep(returns: dict[int, int]) -> Sweep:
-    instance = np.repeat(list(returns), list(returns.values())).astype(int)
-    count = len(instance)
-    return Sweep(np.zeros((count, 3)), np.zeros(count), np.zeros(count), instance)
+VIEW = SensorView("cav_0", 0, Odometry(np.zeros(4)))
+"""A simulated detector needs no sensors."""
+
+
+def oracle(truth: Actors, returns: object) -> Oracle:
+    return Oracle(truth, np.broadcast_to(returns, len(truth)).astype(int), SE3.identity())
 
 
 def detect(returns_each: int, *, range_m: float = 20.0, count: int = 2000, config: SimulatedDetectorConfig = QUIET):  # type: ignore[no-untyped-def]
     truth = actors(count, range_m)
-    seen = sweep(dict.fromkeys(truth.id.tolist(), returns_each))
-    return SimulatedDetector(config).detect({"lidar": seen}, truth, np.random.default_rng(0)), truth
-
-
-def test_count_returns_by_id_over_sweeps() -> None:
-    sweeps = {"a": sweep({9: 4, 0: 100, 77: 3, -1: 2}), "b": sweep({9: 1, 3: 2})}
-    np.testing.assert_array_equal(count_returns(sweeps, np.array([9, 6, 3])), [5, 0, 2])
-    assert count_returns(sweeps, np.zeros(0, dtype=int)).shape == (0,)
-
-
-@given(ids=st.sets(st.integers(1, 2 * 10**9), max_size=20), seed=st.integers(0, 2**32 - 1))
-def test_returns_are_counted_as_by_hand(ids: set[int], seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    asked = rng.permutation(np.array(sorted(ids), dtype=int))
-    instance = np.repeat(rng.choice([*ids, -1, 0, 7, 2 * 10**9 + 1], 50), rng.integers(0, 4, 50)).astype(int)
-    count = len(instance)
-    sweeps = {"lidar": Sweep(np.zeros((count, 3)), np.zeros(count), np.zeros(count), instance)}
-    assert count_returns(sweeps, asked).tolist() == [instance.tolist().count(who) for who in asked]
-
-
-def test_sweep_without_instances_is_refused() -> None:
-    blind = Sweep(np.zeros((1, 3)), np.zeros(1), np.zeros(1))
-    with pytest.raises(InvalidValueError, match="no instance ids"):
-        count_returns({"lidar": blind}, np.array([1]))
+    return SimulatedDetector(config).detect(VIEW, oracle(truth, returns_each), np.random.default_rng(0)), truth
 
 
 def test_too_few_returns_are_never_detected() -> None:
@@ -85,7 +64,7 @@ def test_score_is_higher_for_what_is_better_seen() -> None:
 def test_false_positives_have_their_rate_and_low_scores() -> None:
     config = SimulatedDetectorConfig(false_positives=3.0)
     detector, rng = SimulatedDetector(config), np.random.default_rng(1)
-    found = [detector.detect({"lidar": sweep({})}, actors(0), rng) for _ in range(400)]
+    found = [detector.detect(VIEW, oracle(actors(0), 0), rng) for _ in range(400)]
     assert np.mean([len(each) for each in found]) == pytest.approx(3.0, rel=0.1)
     scores = np.concatenate([each.score for each in found])
     assert scores.mean() < 0.4 < detect(100)[0].score.mean()
@@ -93,10 +72,9 @@ def test_false_positives_have_their_rate_and_low_scores() -> None:
 
 def test_hiding_one_actor_does_not_shift_the_noise_of_the_others() -> None:
     truth = actors(3)
-    returns = {int(each): 500 for each in truth.id}
     detector = SimulatedDetector(replace(QUIET, max_recall=1.0))
-    all_seen = detector.detect({"lidar": sweep(returns)}, truth, np.random.default_rng(5))
-    one_hidden = detector.detect({"lidar": sweep(returns | {int(truth.id[1]): 0})}, truth, np.random.default_rng(5))
+    all_seen = detector.detect(VIEW, oracle(truth, 500), np.random.default_rng(5))
+    one_hidden = detector.detect(VIEW, oracle(truth, [500, 0, 500]), np.random.default_rng(5))
     assert len(all_seen) == 3
     np.testing.assert_array_equal(one_hidden.boxes.array, all_seen.boxes.array[[0, 2]])
 

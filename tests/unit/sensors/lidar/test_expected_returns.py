@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_scenes import actors, box_part, ground, triangles
 
-from coopsim.sensors.lidar.tally import count_returns
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.tally import count_returns
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather

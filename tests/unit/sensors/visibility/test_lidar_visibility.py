@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import ArrayLike
 from sensor_scenes import CAR, MODELS, POST, actors, box_model, box_part, ground, triangles
 
-from coopsim.sensors.lidar.tally import count_returns
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.tally import count_returns
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import STATIC_ID, SceneGeometry
 from coopsim.sensors.visibility.crossings import NOTHING, Crossings, count_crossings
