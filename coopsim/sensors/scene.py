@@ -119,6 +119,7 @@ class SceneGeometry:
         )
 
     def _arrange(self, actors: Actors) -> None:
+        """Compute what stays the same until the actors change: all columns but vertices and velocities."""
         models = [self._models[k] for k in actors.model]
         counts = np.array([len(model.vertices) for model in models], dtype=np.int64)
         face_counts = [len(model.faces) for model in models]

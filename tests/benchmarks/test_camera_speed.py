@@ -1,4 +1,4 @@
-"""How fast cameras draw a busy crossing, by every renderer. Run by `make bench`.
+"""Times of cameras' pictures of a busy crossing, by every renderer. Run by `make bench`.
 
 Nothing here fails by time; the figures are printed.
 """

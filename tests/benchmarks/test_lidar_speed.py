@@ -1,4 +1,4 @@
-"""How fast a LiDAR sweeps a busy crossing. Run by `make bench`.
+"""Times of a LiDAR's sweeps of a busy crossing. Run by `make bench`.
 
 Nothing here fails by time; the figures are printed. What is compared is measured in turns, as other work on the machine
 slows both; the least time of each is what it takes undisturbed.

@@ -1,4 +1,4 @@
-"""Rain, fog and water: what is lost, what comes back, and by which law."""
+"""Rain, fog and water: losses and echoes follow their laws."""
 
 from __future__ import annotations
 
@@ -84,13 +84,13 @@ def wall_returns(weather: Weather, range_m: float) -> Sweep:
 
 
 def range_of_energy(energy: float, weather: Weather) -> float:
-    """Where a wall, albedo 0.5, has an energy, by the LiDAR equation."""
+    """Return the range at which a wall of albedo 0.5 has an energy, by the LiDAR equation."""
     return float(brentq(lambda r: 0.5 * (50.0 / r) ** 2 * np.exp(-2 * weather.extinction_per_m * r) - energy, 1, 1e3))
 
 
 @pytest.mark.parametrize("weather", [Weather(), Weather(50.0), *(Weather(0.0, v) for v in (100.0, 200.0, 500.0))])
 def test_half_of_the_returns_are_lost_where_the_lidar_equation_says(weather: Weather) -> None:
-    """But for beams in which a drop outshines the wall, whose energy is there below that of any drop one can tell."""
+    """Except in beams where a drop outshines the wall, whose energy there is below that of any detectable drop."""
     sweep = wall_returns(weather, range_of_energy(0.02 * np.log(2), weather))
     drops = WeatherClutter(weather, 50.0, 0.02, 1000.0).mean_drops
     assert real(sweep).sum() / 4000 == pytest.approx(0.5 * np.exp(-drops), abs=0.03)
@@ -106,7 +106,7 @@ def test_thick_fog_outshines_what_is_about_as_far_as_one_sees(visibility_m: floa
 
 
 def test_fog_returns_from_where_the_receiver_begins_to_see() -> None:
-    """Within the pulse's length of it, at the ranges that the pulse's peak has."""
+    """Within a pulse's length, at ranges counted from the pulse's peak."""
     for visibility_m in (10.0, 50.0):
         sweep = wall_returns(Weather(fog_visibility_m=visibility_m), 500.0)
         range_m = np.linalg.norm(sweep.points - [0.0, 0.0, 0.35], axis=1)
@@ -138,7 +138,7 @@ def test_light_haze_returns_nothing_itself() -> None:
     assert real(sense(Weather(fog_visibility_m=1000.0))).all()
 
 
-def test_drops_are_a_poisson_process_of_what_can_be_told() -> None:
+def test_detectable_drops_are_a_poisson_process() -> None:
     clutter = WeatherClutter(Weather(rain_mm_h=30.0), 50.0, 0.02, 120.0)
     range_m, energy = clutter.draw(200_000, np.random.default_rng(0))
     expected = clutter.mean_drops

@@ -1,4 +1,4 @@
-"""What the bird's-eye picture shows, and where."""
+"""Content and positions of the bird's-eye picture."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_the_environment_renders_what_it_scored(make_small: Callable[..., Any]) 
 
 
 class TestWindow:
-    """Windows that nobody sees, by SDL's dummy driver."""
+    """Open invisible windows, by SDL's dummy driver."""
 
     @pytest.fixture(autouse=True)
     def dummy(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""Expected returns without a LiDAR, against the LiDAR that is not there."""
+"""Expected returns without a LiDAR, against those of a LiDAR."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_agrees_with_the_lidar_in_traffic(name: str, weather: Weather | None) ->
 
 
 def tall(rows: np.ndarray) -> Actors:
-    """Actors as high as towers, of which a sensor sees all that it sees from above: x, y, length, width, yaw."""
+    """Return actors as high as towers, so that occlusion is that of their footprints: x, y, length, width, yaw."""
     boxes = Boxes3D(
         np.insert(rows[:, :2], 2, 50.0, axis=1), np.insert(rows[:, 2:4], 2, 100.0, axis=1), np.asarray(rows[:, 4])
     )
@@ -88,7 +88,7 @@ def test_lines_are_blocked_as_shapely_says(seed: int, count: int) -> None:
         ends = [(x - y / distance * part * across, y + x / distance * part * across) for part in (-0.4, 0.0, 0.4)]
         others = shapely.union_all(shapes[:k] + shapes[k + 1 :])
         want.append(sum(not shapely.LineString([(0, 0), end]).intersects(others) for end in ends))
-    # So many columns that a third of the returns is told from another however few beams there are.
+    # So many columns that thirds of the returns can be told apart with few beams.
     alone = [int(expected(tall(row[None]), columns=10**6)[0]) for row in rows]
     got = expected(tall(rows), columns=10**6)
     assert np.rint(3 * got / np.array(alone)).tolist() == want
@@ -125,7 +125,7 @@ def test_a_wall_hides_what_is_behind_and_a_gap_does_not() -> None:
     assert 0.2 * free < half < 0.8 * free
 
 
-def test_pieces_of_one_part_hide_each_for_itself() -> None:
+def test_components_of_one_part_hide_separately() -> None:
     left, right = box_part([15.0, 8.0, 5.0], (0.3, 12.0, 10.0)), box_part([15.0, -8.0, 5.0], (0.3, 12.0, 10.0))
     both = StaticPart(
         "both",
@@ -138,7 +138,7 @@ def test_pieces_of_one_part_hide_each_for_itself() -> None:
     assert expected(who, [both])[0] == expected(who)[0]
 
 
-def test_actors_hide_each_other_but_nobody_himself_or_its_passenger() -> None:
+def test_actors_hide_each_other_but_not_themselves_and_a_carrier_hides_nothing() -> None:
     who = actors([[0.0, 0.0, 0.0], [10.0, 0.0, np.pi / 2], [22.0, 0.0, 0.0]], model=[0, 0, 1])
     own, near, behind = expected(who, own_id=1)
     assert own == 0 and near > 0 and behind < expected(who[np.array([0, 2])], own_id=1)[1]

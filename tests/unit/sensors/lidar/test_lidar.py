@@ -106,7 +106,7 @@ def test_noise_is_as_large_as_configured_and_along_the_ray() -> None:
 
 
 def share_returned(distance_m: float, turned_deg: float = 0.0, reflectivity: float = 0.5) -> float:
-    """How much of what a wall reflects comes back, of 64 beams so close that all meet it nearly alike."""
+    """Return the share of returns from a wall, of 64 beams so close together that all meet it nearly alike."""
     close = BeamPattern("close", np.radians(np.linspace(-1.0, 1.0, 64)))
     part = [wall(distance_m, yaw_rad=np.radians(turned_deg), reflectivity=reflectivity)]
     lossless, lossy = (
@@ -239,7 +239,7 @@ def test_a_sensor_on_a_mast_sees_the_road_around_it() -> None:
     assert np.linalg.norm(of(sweep, 0)[:, :2], axis=1).min() < 10.0
 
 
-def test_a_table_of_ones_own() -> None:
+def test_a_custom_table() -> None:
     level = BeamPattern("level", np.zeros(1))
     sweep = sense(static=[wall(10.0)], pattern=level, columns=3600, **EXACT)
     np.testing.assert_allclose(sweep.points[:, 0], 10.0, atol=1e-3)

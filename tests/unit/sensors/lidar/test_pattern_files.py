@@ -1,4 +1,4 @@
-"""Beam tables from files: what is in them arrives, and what is wrong with them is said."""
+"""Beam tables from files: their content, and errors with file and line."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_azimuth_may_be_left_out(tmp_path: Path) -> None:
         ("a.yaml", "!!python/object/apply:os.getcwd []\n", "a.yaml"),
     ],
 )
-def test_what_is_no_table_is_refused_by_its_file_and_line(
+def test_bad_tables_are_refused_with_file_and_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str, match: str
 ) -> None:
     (tmp_path / name).write_text(text)
@@ -77,7 +77,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         find_pattern(str(tmp_path / "nowhere.csv"))
 
 
-def test_what_ends_like_no_table_is_a_name() -> None:
+def test_other_suffixes_are_names() -> None:
     assert find_pattern("VLP-16").name == "VLP-16"
     with pytest.raises(UnknownNameError, match="Did you mean 'VLP-16'"):
         find_pattern("VLP-17")

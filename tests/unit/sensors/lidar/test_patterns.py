@@ -1,4 +1,4 @@
-"""Beam tables: the angles of data sheets and calibrations, and what a table of one's own must be."""
+"""Beam tables: the angles of data sheets and calibrations, and requirements on custom tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A turn takes time: what moves is where it was when the beam passed, what does not move stays straight."""
+"""A revolution takes time: moving things are where they were when the beam passed, standing ones stay straight."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def moving(rows: list[list[float]], velocity: list[list[float]]) -> Actors:
     return replace(actors(rows), velocity=np.array(velocity))
 
 
-def test_where_nothing_moves_a_turn_takes_no_time() -> None:
+def test_without_motion_the_duration_changes_nothing() -> None:
     who, static = actors([[15.0, 4.0, 0.3], [-9.0, 9.0, 1.0]]), [ground(), box_part([-20, 5, 3], (2, 30, 6))]
     pose = SE3.from_xyz_yaw([1.0, 2.0, 0.0], 0.5)
     at_once, in_turn = sense(who, static, pose, None, turn_s=0.0), sense(who, static, pose, pose)
@@ -45,8 +45,8 @@ def test_where_nothing_moves_a_turn_takes_no_time() -> None:
     np.testing.assert_array_equal(in_turn.instance, at_once.instance)
 
 
-def test_walls_stay_straight_for_who_drives_and_turns_past_them() -> None:
-    """Points are in the frame of the turn's end: what stands still is where it is, whenever it was seen."""
+def test_walls_stay_straight_for_an_agent_that_drives_and_turns() -> None:
+    """Points are in the base frame at the end: standing things are where they are, whenever they were sensed."""
     start, end = SE3.from_xyz_yaw([0.0, 0.0, 0.0], 0.0), SE3.from_xyz_yaw([2.0, 0.5, 0.0], 0.2)
     sweep = sense(actors([]), [box_part([30, 0, 5], (1, 200, 10)), box_part([-30, 0, 5], (1, 200, 10))], end, start)
     world = end.apply(sweep.points)
@@ -55,7 +55,7 @@ def test_walls_stay_straight_for_who_drives_and_turns_past_them() -> None:
 
 
 def test_a_car_is_where_it_was_when_the_beam_passed() -> None:
-    """A beam passes the right side (-y) after three quarters of a turn, the left one after one quarter."""
+    """A beam passes the right side (-y) after three quarters of a revolution, the left one after one quarter."""
     for left_m, passed in ((10.0, 0.25), (-10.0, 0.75)):
         who = moving([[0.0, left_m, 0.0]], [[20.0, 0.0]])
         sweep = sense(who, [], SE3.identity(), None)
@@ -69,7 +69,7 @@ def test_a_car_that_keeps_pace_stands_still() -> None:
     start = SE3.from_xyz_yaw([-20.0 * TURN_S, 0.0, 0.0], 0.0)
     paced = sense(who, [], SE3.identity(), start)
     still = sense(actors([[0.0, 10.0, 0.0]]), [], SE3.identity(), None)
-    # Rays meet it alike; its points are moved on to the end of the turn with the sensor, not with the car.
+    # Rays hit it alike; its points are moved to the end of the revolution with the sensor, not with the car.
     assert len(paced) == len(still)
     late = np.linspace(0, 1, SECTORS + 1)
     shift = paced.points[:, 0] - still.points[:, 0]
@@ -104,6 +104,6 @@ def test_any_number_of_columns(columns: int) -> None:
         ({"turn_s": 0.1, "backend": "embree"}, "turn_s must be 0 with the backend embree"),
     ],
 )
-def test_bad_turns_are_refused(bad: dict[str, Any], match: str) -> None:
+def test_bad_durations_are_refused(bad: dict[str, Any], match: str) -> None:
     with pytest.raises(InvalidValueError, match=match):
         LidarConfig(**bad)

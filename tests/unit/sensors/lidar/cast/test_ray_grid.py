@@ -21,7 +21,7 @@ from coopsim.sensors.scene import Triangles, is_closed
 from coopsim.world.models import make_models
 
 COLUMNS = 200
-"""Not a multiple of what is tested together, and few enough for triangles to lie between two."""
+"""No multiple of `LANES`, and few enough for triangles to lie between two columns."""
 
 UNEVEN = BeamPattern(
     "uneven",
@@ -48,7 +48,7 @@ def by_embree(scene: Triangles, world_SE3_sensor: SE3, pattern: BeamPattern, col
 
 
 def require_agreement(got: GridHits, want: GridHits) -> None:
-    """On hit or miss for 99.9 % of the rays, on range to 1 mm for 99.9 % of those."""
+    """Require the same hit or miss for 99.9 % of the rays, and ranges equal to 1 mm for 99.9 % of the hits."""
     hit = want.face >= 0
     assert (hit == (got.face >= 0)).mean() >= 0.999
     both = hit & (got.face >= 0)
@@ -64,14 +64,14 @@ def require_agreement(got: GridHits, want: GridHits) -> None:
 
 
 def mixed_scene(rng: np.random.Generator) -> np.ndarray:
-    """(F, 3, 3) m: large and small triangles all around, a huge ground, and the shapes that are easily got wrong."""
+    """Return triangles (F, 3, 3) m: large and small ones all around, a huge ground, and degenerate ones."""
     scattered = rng.uniform(-40, 40, (60, 1, 3)) + rng.uniform(-6, 6, (60, 3, 3))
     small = rng.uniform(-15, 15, (200, 1, 3)) + rng.uniform(-0.3, 0.3, (200, 3, 3))
     huge = 1e4 * np.array([[[-1.0, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1.0, -1, 0], [1, 1, 0], [-1, 1, 0]]])
     above_and_below = np.array([[[-2.0, -1, z], [2, -1, z + 0.5], [0.1, 3, z]] for z in (9.0, -9.0)])
     on_the_seam = np.array([[[8.0, -2, 1], [8, 2, 1], [9, 0, 4]], [[-8.0, -2, 1], [-8, 2, 1], [-9, 0, 4]]])
     corner_on_the_axis = np.array([[[0.0, 0, 6], [1, 2, 6], [-1, 2, 7]], [[0.0, 0, -6], [1, -2, -6], [3, 2, -7]]])
-    # Embree hits a triangle without area where a ray runs exactly along it; so none does.
+    # Embree hits a triangle without area if a ray runs exactly along it; here no ray does.
     without_area = np.array([[[1.0, 2, 3]] * 3, [[1.0, 1.1, 1], [2, 2.2, 2], [3, 3.3, 3]]])
     edge_on = np.array([[[0.0, 5, 2], [4, 9, 2], [-4, 9, 2]]])  # in the plane of a level sensor at 2 m
     parts = [scattered, small, huge, above_and_below, on_the_seam, corner_on_the_axis, without_area, edge_on]
@@ -171,7 +171,7 @@ def assert_same(got: GridHits, want: GridHits) -> None:
 
 
 def test_scenes_of_any_size_follow_each_other() -> None:
-    """What the last one left in memory is not seen."""
+    """Nothing is left over from the scene before."""
     grid = rays_of(UNEVEN)
     for count in (5, 40, 0, 3, 40):
         scene = parked(count)
