@@ -21,7 +21,7 @@ from coopsim.envs.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_frame_time
 from coopsim.types.maneuvers import IDLE, MANEUVERS
-from coopsim.world.population import Population, beside
+from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import NUMBERS, SCENARIOS, Place, make_scenario
 
@@ -73,7 +73,7 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
     file = load_scenario_file(path)
     try:
-        said = beside(file.keywords, options)
+        said = drop_overridden(file.keywords, options)
         if options.get("playback", said.get("playback")) is not None:  # which has its own numbers, made of these
             said = {key: value for key, value in said.items() if key not in NUMBERS}
         return simulation_env(file.scenario, name, **{**said, **options})

@@ -1,4 +1,4 @@
-"""What a recording decides about the environment that plays it."""
+"""Options of an environment that plays a recording."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from coopsim.world.scenario import Place
 
 
 def as_recorded(episode: Episode, scenario: str | Place, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options, with the recording's population, `dt_s` and (unless fewer are asked for) `max_cycles`.
+    """Return the options with the recording's population, `dt_s` and (unless fewer are asked for) `max_cycles`.
 
     Args:
         episode: the recording.
-        scenario: the environment's, its name or a place of one's own.
-        options: as the user gave them.
+        scenario: the environment's, its name or a custom place.
+        options: the user's.
 
     Raises:
-        RecordingError: the recording is of another scenario, of one that is not to be had, or holds a single frame.
-        InvalidValueError: an option asks for something else than what was recorded.
+        RecordingError: the recording is of another scenario, of one that does not exist, or has a single frame.
+        InvalidValueError: an option differs from what was recorded.
     """
     header, steps = episode.header, episode.frames - 1
     name = scenario.name if isinstance(scenario, Place) else scenario

@@ -1,4 +1,4 @@
-"""Recording the traffic of a scenario, of one that is described by a file, too."""
+"""Recording the traffic of scenarios, named ones and those from files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from coopsim.catalog import is_scenario_file
 from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.errors import CoopsimError
-from coopsim.world.population import beside
+from coopsim.world.population import drop_overridden
 from coopsim.world.recording import recorded_world
 from coopsim.world.scenario import NUMBERS, Place
 
@@ -16,14 +16,14 @@ _OF_THE_WORLD = {"seed", "dt_s", *NUMBERS}
 
 
 def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Path:
-    """Let a world happen and record it, without sensing anything.
+    """Simulate a world and record it, without sensing.
 
     Args:
-        scenario: name of the scenario, as "crossing"; the path of a scenario file, of which its place, its numbers,
-            `density`, `seed` and `dt_s` count; or a place of one's own.
+        scenario: name of the scenario, such as "crossing"; path of a scenario file, of which the place, the numbers,
+            `density`, `seed` and `dt_s` are used; or a custom place.
         path: the file; an older one is replaced.
         **options: `seed`, `max_cycles`, `dt_s`, `density` and fields of `Population`, see
-            `coopsim.world.recording.recorded_world.record`; they go before what the scenario file says.
+            `coopsim.world.recording.recorded_world.record`; they override the scenario file's.
 
     Raises:
         UnknownNameError: no such scenario or number.
@@ -33,8 +33,8 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
     if isinstance(scenario, Place) or not is_scenario_file(scenario):
         return recorded_world.record(scenario if isinstance(scenario, Place) else str(scenario), path, **options)
     file = load_scenario_file(scenario)
-    own = {name: value for name, value in file.keywords.items() if name in _OF_THE_WORLD}
+    keywords = {name: value for name, value in file.keywords.items() if name in _OF_THE_WORLD}
     try:
-        return recorded_world.record(file.scenario, path, **{**beside(own, options), **options})
+        return recorded_world.record(file.scenario, path, **{**drop_overridden(keywords, options), **options})
     except CoopsimError as error:
         raise file.blame(error, beside={"path", *options}) from error

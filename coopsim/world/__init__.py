@@ -1,1 +1,1 @@
-"""Traffic, people and scenery: what there is to sense."""
+"""The simulated world: places, traffic, people, and recordings of them."""

@@ -1,4 +1,4 @@
-"""How many of what there are in a scenario."""
+"""The numbers of vehicles, people and agents in a scenario."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from coopsim.errors import CrowdedWarning, InvalidValueError
 from coopsim.support.checks import require_count, require_probability
 from coopsim.types.taxonomy import ObjectClass
 
-_IN_PLACE_OF = {"connected_cars": "penetration", "truck_share": "trucks"}
-"""Numbers that do not count where the other one is given."""
+_OVERRIDES = {"connected_cars": "penetration", "truck_share": "trucks"}
+"""Numbers, and the number that overrides each."""
 
 
 @dataclass(frozen=True, slots=True)
 class Population:
-    """How many of what there are.
+    """Numbers of vehicles, people and agents.
 
     Attributes:
         vehicles: cars and trucks together, connected ones included.
-        truck_share: of these, in [0, 1].
-        pedestrians: people on foot.
-        connected_cars: how many of the cars are connected agents.
+        truck_share: share of trucks among these, in [0, 1].
+        pedestrians: adults on foot.
+        connected_cars: cars that are agents.
         rsus: roadside units.
-        vans: next to `vehicles`, as all that follow.
+        vans: in addition to `vehicles`, as all that follow.
         buses: on the roads.
         motorcycles: on the roads.
-        bicycles: where the place has room for them: on the edge of lanes, or with pedestrians.
+        bicycles: on the edge of lanes or with pedestrians, as the place has it.
         scooters: as bicycles.
         children: on foot.
-        drones: agents in the air, each with sensors that look down.
+        drones: agents in the air with sensors that look down.
         parked: vehicles at the kerb, where the place has bays.
-        penetration: share of the cars that are connected, in [0, 1], in the place of `connected_cars`.
-        trucks: how many of the vehicles are trucks, in the place of `truck_share`.
+        penetration: share of the cars that are agents, in [0, 1]; overrides `connected_cars`.
+        trucks: number of trucks among the vehicles; overrides `truck_share`.
     """
 
     vehicles: int = 30
@@ -75,17 +75,17 @@ class Population:
 
     @property
     def cars(self) -> int:
-        """How many of the vehicles are cars."""
+        """The number of cars among the vehicles."""
         return _cars_of(self.vehicles, self.truck_share, self.trucks)
 
     @property
     def connected(self) -> int:
-        """How many of the cars are connected agents."""
+        """The number of cars that are agents."""
         return self.connected_cars if self.penetration is None else round(self.penetration * self.cars)
 
     @property
     def on_roads(self) -> Mapping[ObjectClass, int]:
-        """Vehicles by class."""
+        """Numbers of vehicles by class."""
         return {
             ObjectClass.CAR: self.cars,
             ObjectClass.TRUCK: self.vehicles - self.cars,
@@ -96,7 +96,7 @@ class Population:
 
     @property
     def people(self) -> Mapping[ObjectClass, int]:
-        """People on foot and on two wheels by class."""
+        """Numbers of people on foot and on two wheels by class."""
         return {
             ObjectClass.PEDESTRIAN: self.pedestrians,
             ObjectClass.CHILD: self.children,
@@ -106,26 +106,26 @@ class Population:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What `make_scenario` takes to have the same: all fields but those in whose place another one is."""
-        replaced = [name for name, other in _IN_PLACE_OF.items() if getattr(self, other) is not None]
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in replaced}
+        """Arguments of `make_scenario` for the same population: all fields except overridden ones."""
+        overridden = [name for name, other in _OVERRIDES.items() if getattr(self, other) is not None]
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in overridden}
 
-    def within(self, room: int, *names: str) -> Population:
-        """As many of the numbers called `names` as there is room for, together; the first give way first.
+    def within(self, capacity: int, *names: str) -> Population:
+        """Return the population with the numbers called `names` reduced to a total of `capacity`, the first ones first.
 
         Warns:
-            CrowdedWarning: that they do not all fit.
+            CrowdedWarning: some do not fit.
         """
         numbers = {name: getattr(self, name) for name in names}
         excess = asked = sum(numbers.values())
-        excess -= room
+        excess -= capacity
         if excess <= 0:
             return self
         for name, number in numbers.items():
             numbers[name] = number - min(number, excess)
             excess -= number - numbers[name]
         fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
-        message = f"there is room for {room} of {asked} ({' + '.join(names)}), so there are {fitting}"
+        message = f"there is room for {capacity} of {asked} ({' + '.join(names)}), so there are {fitting}"
         warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
         vehicles = numbers.get("vehicles", self.vehicles)
         trucks = None if self.trucks is None else min(self.trucks, vehicles)
@@ -134,25 +134,25 @@ class Population:
 
 
 def require_one_of_each(numbers: Mapping[str, Any]) -> None:
-    """Of two numbers of which one takes the other's place, one may be given.
+    """Refuse a number together with the one that overrides it.
 
     Raises:
-        InvalidValueError: both are.
+        InvalidValueError: both are given.
     """
-    for number, other in _IN_PLACE_OF.items():
+    for number, other in _OVERRIDES.items():
         if number in numbers and numbers.get(other) is not None:
             raise InvalidValueError(f"{other} takes the place of {number}: one of them is accepted, got both")
 
 
-def beside(said: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """What still counts of the numbers that a file says, where others are given that go before them."""
-    pairs = [pair for number, other in _IN_PLACE_OF.items() for pair in ((number, other), (other, number))]
-    replaced = {number for number, other in pairs if given.get(other) is not None}
-    return {name: value for name, value in said.items() if name not in replaced}
+def drop_overridden(numbers: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers of a file that still count next to `overrides`, which go before them."""
+    pairs = [pair for number, other in _OVERRIDES.items() for pair in ((number, other), (other, number))]
+    overridden = {number for number, other in pairs if overrides.get(other) is not None}
+    return {name: value for name, value in numbers.items() if name not in overridden}
 
 
 def _level_of_caller() -> int:
-    """How many calls above whoever asks the first one is that is not within coopsim; for `warnings.warn`."""
+    """Return the `stacklevel` for `warnings.warn` of the first caller outside coopsim."""
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == "coopsim":
         frame, level = frame.f_back, level + 1

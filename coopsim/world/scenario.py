@@ -1,4 +1,4 @@
-"""Scenarios: a place, and how many of what are in it."""
+"""Scenarios: a place and its population."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Scenario:
     """A place with its population.
 
     Attributes:
-        name: as it is registered.
+        name: registered name.
         layout: the place.
-        population: who is there: as asked for, as far as there is room.
+        population: the requested numbers, as far as they fit.
 
     Warns:
-        CrowdedWarning: there is not room for all.
+        CrowdedWarning: some do not fit.
     """
 
     name: str
@@ -80,12 +80,12 @@ _DENSE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """Where a scenario is, and who is there unless one says otherwise.
+    """A place with its usual population.
 
     Attributes:
         name: of the scenario.
         make_layout: builds the layout.
-        population: its own numbers.
+        population: its usual numbers.
     """
 
     name: str
@@ -94,7 +94,7 @@ class Place:
 
 
 NUMBERS = ("density", *(field.name for field in fields(Population)))
-"""What `make_scenario` takes."""
+"""Keywords of `make_scenario`."""
 
 SCENARIOS: Registry[Place] = Registry("scenario")
 
@@ -116,20 +116,20 @@ _register("platoon", make_platoon, Population(pedestrians=0, connected_cars=4, r
 
 
 def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -> Scenario:
-    """A scenario with its own population except for `numbers` (fields of `Population`).
+    """Make a scenario with a place's usual population, except for `numbers`.
 
     Args:
-        place: its name as it is registered, or a place of one's own.
-        density: a factor on the numbers of vehicles and people, of all that are not agents.
-        **numbers: fields of `Population`. Where `connected_cars` is not among them and there are fewer cars than the
-            scenario's own number of connected ones, all are.
+        place: registered name, or a custom place.
+        density: factor on the numbers of vehicles and people, but not of agents.
+        **numbers: fields of `Population`. Without `connected_cars`, all cars are connected where there are fewer cars
+            than the place's usual number of connected ones.
 
     Raises:
         UnknownNameError: no such scenario or number.
-        InvalidValueError: a number that is not accepted, or two of which one takes the other's place.
+        InvalidValueError: a number that is not accepted, or together with the one that overrides it.
 
     Warns:
-        CrowdedWarning: there is not room for all; as many as fit are there.
+        CrowdedWarning: some do not fit; as many as fit are there.
     """
     found = place if isinstance(place, Place) else SCENARIOS.get(place)
     known = [field.name for field in fields(Population)]
@@ -137,9 +137,8 @@ def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -
         if number not in known:
             raise UnknownNameError(f"number of scenario {found.name!r}", number, NUMBERS)
     require_one_of_each(numbers)
-    usual = {field: getattr(found.population, field) for field in known}
     require_non_negative(density=density)
-    wanted = usual | numbers
+    wanted = {field: getattr(found.population, field) for field in known} | numbers
     wanted |= {name: round(density * wanted[name]) for name in _DENSE if _is_count(wanted[name])}
     if "connected_cars" not in numbers:
         cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
@@ -148,5 +147,5 @@ def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -
 
 
 def _is_count(value: object) -> bool:
-    """What is none is refused by `Population`, in the user's words."""
+    """Return whether a value can be scaled; `Population` refuses other ones in the user's words."""
     return isinstance(value, Integral) and not isinstance(value, bool)

@@ -1,4 +1,4 @@
-"""What a simulation needs of a world, whether it happens now or was recorded."""
+"""The interface of worlds, simulated or recorded."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 
 
 class WorldSource(Protocol):
-    """A world, frame by frame; `World` is one.
+    """A world, frame by frame, such as `World`.
 
     Attributes:
-        models: shapes that actors' `model` counts into.
-        static: what never moves.
+        models: shapes that actors' `model` indexes.
+        static: meshes that never move.
         map: outlines for drawing.
     """
 
@@ -26,7 +26,7 @@ class WorldSource(Protocol):
         """Advance by `dt_s`."""
 
     def actors(self) -> Actors:
-        """Everybody, in the world frame."""
+        """Return all actors, in the world frame."""
 
     def agents(self) -> dict[str, AgentBody]:
-        """Bodies of the connected agents, in order."""
+        """Return the bodies of the agents, in order."""

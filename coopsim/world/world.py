@@ -1,4 +1,4 @@
-"""The world: everything there is to sense, stepped together."""
+"""The simulated world: traffic, people and agents, stepped together."""
 
 from __future__ import annotations
 
@@ -21,21 +21,22 @@ from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1
-"""Drivers who react once in half a second crash: IDM and the lane keeping are made for tenths."""
+"""Longest step of traffic: drivers that react once in half a second crash, because IDM and lane keeping are made for
+tenths."""
 
 PERSON_ID = 1_000_000_000
-"""Ids of pedestrians start here, children's at twice as much and so on, vehicles' at 1: how many there are of one kind
-does not renumber another."""
+"""Ids of pedestrians start here, of children at twice as much and so on, of vehicles at 1: a kind's number does not
+renumber another."""
 
 
 class World:
-    """One episode's world.
+    """The world of one episode.
 
     Args:
         scenario: place and population.
         seed: decides everything that happens.
-        policy_control: connected cars do as `step` tells them, instead of driving by themselves.
-        traffic: what steps the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
+        policy_control: whether connected cars obey the maneuvers given to `step`, instead of driving by themselves.
+        traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
     """
 
     def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False, traffic: str = "arrays") -> None:
@@ -64,24 +65,24 @@ class World:
         self._unit_height_m = layout.rsu_height_m
 
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
-        """Advance by `dt_s`, in equal parts that are short enough for drivers to react.
+        """Advance by `dt_s`, in equal parts short enough for drivers to react.
 
         Args:
             dt_s: time step.
-            maneuvers: numbers into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
+            maneuvers: indices into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
         """
-        told = (maneuvers or {}) if self._policy_control else {}
-        numbered = {int(name.removeprefix("cav_")): told[name] for name in told}
+        obeyed = (maneuvers or {}) if self._policy_control else {}
+        by_number = {int(name.removeprefix("cav_")): obeyed[name] for name in obeyed}
         self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
             everybody = np.concatenate([people.bodies for people in self._people])
-            self._traffic.step(dt_s / parts, {} if part else numbered, everybody)
+            self._traffic.step(dt_s / parts, {} if part else by_number, everybody)
             for people in self._people:
                 people.step(dt_s / parts, self._traffic.fleet, everybody)
 
     def actors(self) -> Actors:
-        """All vehicles, connected ones included, then all people; in the world frame."""
+        """Return all vehicles, connected ones included, then all people; in the world frame."""
         fleet, groups = self._traffic.fleet, self._people
         model = np.concatenate([fleet.rows["model"], *(people.model for people in groups)])
         size = self._sizes_m[model]
@@ -93,14 +94,14 @@ class World:
             [fleet.rows["id"], *(PERSON_ID * (k + 1) + np.arange(len(people)) for k, people in enumerate(groups))]
         )
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
-        # Vehicles have no cycle of poses: only people, and what they ride, move as they go.
+        # Only people, on foot and riding, have cycles of poses.
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups)])
         cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
 
     def _drawn_for(self, identity: Ints, label: Ints) -> tuple[Colors, Colors, Floats]:
-        """First and second colours, and where in their cycle actors start: nobody keeps step with anybody."""
+        """Return first and second colours and phases of actors: each starts at a phase of its own."""
         key = identity.tobytes()
         if key != self._drawn_key:  # mostly the same actors as in the last frame
             start = chances(self._seed, "phase", identity, 1)[:, 0]
@@ -108,7 +109,7 @@ class World:
         return self._drawn
 
     def agents(self) -> dict[str, AgentBody]:
-        """Connected cars, then roadside units, then drones."""
+        """Return connected cars, then roadside units, then drones."""
         bodies: dict[str, AgentBody] = {}
         for k, row in enumerate(self._traffic.fleet.rows[list(self._traffic.connected)]):
             pose = SE3.from_xyz_yaw([row["x"], row["y"], 0.0], row["heading"])
@@ -122,6 +123,6 @@ class World:
         return bodies
 
     def crashed(self) -> tuple[int, ...]:
-        """Ids of vehicles that have crashed; they stay where they are, as obstacles."""
+        """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
         rows = self._traffic.fleet.rows
         return tuple(rows["id"][rows["crashed"]].tolist())

@@ -1,4 +1,4 @@
-"""What people feel of those near them: others on foot, who push them aside, and vehicles, which stop them."""
+"""Forces between people, and vehicles that stop them."""
 
 from __future__ import annotations
 
@@ -16,26 +16,23 @@ from coopsim.world.traffic.engine.fleet import Body, Vehicle
 _STRENGTH_M_S2 = 3.0
 _RANGE_M = 0.4
 _REACH_M = 2.5  # the push is below 1 per cent of its strength from here on
-_BEHIND = 0.3  # how much of the push comes from who is behind
+_BEHIND = 0.3  # relative push from behind
 _RADIUS_M = 0.3
 
 _MARGIN_M = 0.6  # beside a vehicle
 _STANDING_M_S = 0.1
-_NEAR_M = 3.5  # beyond which no vehicle is in anybody's way
-_NEARER_M = 0.05  # by which one's next step may bring one to a vehicle along which one goes
-_FORESIGHT_S = 1.0  # for which a vehicle's way is kept free by who goes of their own will
+_NEAR_M = 3.5  # farther vehicles are in nobody's way
+_NEARER_M = 0.05  # by which the next step may approach a vehicle when passing along it
+_FORESIGHT_S = 1.0  # during which people keep a vehicle's way free
 
 
 def push_apart(position: Floats, heading: Floats, everybody: NDArray[Any]) -> Floats:
-    """Social forces on people.
+    """Return the social forces (N, 2) on people, m/s2.
 
     Args:
         position: (N, 2) m.
         heading: (N, 2) unit vectors, where they want to go.
         everybody: (M,) `BODY`, the same people among them.
-
-    Returns:
-        (N, 2) m/s2.
     """
     order = np.argsort(everybody["x"], kind="stable")
     first = np.searchsorted(everybody["x"][order], position[:, 0] - _REACH_M)
@@ -59,7 +56,7 @@ def _push_apart(position: Floats, heading: Floats, everybody: NDArray[Any], orde
             in_front = -(dx * heading[i, 0] + dy * heading[i, 1])
             view = _BEHIND + (1 - _BEHIND) * (1 + in_front) / 2
             push = view * _STRENGTH_M_S2 * math.exp((radii - distance) / _RANGE_M)
-            # Who meets somebody head on goes to the right: a push along the line between them would stop both.
+            # People who meet head on go to the right: a push along the line between them would stop both.
             force[i, 0] += push * (dx + 0.5 * max(in_front, 0.0) * heading[i, 1])
             force[i, 1] += push * (dy - 0.5 * max(in_front, 0.0) * heading[i, 0])
     return force
@@ -69,13 +66,13 @@ def _push_apart(position: Floats, heading: Floats, everybody: NDArray[Any], orde
 def is_blocked(
     position: Floats, ahead: Floats, rows: NDArray[Any], passes: bool, foresight_s: float = _FORESIGHT_S
 ) -> NDArray[np.bool_]:
-    """Whether the next step of people leads into a vehicle, or into where it will be in a moment.
+    """Return the mask (N,) of people whose next step leads into a vehicle, or into where it will be in a moment.
 
     Args:
         position: (N, 2) m.
         ahead: (N, 2) m, from there to where the road has to be free.
         rows: (V,) `VEHICLE`.
-        passes: they may go along a vehicle that stands, however close: it may stand because of them.
+        passes: whether they may go along a standing vehicle, however close: it may stand because of them.
         foresight_s: how much of a vehicle's way counts; 0: only where it is now.
     """
     blocked = np.zeros(len(position), dtype=np.bool_)
@@ -87,7 +84,7 @@ def is_blocked(
                 continue
             now = _outside(vehicle, dx, dy, foresight_s)
             soon = _outside(vehicle, dx + ahead[i, 0], dy + ahead[i, 1], foresight_s)
-            # Who is in its way already may go on, and who is too close may go away from it, but not along.
+            # People in its way already may go on; people too close may go away from it, but not along.
             if passes and abs(vehicle.speed) < _STANDING_M_S and soon > now - _NEARER_M:
                 continue
             if soon < _MARGIN_M and now > 0 and soon <= now:
@@ -98,7 +95,7 @@ def is_blocked(
 
 @njit(cache=True, nogil=True)
 def _outside(vehicle: Vehicle, dx: float, dy: float, foresight_s: float) -> float:
-    """How far a place, relative to its middle, is from a vehicle and what it drives over within `foresight_s`, m."""
+    """Return the distance (m) of a place, relative to a vehicle's middle, from it and its way within `foresight_s`."""
     cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
     along, aside = dx * cos + dy * sin, abs(dy * cos - dx * sin)
     ahead = along - vehicle.length / 2 - max(vehicle.speed, 0.0) * foresight_s

@@ -1,15 +1,15 @@
-"""The file of a recorded episode: where everybody was in every frame, to the last bit, and nothing of what was sensed.
+"""The file of a recorded episode: all actors and agents in every frame, to the last bit, without sensor data.
 
 | part | content |
 |---|---|
 | start | `MAGIC`; format version, length and CRC-32 of the header (unsigned 32-bit integers, little-endian) |
 | header | JSON: the fields of `EpisodeHeader` |
-| frames | each: its number, actors, agents, payload's length and CRC-32 of it all (such integers); its payload |
+| frames | each: number, actors, agents, payload's length and CRC-32 of all this (such integers); payload |
 
 A frame is a row of 64-bit words: `ACTOR_WORDS` for each actor, `AGENT_WORDS` for each agent; floats by their bits. Its
-payload says how far each word is from going on as in the two frames before (second differences of the bits as integers,
-so that nothing is rounded): all lowest bytes, all second bytes, and so on, deflated. Frames are appended whole, so that
-an interrupt costs at most the one that was being written.
+payload holds how far each word differs from its linear continuation of the two frames before (second differences of the
+bits as integers, so without rounding): all lowest bytes, all second bytes, and so on, deflated. Frames are appended
+whole, so an interrupt costs at most the last one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Words = NDArray[np.uint64]
 
 @dataclass(frozen=True, slots=True)
 class EpisodeAgent:
-    """What stays the same about an agent; see `AgentBody`."""
+    """The constant part of an agent; see `AgentBody`."""
 
     name: str
     kind: Literal["cav", "rsu", "drone"]
@@ -61,7 +61,7 @@ class EpisodeAgent:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeHeader:
-    """What stays the same in an episode.
+    """The constant part of an episode.
 
     Attributes:
         scenario: name of the place.
@@ -69,9 +69,9 @@ class EpisodeHeader:
         seed: of the episode.
         dt_s: time between two frames.
         agents: in the environment's order.
-        models: length, width and height (m) by name, in the order in which actors' `model` counts.
+        models: length, width and height (m) by name, in the order that actors' `model` indexes.
         coopsim: version that recorded it.
-        place: checksum of what stands there and never moves; None: nobody has said.
+        place: checksum of the static meshes; None: unknown.
     """
 
     scenario: str
@@ -92,19 +92,19 @@ class EpisodeHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeFrame:
-    """Everybody at one moment, in the world frame."""
+    """All actors and agents at one moment, in the world frame."""
 
     actors: Actors
     agents: Mapping[str, AgentBody]
 
 
 class EpisodeWriter:
-    """Begins a file, in place of an older one of that name, and appends frames to it.
+    """Writes an episode: begins a file, replacing an older one, and appends frames.
 
-    No file is kept open, and none needs to be closed.
+    No file is kept open, so none needs to be closed.
 
     Raises:
-        InvalidValueError: the file cannot be written, or the path is none.
+        InvalidValueError: the file cannot be written, or the path is not one.
     """
 
     def __init__(self, path: str | Path, header: EpisodeHeader) -> None:
@@ -117,7 +117,7 @@ class EpisodeWriter:
         self._write("wb", MAGIC + _START.pack(FORMAT_VERSION, len(text), zlib.crc32(text)) + text)
 
     def append(self, actors: Actors, agents: Mapping[str, AgentBody]) -> None:
-        """Add a frame; agents in the header's order."""
+        """Append a frame; agents in the header's order."""
         words = np.concatenate([_actor_words(actors), _agent_words(agents)])
         payload = zlib.compress(_shuffled(self._coder.encode(words)))
         place = (self._frames, len(actors), len(agents), len(payload))
@@ -126,7 +126,7 @@ class EpisodeWriter:
 
     def _write(self, mode: str, data: bytes) -> None:
         try:
-            # Without a buffer, so that an interrupt leaves whole frames. Not "ab": that would begin a lost file anew.
+            # Unbuffered, so that an interrupt leaves whole frames. Not "ab", which would create a lost file anew.
             with open(self.path, mode, buffering=0) as file:
                 file.seek(0, 2)
                 file.write(data)
@@ -135,18 +135,18 @@ class EpisodeWriter:
 
 
 class Episode:
-    """A recorded episode, checked from end to end when it is opened.
+    """A recorded episode, fully checked when it is opened.
 
     Attributes:
         path: the file.
-        header: what stays the same.
-        frames: how many moments; between them are `frames - 1` steps.
+        header: constant part.
+        frames: number of moments; between them are `frames - 1` steps.
         most_actors: in any frame.
         size_bytes: of the file.
 
     Raises:
-        InvalidValueError: the path is none.
-        RecordingError: there is no such file, it is no recording, of another format version, cut off or damaged.
+        InvalidValueError: the path is not one.
+        RecordingError: the file is missing, not a recording, of another format version, truncated or damaged.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -166,10 +166,10 @@ class Episode:
         self.most_actors = max(actors for _, actors in self._frames)
 
     def __iter__(self) -> Iterator[EpisodeFrame]:
-        """The frames in order, from the first.
+        """Yield the frames in order.
 
         Raises:
-            RecordingError: a frame holds what no world can show.
+            RecordingError: a frame has invalid content.
         """
         coder, agents = _Predictor(), len(self.header.agents)
         for number, (payload, actors) in enumerate(self._frames):
@@ -180,7 +180,7 @@ class Episode:
                 raise RecordingError(f"{self.path} is damaged in frame {number}: {error}") from error
 
     def _read_header(self) -> tuple[EpisodeHeader, int]:
-        """The header, and where the frames begin."""
+        """Return the header, and the offset of the frames."""
         if not self._data.startswith(MAGIC):
             raise RecordingError(f"{self.path} is no recorded episode; {_ACCEPTED}")
         at = len(MAGIC) + _START.size
@@ -204,7 +204,7 @@ class Episode:
             raise RecordingError(f"{self.path} has a header that is none of coopsim's: {error}") from error
 
     def _scan(self, at: int) -> Iterator[tuple[bytes, int]]:
-        """Payload and number of actors of every frame."""
+        """Yield payload and number of actors of every frame."""
         number = 0
         while at < self.size_bytes:
             head = self._data[at : at + _FRAME.size]
@@ -223,7 +223,7 @@ class Episode:
         rows = actor_words.reshape(-1, ACTOR_WORDS)
         integers = rows[:, :_INTEGERS].view(np.int64)
         floats = rows[:, _INTEGERS:].view(np.float64)
-        # Copies, as the world's own arrays lie in memory: products of others may differ in the last bit.
+        # Copies in the world's memory layout: with other strides, products may differ in the last bit.
         center, size, yaw, velocity, phase = (
             floats[:, part].copy() for part in (np.s_[:3], np.s_[3:6], 6, np.s_[7:9], 9)
         )
@@ -245,19 +245,19 @@ class Episode:
 
 
 class _Predictor:
-    """Expects every word to go on as it did in the two frames before; starts afresh when there are more or fewer."""
+    """Linear prediction of each word from the two frames before; starts afresh when their number changes."""
 
     def __init__(self) -> None:
         self._last, self._step = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.uint64)
 
     def encode(self, words: Words) -> Words:
-        """How far the words are from what is expected, with small ones small in either direction."""
+        """Return the prediction errors, with small ones of either sign as small numbers."""
         missed = (words - self._expected(len(words))).view(np.int64)
         self._learn(words)
         return ((missed << 1) ^ (missed >> 63)).view(np.uint64)
 
     def decode(self, coded: Words) -> Words:
-        """What `encode` was given."""
+        """Return the words that `encode` was given."""
         one = np.uint64(1)
         missed = (coded >> one) ^ (~(coded & one) + one)
         words = missed + self._expected(len(coded))
@@ -274,7 +274,7 @@ class _Predictor:
 
 
 def _plain(value: Any) -> int | float:
-    """A number of numpy's, which users may give for a population, as JSON knows it."""
+    """Return a numpy number, which users may give for a population, as a JSON number."""
     if not isinstance(value, np.number):
         raise InvalidValueError(f"a header must be of numbers and text, got {value!r}")
     number: int | float = value.item()
@@ -294,13 +294,13 @@ def _agent_words(agents: Mapping[str, AgentBody]) -> Words:
 
 
 def _shuffled(words: Words) -> bytes:
-    """First bytes first, then second ones, ...: alike ones side by side."""
+    """Return the first bytes of all words, then the second ones, and so on: similar bytes side by side."""
     return words.astype("<u8").view(np.uint8).reshape(-1, 8).T.tobytes()
 
 
 def _unshuffled(payload: bytes, count: int) -> Words:
     inflater = zlib.decompressobj()
-    data = inflater.decompress(payload, 8 * count + 1)  # never more, whatever the payload would become
+    data = inflater.decompress(payload, 8 * count + 1)  # limits what a malicious payload inflates to
     if len(data) != 8 * count or not inflater.eof:
         raise ValueError(f"its payload is not of {8 * count} bytes")
     shuffled = np.frombuffer(data, dtype=np.uint8).reshape(8, -1).T

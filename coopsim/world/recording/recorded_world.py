@@ -1,4 +1,4 @@
-"""Worlds that are recorded while they happen, and recorded worlds that happen again: the same traffic for everybody."""
+"""Worlds that are recorded while they are simulated, and recorded worlds that are played."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def record(
     dt_s: float = 0.1,
     **numbers: Any,
 ) -> Path:
-    """Let a world happen and record it, without sensing anything.
+    """Simulate a world and record it, without sensing.
 
     Args:
-        scenario: name of the scenario, as "crossing", or a place of one's own.
+        scenario: name of the scenario, such as "crossing", or a custom place.
         path: the file; an older one is replaced.
         seed: decides everything that happens.
         max_cycles: steps; the file has one frame more.
@@ -56,10 +56,10 @@ def record(
 
 
 class RecordedWorld:
-    """A world whose every frame goes to a file, the present one first.
+    """A world that writes each frame to a file, the present one first.
 
     Args:
-        world: what happens.
+        world: the source.
         path: the file; an older one is replaced.
         scenario: the place and its population.
         seed: of the world.
@@ -86,18 +86,18 @@ class RecordedWorld:
         self._writer.append(world.actors(), bodies)
 
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
-        """Advance the world and record where it got to."""
+        """Advance the world and record its frame."""
         if dt_s != self._dt_s:
             raise InvalidValueError(f"dt_s must be {self._dt_s}, as the recording began, got {dt_s!r}")
         self._world.step(dt_s, maneuvers)
         self._writer.append(self._world.actors(), self._world.agents())
 
     def actors(self) -> Actors:
-        """The world's."""
+        """Return the world's actors."""
         return self._world.actors()
 
     def agents(self) -> dict[str, AgentBody]:
-        """The world's."""
+        """Return the world's agents."""
         return self._world.agents()
 
 
@@ -109,8 +109,7 @@ class PlayedWorld:
         scenario: the place that it was recorded in.
 
     Raises:
-        RecordingError: it was recorded with other models or among other scenery than there are now, or there is no
-            frame left to step to.
+        RecordingError: models or scenery differ from the recording's, or no frame is left to step to.
         InvalidValueError: a step is not of the recording's `dt_s`.
     """
 
@@ -132,7 +131,7 @@ class PlayedWorld:
         self._frame = next(self._frames)
 
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
-        """Go on to the next frame; nobody can tell a recording where to drive."""
+        """Go on to the next frame; maneuvers have no effect on a recording."""
         if dt_s != self._episode.header.dt_s:
             raise InvalidValueError(f"dt_s must be {self._episode.header.dt_s}, as it was recorded, got {dt_s!r}")
         frame = next(self._frames, None)
@@ -141,23 +140,23 @@ class PlayedWorld:
         self._frame = frame
 
     def actors(self) -> Actors:
-        """Everybody, as recorded."""
+        """Return the recorded actors."""
         return self._frame.actors
 
     def agents(self) -> dict[str, AgentBody]:
-        """The connected agents, as recorded."""
+        """Return the recorded agents."""
         return dict(self._frame.agents)
 
 
 def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Scenario:
-    """The scenario that an episode was recorded in.
+    """Return the scenario that an episode was recorded in.
 
     Args:
         episode: the recording.
-        place: where that was; None: the registered scenario of the name that the recording has.
+        place: its place; None: the registered scenario of the recording's name.
 
     Raises:
-        RecordingError: there is no such scenario, or no such population.
+        RecordingError: the scenario does not exist, or does not accept the population.
     """
     header = episode.header
     try:
@@ -171,13 +170,13 @@ def _sizes(models: tuple[Model, ...]) -> dict[str, tuple[float, ...]]:
 
 
 def _checksum(static: tuple[StaticPart, ...]) -> int:
-    """Of shapes to a millimetre, which is the same on all machines."""
+    """Return the CRC-32 of the shapes in whole millimetres, which is the same on all machines."""
     shapes = [np.round(1000.0 * part.vertices).astype("<i8").tobytes() for part in static]
     return zlib.crc32(b"".join(shapes))
 
 
 def _difference(recorded: Mapping[str, tuple[float, ...]], present: Mapping[str, tuple[float, ...]]) -> str:
-    """The first names that differ, in words."""
+    """Describe the first models that differ."""
     only = [f"{name} is missing" for name in recorded if name not in present]
     only += [f"{name} is new" for name in present if name not in recorded]
     only += [f"{name} has another size" for name in recorded if present.get(name, recorded[name]) != recorded[name]]

@@ -1,0 +1,84 @@
+"""Where people go on a graph of ways: each from a node to the next, with the one after that drawn ahead."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+from coopsim.world.places.layout import Footways
+
+Mask = NDArray[np.bool_]
+
+
+class Itinerary:
+    """The ways of N people.
+
+    Args:
+        ways: the graph; None: one node without ways.
+        offset: (N, 2) m, of each person beside the middle of all their ways.
+    """
+
+    def __init__(self, ways: Footways | None, offset: Floats) -> None:
+        self._ways = ways or Footways(
+            np.zeros((1, 2)), np.full((1, 1), -1, dtype=np.int64), np.zeros((1, 1), dtype=bool)
+        )
+        self._offset = offset
+        self._from = self._to = self._then = np.zeros(len(offset), dtype=np.int64)
+
+    def start_anew(self, who: Mask, rng: np.random.Generator) -> Floats | None:
+        """Move people of the mask (N,) to drawn ways that cross no road; everyone draws.
+
+        Returns:
+            (N, 2) m: drawn places on these ways; None if all ways cross a road.
+        """
+        nodes = np.arange(len(self._ways.nodes))[:, None]
+        places = np.argwhere((self._ways.neighbours >= 0) & ~self._ways.crossing[nodes, self._ways.neighbours])
+        if not len(places):
+            return None
+        node, branch = places[rng.integers(len(places), size=len(who))].T
+        self._from = np.where(who, node, self._from)
+        self._to = np.where(who, self._ways.neighbours[node, branch], self._to)
+        self._then = np.where(who, self._next(self._from, self._to, rng.random(len(who))), self._then)
+        start, end = self.ends()
+        walked = rng.random(len(who))[:, None]
+        return np.asarray(start + walked * (end - start))
+
+    def ends(self) -> tuple[Floats, Floats]:
+        """Return the two ends (N, 2) m of each person's present way."""
+        nodes = self._ways.nodes
+        return nodes[self._from] + self._offset, nodes[self._to] + self._offset
+
+    def crosses(self) -> Mask:
+        """Return the mask (N,) of people whose present way crosses a road."""
+        return np.asarray(self._ways.crossing[self._from, self._to])
+
+    def will_cross(self) -> Mask:
+        """Return the mask (N,) of people whose next way crosses a road."""
+        return np.asarray(self._ways.crossing[self._to, self._then])
+
+    def leads_to_waiting(self, waits: Mask) -> Mask:
+        """Return the mask (N,) of people on a way (no crossing) to where others of the mask (N,) wait to cross."""
+        return np.isin(self._to, self._from[waits]) & ~self.crosses()
+
+    def go_on(self, arrived: Mask, draw: Floats) -> None:
+        """Begin the next way of people who have arrived (N,); `draw` (N,) in [0, 1) decides on the one after that."""
+        following = self._next(self._to, self._then, draw)
+        self._from = np.where(arrived, self._to, self._from)
+        self._to, self._then = np.where(arrived, self._then, self._to), np.where(arrived, following, self._then)
+
+    def turn_back(self, who: Mask, draw: Floats) -> None:
+        """Reverse the way of people of the mask (N,)."""
+        following = self._next(self._to, self._from, draw)
+        self._from, self._to = np.where(who, self._to, self._from), np.where(who, self._from, self._to)
+        self._then = np.where(who, following, self._then)
+
+    def _next(self, origin: Ints, node: Ints, draw: Floats) -> Ints:
+        """Return a neighbour of `node`, not `origin` unless there is no other."""
+        options = self._ways.neighbours[node]
+        allowed = (options >= 0) & (options != origin[:, None])
+        allowed |= (options >= 0) & ~allowed.any(axis=1, keepdims=True)
+        pick = (draw * allowed.sum(axis=1)).astype(np.int64)
+        place = np.argmax(np.cumsum(allowed, axis=1) > pick[:, None], axis=1)
+        return np.asarray(options[np.arange(len(node)), place])
