@@ -1,1 +1,1 @@
-"""Places that users describe in a YAML file: `coopsim.world.custom.place` has the keys."""
+"""Custom places: roads, ways and scenery from scenario files."""

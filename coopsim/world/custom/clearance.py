@@ -1,4 +1,4 @@
-"""Whether there is room in a place of one's own: nothing may stand on its roads, or in something else."""
+"""Clearance in a custom place: nothing may stand on its roads, or in something else."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from coopsim.world.models import make_models
 from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.traffic.rules import PARKED_ASIDE_M
 
-_PASSING_M = 1.7  # from the middle of a lane to the side of who is parked: a bus passes without stopping
+_PASSING_M = 1.7  # from the middle of a lane to the side of a parked vehicle: a bus passes without stopping
 _SAMPLE_M = 1.0  # along an outline; no lane is so narrow
-_START_M = 14.0  # the longest bus, and where exactly one starts
-_LANE_APART_M = 2.0  # vehicles are wider, but side by side in two lanes is nobody in the other's way
+_START_M = 14.0  # the longest bus, and the variation of its start
+_LANE_APART_M = 2.0  # vehicles are wider, but side by side in two lanes they do not obstruct each other
 
 
 class Kerbs:
-    """How far things are from the middle lines of roads.
+    """Distances from the middle lines of roads.
 
     Args:
         roads: of the place.
@@ -39,16 +39,16 @@ class Kerbs:
         self._line = np.repeat([roads.entry[road].line for road, _ in lines], counts)
 
     def require_beside(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
-        """Points (N, 2) m must not be on a road.
+        """Refuse points (N, 2) m that are on a road.
 
         Args:
-            points: of what stands there.
-            entry: who says so.
-            what: it is, for the error.
-            least_m: how far from the middle of a lane they must be; None: half its width.
+            points: of the object.
+            entry: that describes it.
+            what: the object, for the error.
+            least_m: required distance from the middle of a lane; None: half the lane's width.
 
         Raises:
-            ScenarioFileError: one is.
+            ScenarioFileError: a point is on a road.
         """
         along = self._end - self._start
         length_m2 = np.maximum((along**2).sum(axis=1), 1e-12)
@@ -66,7 +66,7 @@ class Kerbs:
 
 
 def along_outline(corners: Floats) -> Floats:
-    """Points (N, 2) m close to each other on a closed line through corners (K, 2) m."""
+    """Return closely spaced points (N, 2) m on a closed line through corners (K, 2) m."""
     following = np.roll(corners, -1, axis=0)
     counts = np.maximum(np.ceil(np.linalg.norm(following - corners, axis=1) / _SAMPLE_M), 1).astype(np.int64)
     edge = np.repeat(np.arange(len(corners)), counts)
@@ -76,7 +76,7 @@ def along_outline(corners: Floats) -> Floats:
 
 
 def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: Kerbs) -> None:
-    """Whoever may stand in a bay must be off the roads, and off those in other bays.
+    """Refuse bays whose vehicles would stand on a road, or in a vehicle in another bay.
 
     Raises:
         ScenarioFileError: names the file and both lines.
@@ -95,7 +95,7 @@ def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: 
 
 
 def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry], roads: Roads) -> None:
-    """Nobody may start across another one's lane where that one starts.
+    """Refuse starts across another start's lane.
 
     Raises:
         ScenarioFileError: names the file and both lines.
@@ -111,7 +111,7 @@ def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry],
 
 
 def _overlapping(rows: Floats) -> tuple[int, int] | None:
-    """The first two of boxes (N, 7) that overlap."""
+    """Return the first two of boxes (N, 7) that overlap."""
     pairs = np.argwhere(np.triu(iou_bev(rows, rows) > 0, 1)) if len(rows) else np.zeros((0, 2), np.int64)
     return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
 
@@ -122,6 +122,6 @@ def _footprint(bay: Bay) -> list[float]:
 
 
 def _largest_m(labels: tuple[ObjectClass, ...]) -> tuple[float, float]:
-    """Length and width that hold all models of some classes."""
+    """Return the length and width that hold all models of some classes."""
     sizes = np.array([model.size_m for model in make_models() if model.label in labels])
     return float(sizes[:, 0].max()), float(sizes[:, 1].max())

@@ -1,4 +1,4 @@
-"""Where roads cross or join, found from how they lie."""
+"""Conflicts of roads, found from their geometry."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _CHORD_M = 1.0  # of an arc: 2 cm from it at a radius of 6 m
 
 
 def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
-    """Roads of one lane whose middle line crosses another's or ends where another ends, in the network's order.
+    """Return roads whose middle line crosses another's or ends where another ends, in the network's order.
 
-    Roads that follow each other, and those that part at one node, do not cross there.
+    Roads that follow each other, or part at one node, do not conflict there. Of each road its first lane counts.
     """
     lines = {index[:2]: middle_line(lane) for index, lane in network.lanes.items() if index[2] == 0}
     found: set[Road] = set()
@@ -28,13 +28,13 @@ def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
 
 
 def middle_line(lane: Lane) -> Floats:
-    """(K, 2) m, corners of a line that follows the lane's middle."""
+    """Return the corners (K, 2) m of a line that follows the lane's middle."""
     count = 2 if isinstance(lane, StraightLane) else max(2, int(np.ceil(lane.length / _CHORD_M)) + 1)
     return np.array([lane.position(along, 0.0) for along in np.linspace(0.0, lane.length, count)])
 
 
 def _cross(a: Floats, b: Floats) -> bool:
-    """Whether two lines of straight pieces meet."""
+    """Return whether two polylines meet."""
     if (a.max(axis=0) < b.min(axis=0)).any() or (b.max(axis=0) < a.min(axis=0)).any():
         return False
     p, r = a[:-1, None], np.diff(a, axis=0)[:, None]

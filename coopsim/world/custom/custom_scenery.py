@@ -14,11 +14,11 @@ from coopsim.world.snapshot import StaticPart
 
 _BARK, _LEAVES = (92, 70, 52), (70, 104, 58)
 _TRUNK_M = 0.2  # radius
-_CROWN = 2 / 3  # share of a tree's height that leaves have
+_CROWN = 2 / 3  # share of a tree's height with leaves
 
 
 def read_building(entry: Entry, number: int, kerbs: Kerbs) -> tuple[Floats, StaticPart]:
-    """An outline (K, 2) m, counter-clockwise, and the block on it."""
+    """Return an outline (K, 2) m, counter-clockwise, and the block on it."""
     fields = entry.fields(("outline", "height_m"))
     outline = fields["outline"].points(3)
     height_m = float(fields["height_m"].checked(require_between, 0.2, 500))
@@ -37,7 +37,7 @@ def read_building(entry: Entry, number: int, kerbs: Kerbs) -> tuple[Floats, Stat
 
 
 def read_tree(entry: Entry, kerbs: Kerbs) -> list[StaticPart]:
-    """A trunk and a crown."""
+    """Build a trunk and a crown."""
     fields = entry.fields(("at",), ("height_m", "crown_m"))
     kerbs.require_beside(fields["at"].point()[None], fields["at"], "at")
     x, y = fields["at"].point().tolist()
@@ -54,14 +54,14 @@ def read_tree(entry: Entry, kerbs: Kerbs) -> list[StaticPart]:
 
 
 def _turned_rad(edges: Floats) -> float:
-    """How far one turns in all on the way along closed edges (K, 2)."""
+    """Return the total turn along closed edges (K, 2)."""
     heading = np.arctan2(edges[:, 1], edges[:, 0])
     turn = np.roll(heading, -1) - heading
     return float(((turn + np.pi) % (2 * np.pi) - np.pi).sum())
 
 
 def _block(outline: Floats, height_m: float, paint: tuple[int, int, int]) -> StaticPart:
-    """Upright walls on a convex outline (K, 2) m, counter-clockwise, with a floor and a roof."""
+    """Build upright walls on a convex outline (K, 2) m, counter-clockwise, with a floor and a roof."""
     count = len(outline)
     here, fan = np.arange(count), np.arange(1, count - 1)
     there = np.roll(here, -1)

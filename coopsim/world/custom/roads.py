@@ -1,4 +1,4 @@
-"""Roads from a file: between named nodes, straight, bent, along several points, or a loop to turn round in."""
+"""Roads from a file: between named nodes, straight, bent, along several points, or a turning loop."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, ad
 from coopsim.world.traffic.rules import LOOK_AHEAD_M
 
 SHORTEST_M = 5.0
-"""Of a piece: drivers change over to the next when the middle of a usual car is half its length from the end."""
+"""Least length of a piece: drivers leave it when the middle of a usual car is half its length from the end."""
 
 TIGHTEST_M = 5.0
-"""Radius of a bend."""
+"""Least radius of a bend."""
 
-_CENTRE_M = 0.05  # the two ends of a bend may be so much nearer or farther from its centre
+_CENTRE_M = 0.05  # tolerance between the distances of a bend's two ends from its centre
 _KINK_RAD = np.radians(20.0)
 
 
 @dataclass(slots=True, eq=False)
 class Roads:
-    """What a file says of roads.
+    """Roads of a file.
 
     Attributes:
         nodes: (2,) m, by name.
@@ -37,7 +37,7 @@ class Roads:
         pieces: of every road of the file, in order.
         entry: where every road of the file is described.
         movements: pieces that others cross or join.
-        priority: those of them to which others give way.
+        priority: movements to which others give way.
     """
 
     nodes: Mapping[str, Floats]
@@ -48,15 +48,15 @@ class Roads:
     priority: tuple[Road, ...] = ()
 
     def lane(self, piece: Road) -> Lane:
-        """Of a piece."""
+        """Return a piece's lane."""
         return self.network.get_lane((*piece, 0))
 
     def length_m(self, road: Road) -> float:
-        """Of a road, all pieces together."""
+        """Return a road's length, all pieces together."""
         return float(sum(self.lane(piece).length for piece in self.pieces[road]))
 
     def piece_at(self, road: Road, along_m: float) -> tuple[Road, float]:
-        """The piece at a distance from the road's start, and the distance from its own start, m."""
+        """Return the piece at a distance from the road's start, and the distance from its own start, m."""
         for piece in self.pieces[road][:-1]:
             if along_m < self.lane(piece).length:
                 return piece, along_m
@@ -64,7 +64,7 @@ class Roads:
         return self.pieces[road][-1], along_m
 
     def find(self, entry: Entry) -> Road:
-        """The road that an entry names: [from, to]."""
+        """Return the road that an entry names: [from, to]."""
         names = [item.choice(self.nodes, "node") for item in entry.entries()]
         road = (names[0], names[-1])
         if len(names) != 2 or road not in self.pieces:
@@ -79,7 +79,7 @@ class Roads:
 
     @property
     def ahead(self) -> int:
-        """How many pieces a driver has to plan ahead to know all that is within sight."""
+        """The number of pieces that a driver has to plan ahead to know all within sight."""
         graph = self.network.graph
         onward = {(start, end): [(end, to) for to in graph[end]] for start in graph for end in graph[start]}
         least_m, count = dict.fromkeys(onward, 0.0), 1  # behind the end of a piece, over the shortest that follow
@@ -92,7 +92,7 @@ class Roads:
 
 
 def read_roads(nodes: Entry, roads: Entry) -> Roads:
-    """Roads from the entries `nodes` and `roads` of a place.
+    """Read roads from the entries `nodes` and `roads` of a place.
 
     Raises:
         ScenarioFileError: names the file and the line.
@@ -115,7 +115,7 @@ def read_roads(nodes: Entry, roads: Entry) -> Roads:
 
 
 def _add_road(roads: Roads, entry: Entry) -> bool:
-    """One more; whether it has priority."""
+    """Add a road; return whether it has priority."""
     fields = entry.fields(("from", "to"), ("via", "centre", "turn", "width_m", "speed_m_s", "priority"))
     start, end = (fields[name].choice(roads.nodes, "node") for name in ("from", "to"))
     if start == end:
@@ -141,7 +141,7 @@ def _add_road(roads: Roads, entry: Entry) -> bool:
 
 
 def _add_line(roads: Roads, entry: Entry, road: Road, via: Entry | None, shape: tuple[float, float]) -> list[Road]:
-    """Straight pieces from point to point."""
+    """Add straight pieces from point to point."""
     between = via.points(1) if via is not None else np.zeros((0, 2))
     points = np.vstack([roads.nodes[road[0]], between, roads.nodes[road[1]]])
     names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(len(between))), road[1]]
@@ -176,7 +176,7 @@ def _add_arc(roads: Roads, centre: Entry, road: Road, turn: str, shape: tuple[fl
 
 
 def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]) -> list[Road]:
-    """From the end of one lane round to the beginning of the next one, which is on its left."""
+    """Add bends from the end of one lane to the beginning of the next one, on its left."""
     start, end = (roads.nodes[node] for node in road)
     across, half_m = end - start, float(np.linalg.norm(end - start)) / 2
     if not 1.5 <= half_m <= 8.0:
@@ -192,12 +192,12 @@ def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]
 
 
 def _polar(offset: Floats) -> tuple[float, float]:
-    """Angle (rad) and distance (m)."""
+    """Return angle (rad) and distance (m)."""
     return float(np.arctan2(offset[1], offset[0])), float(np.hypot(*offset))
 
 
 def _require_ways_on(roads: Roads) -> None:
-    """Traffic never ends, so roads must not, either."""
+    """Refuse dead ends: traffic never ends, so roads must not, either."""
     starts = {start for start, _ in roads.pieces}
     for (_, end), entry in roads.entry.items():
         if end not in starts:
@@ -205,7 +205,7 @@ def _require_ways_on(roads: Roads) -> None:
 
 
 def _require_no_kinks(roads: Roads) -> None:
-    """Nobody can drive around a corner without a radius."""
+    """Refuse sharp corners, which nobody can drive around."""
     for road, pieces in roads.pieces.items():
         following = [(piece, road) for piece in pieces[1:]]
         following += [(other[0], name) for name, other in roads.pieces.items() if name[0] == road[1]]

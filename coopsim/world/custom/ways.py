@@ -1,4 +1,4 @@
-"""Where people walk and ride, from a file: a graph of straight ways, some of which cross roads."""
+"""People's ways from a file: a graph of straight ways, some of which cross roads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Link = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ways:
-    """What a file says of people's ways.
+    """People's ways of a file.
 
     Attributes:
         footways: the graph.
@@ -38,12 +38,12 @@ class Ways:
 
 
 def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> Ways:
-    """People's ways from an entry with `nodes`, `ways` and `crosswalks`, each way a list of nodes along it.
+    """Read ways from an entry with `nodes`, `ways` and `crosswalks`, each way a list of nodes along it.
 
     Args:
         entry: of the place.
-        network: the roads: stripes are painted where a crosswalk is on one.
-        one_way: people go along each way in one direction only.
+        network: the roads; stripes are painted where a crosswalk is on one.
+        one_way: whether people go along each way in one direction only.
 
     Raises:
         ScenarioFileError: names the file and the line.
@@ -69,7 +69,7 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
 
 
 def _links(entry: Entry, nodes: Mapping[str, Floats]) -> list[_Link]:
-    """Pairs of nodes that follow each other."""
+    """Return pairs of consecutive nodes."""
     links: list[_Link] = []
     for way in entry.entries():
         names = [item.choice(nodes, "node") for item in way.entries(" of nodes for each")]
@@ -96,7 +96,7 @@ def _graph(nodes: Mapping[str, Floats], plain: list[_Link], across: list[_Link],
 
 
 def _strip(a: Floats, b: Floats, half_m: float) -> Floats:
-    """(4, 2) m, counter-clockwise: a rectangle along a line."""
+    """Return a rectangle (4, 2) m along a line, counter-clockwise."""
     along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
     aside = half_m * np.array([-along[1], along[0]])
     return np.array([a - aside, b - aside, b + aside, a + aside])
@@ -108,7 +108,7 @@ def _octagon() -> Floats:
 
 
 def _stripes(a: Floats, b: Floats, network: RoadNetwork) -> list[Floats]:
-    """Along the way people go, where that is on a lane."""
+    """Return stripes along the crosswalk where it is on a lane."""
     length_m = float(np.linalg.norm(b - a))
     starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
     along = (b - a) / max(length_m, 1e-9)
