@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
+from coopsim.bench.engine.job import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bev_data import thinned
-from coopsim.bench.report.demo_report import ReportRun, ReportScene, write_report
-from coopsim.bench.report.table import evaluation_row
+from coopsim.bench.report.scene import Scene, SceneRun
+from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 from coopsim.viz.bev import BevFrame
@@ -31,9 +34,9 @@ class DemoConfig:
     Attributes:
         environment: name of the environment.
         policies: as `PolicySpec` reads them.
-        latencies_s: each policy runs under each; None: under what the options or the scenario file say.
+        latencies_s: each policy runs under each; None: under that of the options or of the scenario file.
         frames: length of each run.
-        seed: the same for all runs, so that all see the same traffic.
+        seed: the same for all runs, so that all meet the same traffic.
         options: further options of the environment.
     """
 
@@ -56,23 +59,33 @@ class DemoRun:
 
     @property
     def about(self) -> dict[str, str]:
-        """What the run is, for the table."""
+        """The first columns of the run's row in a table."""
         latency = "the channel's" if self.latency_s is None else f"{self.latency_s * 1000:g} ms"
         return {"policy": self.policy, "latency": latency}
 
+    @property
+    def shown(self) -> SceneRun:
+        """The run as the report's scene shows it."""
+        label = f"{self.policy}, {self.about['latency']}"
+        return SceneRun(label, self.policy, self.evaluation.rewards, self.tracks)
+
+    def result(self, config: DemoConfig) -> CellResult:
+        """Return the run as a cell of a benchmark."""
+        condition = Condition(str(config.environment), 0.0 if self.latency_s is None else self.latency_s)
+        return result_of(Cell(self.policy, condition, config.seed, config.frames), self.evaluation)
+
 
 class Demo:
-    """Runs the demonstration; what is finished stays in `runs`, also when it is interrupted.
+    """Runs the demonstration. Finished runs stay in `runs`, also when it is interrupted.
 
     Raises:
-        CoopsimError: there is no such policy, environment or option, or a value is not accepted. Told at once, since it
-            should not cost the runs before it.
+        CoopsimError: there is no such policy, environment or option, or a value is not accepted; before the first run.
     """
 
     def __init__(self, config: DemoConfig) -> None:
         self.config = config
         self.runs: list[DemoRun] = []
-        self._scene: ReportScene | None = None
+        self._recorder = _SceneRecorder(config)
         for policy in [PolicySpec.parse(text).make() for text in config.policies]:
             for latency_s in config.latencies_s:
                 listening_env(config.environment, policy, self._options(latency_s)).close()
@@ -84,97 +97,77 @@ class Demo:
             for latency_s in self.config.latencies_s:
                 self.runs.append(self._run_one(policy, latency_s, tick))
 
-    def write_report(self, path: Path) -> Path:
-        """Write what has been run as one HTML file."""
-        if self._scene is None:
+    def write_report(self, path: Path, command: str = "") -> Path:
+        """Write the finished runs as a benchmark's report with a scene; `command` is what reproduces it."""
+        if not self.runs:
             raise EpisodeStateError("nothing has been run yet: call run first")
-        runs = [
-            ReportRun(
-                label=f"{run.policy}, {run.about['latency']}",
-                about=run.about,
-                row=evaluation_row(run.evaluation),
-                frame_score=run.evaluation.rewards,
-                tracks=run.tracks,
-            )
-            for run in self.runs
-        ]
-        return write_report(path, self._scene, runs)
+        config = self.config
+        table = ResultTable.of([run.result(config) for run in self.runs])
+        about = About(f"coopsim: {config.environment}", command, self._settings())
+        scene = self._recorder.scene([run.shown for run in self.runs])
+        return write_bench_report(path, table, about, scene=scene)
 
     def _options(self, latency_s: float | None) -> dict[str, Any]:
         latency = {} if latency_s is None else {"latency_s": latency_s}
         return {**self.config.options, **latency, "max_cycles": self.config.frames}
 
     def _warm_up(self, policy: str) -> None:
-        """Have compiled what is compiled at its first call: on a new machine the table would show its time."""
+        """Compile what is compiled at its first call: on a new machine the table would show its time."""
         options = self._options(self.config.latencies_s[0]) | {"max_cycles": min(2, self.config.frames)}
         evaluate(policy, self.config.environment, seed=self.config.seed, **options)
 
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
-        config = self.config
+        config, first = self.config, not self.runs
         tracks: list[Mapping[str, Tracks]] = []
-        recorder = _SceneRecorder(config) if self._scene is None else None
 
         def on_frame(env: CooperativeEnv) -> None:
-            shown = env.bev_frame(points=recorder is not None)
-            tracks.append(shown.tracks)
-            if recorder is not None:
-                recorder.add(env, shown)
+            frame = env.bev_frame(points=first)
+            tracks.append(frame.tracks)
+            if first:
+                self._recorder.add(env, frame)
             tick()
 
         evaluation = evaluate(
-            policy,
-            config.environment,
-            seed=config.seed,
-            on_frame=on_frame,
-            **self._options(latency_s),
+            policy, config.environment, seed=config.seed, on_frame=on_frame, **self._options(latency_s)
         )
-        if recorder is not None:
-            self._scene = recorder.scene(evaluation)
         return DemoRun(policy, latency_s, evaluation, tracks)
+
+    def _settings(self) -> dict[str, str]:
+        config = self.config
+        ignored = self.runs[0].evaluation.score.false_positives == "ignore"
+        given = config.options.items()
+        return {
+            "environment": str(config.environment),
+            "seed": str(config.seed),
+            "frames": f"{self.runs[0].evaluation.frames} at {1 / self._recorder.dt_s:g} Hz",
+            "false positives": "ignored" if ignored else "counted",
+            **{name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in given},
+            "coopsim": coopsim.__version__,
+        }
 
 
 class _SceneRecorder:
-    """Collects from one run what all runs share: truth, points, and one moment through the cameras."""
+    """Collects from the first run what all runs share: truth, points, and one moment through the cameras."""
 
     def __init__(self, config: DemoConfig) -> None:
-        self._config = config
+        self._middle = config.frames // 2 + 1
         self._frames: list[BevFrame] = []
         self._images: Mapping[str, Mapping[str, CameraImage]] = {}
         self._images_ns = 0
-        self._dt_s = 0.0
+        self.dt_s = 0.0
         self._road_map: RoadMap
 
-    def add(self, env: CooperativeEnv, shown: BevFrame) -> None:
+    def add(self, env: CooperativeEnv, frame: BevFrame) -> None:
         # The report shows thousands of points, not a hundred thousand.
-        self._frames.append(replace(shown, points=thinned(shown.points, _POINTS_SHOWN), tracks={}))
-        if len(self._frames) == self._config.frames // 2 + 1:
+        self._frames.append(replace(frame, points=thinned(frame.points, _POINTS_SHOWN), tracks={}))
+        if len(self._frames) == self._middle:
             self._images, self._images_ns = env.photograph(), env.time_ns
-        self._dt_s = next(iter(env.agent_specs.values())).dt_s
+        self.dt_s = next(iter(env.agent_specs.values())).dt_s
         self._road_map = env.road_map
 
-    def scene(self, evaluation: Evaluation) -> ReportScene:
-        config = self._config
-        counted = {"count": "counted", "ignore": "ignored"}[evaluation.score.false_positives]
-        settings = {
-            "environment": config.environment,
-            "seed": str(config.seed),
-            "frames": f"{len(self._frames)} at {1 / self._dt_s:g} Hz",
-            "false positives": counted,
-            **{
-                name: f"{value:.4g}" if isinstance(value, float) else str(value)
-                for name, value in config.options.items()
-            },
-            "coopsim": coopsim.__version__,
+    def scene(self, runs: Sequence[SceneRun]) -> Scene:
+        cameras = {
+            agent: {camera: image.rgb for camera, image in images.items() if image.rgb is not None}
+            for agent, images in self._images.items()
         }
-        return ReportScene(
-            title=f"coopsim: {config.environment}",
-            dt_s=self._dt_s,
-            road_map=self._road_map,
-            frames=self._frames,
-            cameras={
-                agent: {camera: image.rgb for camera, image in cameras.items() if image.rgb is not None}
-                for agent, cameras in self._images.items()
-            },
-            camera_time_ns=self._images_ns,
-            settings=settings,
-        )
+        return Scene(self.dt_s, self._road_map, self._frames, runs, cameras, self._images_ns)

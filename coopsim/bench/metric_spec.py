@@ -67,4 +67,4 @@ class MetricSpec:
 def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
     """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
     named = {spec.name for spec in metrics}
-    return {name: float(value) for name, value in values.items() if name in BUILT_IN or name in named}
+    return {name: value for name, value in values.items() if name in BUILT_IN or name in named}

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
         print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
             write_whole(options.json, as_json([{**about, **values} for about, values in rows]))
-        print(f"report: {demo.write_report(options.report)}")
+        print(f"report: {demo.write_report(options.report, options.typed)}")
     if interrupted:
         print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)
     return INTERRUPTED if interrupted else 0

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import coopsim
-from coopsim.bench.evaluate import OnFrame, evaluate
+from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options
 from coopsim.bench.metric_spec import MetricSpec, keep_named
@@ -101,6 +101,18 @@ def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
     return Outcome(job, result, {"seconds": seconds, **_circumstances()})
 
 
+def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
+    """Return the evaluation of a cell as its result."""
+    score = evaluation.score
+    return CellResult(
+        cell,
+        values=score.values,
+        agents={name: agent.values for name, agent in score.agents.items()},
+        rewards=np.asarray(evaluation.rewards, np.float64),
+        messages=asdict(evaluation.messages),
+    )
+
+
 def died(job: Job, how: str) -> Outcome:
     """The outcome of a job whose process is gone; each engine learns another how, so that is no part of the result."""
     return Outcome(job, CellResult(job.cell, traceback="the process that ran this cell died\n"), {"died": how})
@@ -113,13 +125,11 @@ def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     for metric in job.metrics:
         metric.load()
     evaluation = evaluate(policy, cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
-    score = evaluation.score
-    return CellResult(
-        cell,
-        values=keep_named(score.values, job.metrics),
-        agents={name: keep_named(agent.values, job.metrics) for name, agent in score.agents.items()},
-        rewards=np.asarray(evaluation.rewards, np.float64),
-        messages=asdict(evaluation.messages),
+    result = result_of(cell, evaluation)
+    return replace(
+        result,
+        values=keep_named(result.values, job.metrics),
+        agents={name: keep_named(values, job.metrics) for name, values in result.agents.items()},
     )
 
 

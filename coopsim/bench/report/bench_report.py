@@ -1,4 +1,4 @@
-"""A benchmark's results as one HTML file that opens without a network."""
+"""The report of a benchmark or demonstration: one HTML file that opens without a network."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from coopsim.bench.report.bench_tables import condition_table, failures, leaderb
 from coopsim.bench.report.bev_data import DRAWING
 from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.scene import Scene
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
@@ -26,12 +27,12 @@ outlined in grey, tracks have the colour of their id. The agent is the one whose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class About:
-    """What a report says about the benchmark beside its results.
+    """What a report says about a benchmark beside its results.
 
     Attributes:
         title: of the report.
-        command: which gives the same results again.
-        settings: configuration and versions, name to text.
+        command: reproduces the results.
+        settings: configuration and versions, by name.
     """
 
     title: str = "coopsim bench"
@@ -40,31 +41,44 @@ class About:
 
 
 def write_bench_report(
-    path: Path, table: ResultTable, about: About, clips: Sequence[Clip] = (), notes: Sequence[str] = ()
+    path: Path,
+    table: ResultTable,
+    about: About,
+    clips: Sequence[Clip] = (),
+    notes: Sequence[str] = (),
+    scene: Scene | None = None,
 ) -> Path:
     """Write the report; the file appears whole or not at all.
 
     Raises:
         InvalidValueError: the file cannot be written.
     """
-    return write_whole(path, render_bench_report(table, about, clips, notes))
+    return write_whole(path, render_bench_report(table, about, clips, notes, scene))
 
 
-def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] = (), notes: Sequence[str] = ()) -> str:
-    """The report's HTML; the same results give the same.
+def render_bench_report(
+    table: ResultTable,
+    about: About,
+    clips: Sequence[Clip] = (),
+    notes: Sequence[str] = (),
+    scene: Scene | None = None,
+) -> str:
+    """Return the report as HTML; equal results give equal text.
 
     Args:
         table: the results.
         about: title, command and settings.
-        clips: of the worst moments; without any, that section is left out.
+        clips: of the worst moments; without clips and notes their section is left out.
         notes: why clips are missing.
+        scene: runs to watch side by side; None: the sections "From above", "Reward over time" and "Cameras" are left
+            out.
     """
     shown = table.shown
     return fill_page(
         "bench.html",
         style=("page.css", "bench.css"),
-        script=("bev.js", "curves.js", "bench.js"),
-        data=_data(table, clips),
+        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
+        data={**_data(table, clips), **({"scene": scene.data()} if scene else {})},
         title=about.title,
         summary=_summary(table),
         leaderboards="".join(
@@ -73,6 +87,7 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
         )
         or '<p class="note">No cell was finished, so there is nothing to rank.</p>',
         interval=_interval_note(table),
+        scene=scene.html() if scene else "",
         clips=_clips(table, clips, notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
@@ -80,9 +95,7 @@ def render_bench_report(table: ResultTable, about: About, clips: Sequence[Clip] 
             for k, condition in enumerate(table.conditions)
         ),
         failures=failures(table),
-        meaning=definitions(
-            {name: metric.meaning for name, metric in all_metrics().items() if name in (*shown, BYTES)}
-        ),
+        meaning=definitions({name: each.meaning for name, each in all_metrics().items() if name in (*shown, BYTES)}),
         settings=definitions(about.settings),
         command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
     )
@@ -122,9 +135,9 @@ def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> s
             f'<canvas data-run="{run}" role="img" aria-label="{name} from above"></canvas></div>'
             for run, (name, mean) in enumerate(zip(names, means, strict=True))
         )
-        seen = f"{html.escape(where)}, tracks of {html.escape(clip.agent)}"
+        caption = f"{html.escape(where)}, tracks of {html.escape(clip.agent)}"
         parts.append(
-            f'<figure class="clip" data-clip="{k}"><figcaption>{names[0]} against {names[1]}: {seen}</figcaption>'
+            f'<figure class="clip" data-clip="{k}"><figcaption>{names[0]} against {names[1]}: {caption}</figcaption>'
             f'<div class="pair">{panels}</div><div class="player"><button>Play</button><input type="range" min="0" '
             'value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
         )
@@ -170,7 +183,7 @@ def _text(axis: Axis, value: float, table: ResultTable) -> str:
 
 
 def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:
-    """By policy and condition: mean, low, high."""
+    """Return mean, low and high, by policy and condition."""
     rows = []
     for policy in table.values(metric):
         intervals = [mean_interval(seeds) for seeds in policy]
@@ -179,5 +192,5 @@ def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]
 
 
 def _json(value: float) -> float | None:
-    """Five digits, and None for what JSON does not have."""
+    """Round to five digits; None for numbers that JSON does not have."""
     return float(f"{value:.5g}") if math.isfinite(value) else None

@@ -6,8 +6,6 @@ import html
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from coopsim.bench.grid.axes import label, short_label
 from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
@@ -54,19 +52,20 @@ def leaderboard(table: ResultTable, metric: str) -> str:
 
 
 def condition_table(table: ResultTable, condition: int) -> str:
-    """Return all shown metrics of every policy in one condition, the best value of each in bold."""
+    """Return all shown metrics of every policy in one condition; the best of each is marked."""
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
     heads = [("policy", "about"), *((title_of(name), "") for name in metrics)]
     columns = []
     for name in metrics:
+        form = form_of(name)
         intervals = [mean_interval(values) for values in table.values(name)[:, condition]]
-        means = np.array([each.mean for each in intervals])
-        known = means[~np.isnan(means)]
-        best = None
-        if len(set(np.round(known, 6).tolist())) > 1:
-            best = known.min() if less_is_better(name) else known.max()
+        means = [format_value(each.mean, form) for each in intervals]
+        best = _best(means, name)
         columns.append(
-            [_cell(interval_html(each, form_of(name)), None, "best" if each.mean == best else "") for each in intervals]
+            [
+                _cell(interval_html(each, form), None, "best" if mean == best else "")
+                for each, mean in zip(intervals, means, strict=True)
+            ]
         )
     rows = [
         f"<tr>{_cell(html.escape(policy), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
@@ -84,6 +83,12 @@ def failures(table: ResultTable) -> str:
         summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
         parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
     return "".join(parts) or '<p class="note">No cell failed.</p>'
+
+
+def _best(shown: Sequence[str], metric: str) -> str | None:
+    """Return the best text of a column; None where all look alike."""
+    numbers = {text for text in shown if text != "-"}
+    return (min if less_is_better(metric) else max)(numbers, key=float) if len(numbers) > 1 else None
 
 
 def interval_html(interval: Interval, form: str = ".1f") -> str:

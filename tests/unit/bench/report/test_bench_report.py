@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from html_page import HOSTILE, Page
 from synthetic_results import FRAMES, LATENCIES, failed, result, results
-from test_demo_report import HOSTILE, Page
 
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.report.bench_plots import plots

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import SMALL
+from html_page import Page
 from synthetic_results import FRAMES, LATENCIES, failed, result
-from test_demo_report import Page
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.report.bev_data import UNIT_M

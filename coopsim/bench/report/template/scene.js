@@ -1,6 +1,6 @@
-"use strict";
-
-const scene = decodeScene(JSON.parse(document.getElementById("data").textContent));
+// Runs side by side from above, frame by frame, and their reward over time. In a block, so that names stay its own.
+{
+const scene = decodeScene({ ...data.drawing, ...data.scene });
 const { frames, runs } = scene;
 
 // Side by side: two different policies, else the first and the last run; a single run needs one panel.
@@ -12,12 +12,11 @@ const SPAN_M = 150;
 const home = () => ({ x: 0, y: 0, span: SPAN_M });
 let view = home(); // of its centre: metres from the scene's home, or from the agent that it follows
 const far = (frame) => Math.hypot(...frame.origin) > SPAN_M / 4;
-let follow = frames.some(far); // who drives away would soon be out of sight
+let follow = frames.some(far); // an agent that drives away would soon be out of sight
 
 // Colour says the policy, the dash which of its runs: runs of a policy that come out alike look alike.
 const DASHES = [[], [7, 4], [2, 3], [12, 3, 2, 3]];
-const groups = [...new Set(runs.map((run) => run.group))];
-const runColor = (run) => COLORS[groups.indexOf(run.group) % COLORS.length];
+const runColor = (run) => look(data.policies.indexOf(run.group)).color; // as in the curves
 const runDash = (run) => DASHES[runs.filter((other) => other.group === run.group).indexOf(run) % DASHES.length];
 
 if (runs.length < 2) document.querySelector('#panels canvas[data-panel="1"]').parentElement.remove();
@@ -127,7 +126,6 @@ const slider = document.getElementById("time");
 slider.max = frames.length - 1;
 slider.oninput = () => go(Number(slider.value));
 document.getElementById("speed").onchange = (event) => (state.speed = Number(event.target.value));
-const option = (text, value, selected) => new Option(text, value, selected, selected);
 const agents = document.getElementById("agent");
 names.forEach((name) => agents.add(option(name, name, name === state.agent)));
 agents.onchange = () => { state.agent = agents.value; draw(); };
@@ -187,3 +185,4 @@ panels.forEach((canvas) => {
 new ResizeObserver(draw).observe(document.body);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
 draw();
+}

@@ -1,4 +1,4 @@
-"""The report: one file, whole, that shows what was recorded and runs nothing that was not ours."""
+"""The scene of a report: shows what was recorded, and runs nothing that was not ours."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ import base64
 import colorsys
 import html
 import io
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from html_page import HOSTILE, Page
 from PIL import Image
 
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.report.bench_report import About, render_bench_report, write_bench_report
 from coopsim.bench.report.bev_data import TURN_RAD, UNIT_M
-from coopsim.bench.report.demo_report import ReportRun, ReportScene, render_report, write_report
-from coopsim.bench.report.table import COLUMNS
+from coopsim.bench.report.scene import Scene, SceneRun
+from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
@@ -52,50 +53,29 @@ def bev(k: int) -> BevFrame:
     )
 
 
-def scene(**change: Any) -> ReportScene:
-    road_map = RoadMap((np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 4.0]]),), (), (), ())
-    given = ReportScene("a title", 0.1, road_map, [bev(k) for k in range(FRAMES)], {}, 0, {"seed": "7"})
-    return replace(given, **change)
-
-
-def run(label: str = "late_fusion, 0 ms", policy: str = "late_fusion", **values: float) -> ReportRun:
+def run(label: str = "late_fusion, 0 ms", policy: str = "late_fusion") -> SceneRun:
     reported = [
         {"cav_0": Tracks(np.array(IDS), boxes(k, *REPORTED), np.zeros((3, 2)), np.ones(3), np.zeros(3, dtype=int))}
         for k in range(FRAMES)
     ]
-    row = {name: 1.0 for name, _ in COLUMNS} | values
-    return ReportRun(label, {"policy": policy}, row, np.linspace(-1, 1, FRAMES), reported)
+    return SceneRun(label, policy, np.linspace(-1, 1, FRAMES), reported)
 
 
-class Page(HTMLParser):
-    """What a browser would see: elements with attributes, and the text of each."""
+def scene(*runs: SceneRun, **change: Any) -> Scene:
+    road_map = RoadMap((np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 4.0]]),), (), (), ())
+    given: dict[str, Any] = {"cameras": {}, "camera_time_ns": 0, "frames": [bev(k) for k in range(FRAMES)]}
+    given |= {"dt_s": 0.1, "road_map": road_map, "runs": runs or [run()]}
+    return Scene(**(given | change))
 
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None], list[str]]] = []
-        self.open: list[list[str]] = []
-        self.feed(text)
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        text: list[str] = []
-        self.elements.append((tag, dict(attrs), text))
-        if tag not in {"meta", "img", "input"}:  # these have no end
-            self.open.append(text)
-
-    def handle_endtag(self, tag: str) -> None:
-        self.open.pop()
-
-    def handle_data(self, data: str) -> None:
-        if self.open:
-            self.open[-1].append(data)
-
-    def texts(self, tag: str, css: str | None = None) -> list[str]:
-        return ["".join(text) for name, attrs, text in self.elements if name == tag and attrs.get("class") == css]
-
-    @property
-    def data(self) -> Any:
-        (text,) = [text for _, attrs, text in self.elements if attrs.get("type") == "application/json"]
-        return json.loads("".join(text))
+def render(shown: Scene | None = None, title: str = "a title", settings: Any = None, **values: Any) -> str:
+    """A report of one condition; `values` are of policies, by name."""
+    shown = shown or scene()
+    results = [
+        CellResult(Cell(each.policy, Condition()), values.get(each.policy, {"sAMOTA": 1.0})) for each in shown.runs
+    ]
+    about = About(title, settings={"seed": "7"} if settings is None else settings)
+    return render_bench_report(ResultTable.of(results), about, scene=shown)
 
 
 def stored(text: str, dtype: str, columns: int) -> Any:
@@ -104,47 +84,40 @@ def stored(text: str, dtype: str, columns: int) -> Any:
 
 def test_one_file_that_fetches_nothing() -> None:
     image = np.full((24, 32, 3), 200, np.uint8)
-    text = render_report(scene(cameras={"cav_0": {"front": image}}), [run(), run(policy="other")])
+    text = render(scene(run(), run(policy="other"), cameras={"cav_0": {"front": image}}))
     for tag, attributes, _ in Page(text).elements:
         assert tag not in {"link", "iframe", "object", "embed", "base"}
         for name in ("src", "href", "srcset", "action", "data"):
             assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
-    assert not re.search(r"https?:|url\(|@import|\bfetch\b|XMLHttpRequest|WebSocket|\bimport\b", text)
-
-
-HOSTILE = [
-    "</script><script>alert(1)</script>",
-    "<!--<script>",
-    "\"' onmouseover='alert(1)",
-    "a & b &lt; c",
-    "$title ${data} $$",
-    "line\u2028separator",
-]
+    addresses = set(re.findall(r"https?:[^\"'\s]*", text))
+    assert addresses == {"http://www.w3.org/2000/svg"}, "a name, and nothing to fetch"
+    assert not re.search(r"url\(|@import|\bfetch\b|XMLHttpRequest|WebSocket|\bimport\b", text)
 
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_labels_stay_text(text: str) -> None:
-    plain = Page(render_report(scene(cameras={"a": {"b": np.zeros((2, 2, 3), np.uint8)}}), [run()]))
+    plain = Page(render(scene(cameras={"a": {"b": np.zeros((2, 2, 3), np.uint8)}})))
     hostile_run = replace(run(label=text, policy=text), tracks=[{text: Tracks.empty()}] * FRAMES)
     cameras = {text: {text: np.zeros((2, 2, 3), np.uint8)}}
-    page = Page(render_report(scene(title=text, settings={text: text}, cameras=cameras), [hostile_run]))
+    page = Page(render(scene(hostile_run, cameras=cameras), text, {text: text}))
     assert [(tag, attrs.keys()) for tag, attrs, _ in page.elements] == [
         (tag, attrs.keys()) for tag, attrs, _ in plain.elements
     ]
     assert page.texts("title") == page.texts("h1") == [text]
-    assert page.texts("td", "about") == [text] and text in page.texts("dd")
-    assert page.data["runs"][0]["label"] == text and list(page.data["runs"][0]["tracks"][0]) == [text]
+    assert text in page.texts("td", "about") and text in page.texts("dd")
+    runs = page.data["scene"]["runs"]
+    assert runs[0]["label"] == text and list(runs[0]["tracks"][0]) == [text]
 
 
 def test_nothing_in_the_data_looks_like_a_tag() -> None:
     # Browsers end a script element, or do not, by rules that HTMLParser does not know ("<!--<script>").
-    text = render_report(scene(), [run(label=label) for label in HOSTILE])
+    text = render(scene(*(run(label=label, policy=label) for label in HOSTILE)))
     data = text.split('id="data">')[1].split("</script>")[0]
     assert len(data) > 1000 and "<" not in data
 
 
 def test_data_are_what_was_recorded_however_far_it_drove() -> None:
-    data = Page(render_report(scene(), [run(), run(policy="other")])).data
+    data = Page(render(scene(run(), run(policy="other")))).data["scene"]
     home_x = FRAMES // 2 * SPEED_M
     assert len(data["frames"]) == FRAMES and data["dt_s"] == 0.1
     assert [len(each["tracks"]) for each in data["runs"]] == [FRAMES, FRAMES]
@@ -167,68 +140,79 @@ def test_data_are_what_was_recorded_however_far_it_drove() -> None:
 
 
 def test_an_id_has_the_same_colour_in_every_frame_run_and_picture() -> None:
-    data = Page(render_report(scene(), [run(), run(policy="other")])).data
-    ids = {tuple(stored(frame["cav_0"], "<i4", 6)[:, 0]) for each in data["runs"] for frame in each["tracks"]}
+    data = Page(render(scene(run(), run(policy="other")))).data
+    ids = {tuple(stored(frame["cav_0"], "<i4", 6)[:, 0]) for each in data["scene"]["runs"] for frame in each["tracks"]}
     assert ids == {IDS}
+    drawing = data["drawing"]
     for track_id in IDS:
-        hue = track_id * data["hue_step"] % 1  # as the script has it
-        rgb = colorsys.hls_to_rgb(hue, data["lightness"], data["saturation"])
+        hue = track_id * drawing["hue_step"] % 1  # as the script has it
+        rgb = colorsys.hls_to_rgb(hue, drawing["lightness"], drawing["saturation"])
         np.testing.assert_allclose(np.array(rgb) * 255, palette.track_color(track_id), atol=0.5)
 
 
-def marked(page: Page) -> list[str]:
-    return page.texts("td", "best")
-
-
 def test_the_best_of_each_column_is_marked_where_there_is_one() -> None:
-    good = run(policy="good", sAMOTA=50, FP=3, MOTP=float("nan"), **{"frames/s": 99})
-    bad = run(policy="bad", sAMOTA=40, FP=9, MOTP=30.0, **{"frames/s": 1})
-    assert marked(Page(render_report(scene(), [bad, good]))) == ["50.0", "3"]
-    nearly = run(policy="nearly", sAMOTA=50.01, FP=3)
-    assert marked(Page(render_report(scene(), [good, nearly]))) == [], "what looks alike is alike"
-    assert "-" in Page(render_report(scene(), [good])).texts("td")
+    def marked(**values: Any) -> list[str]:
+        page = Page(render(scene(*(run(policy=name) for name in values)), **values))
+        return page.texts("td", "best")
+
+    good, bad = {"sAMOTA": 50.0, "FP": 3.0, "MOTP": float("nan")}, {"sAMOTA": 40.0, "FP": 9.0, "MOTP": 30.0}
+    assert marked(good=good, bad=bad) == ["50.0", "3.0"]
+    assert marked(good=good, nearly=good | {"sAMOTA": 50.01}) == [], "what looks alike is alike"
+    assert "-" in Page(render(scene(run(policy="good")), good=good)).texts("td")
 
 
 def test_cameras_and_settings_are_shown() -> None:
     image = np.zeros((24, 32, 3), np.uint8)
     image[:, :16] = 250
-    page = Page(render_report(scene(cameras={"cav_0": {"front": image}}, camera_time_ns=1_500_000_000), [run()]))
+    page = Page(render(scene(cameras={"cav_0": {"front": image}}, camera_time_ns=1_500_000_000)))
     ((_, attributes, _),) = [element for element in page.elements if element[0] == "img"]
     shown = np.asarray(Image.open(io.BytesIO(base64.b64decode((attributes["src"] or "").split(",")[1]))))
     assert shown.shape == image.shape and np.abs(shown.astype(int) - image).mean() < 5
     assert "All cameras at 1.5 s." in page.texts("p", "note")
-    assert "No camera pictures were taken in this run." in Page(render_report(scene(), [run()])).texts("p", "note")
-    assert page.texts("dt")[-1] == "seed" and page.texts("dd")[-1] == "7"
+    assert "No camera images were taken in this run." in Page(render()).texts("p", "note")
+    assert "seed" in page.texts("dt") and "7" in page.texts("dd")
+
+
+def test_without_a_scene_its_sections_are_left_out() -> None:
+    table = ResultTable.of([CellResult(Cell("a", Condition()), {"sAMOTA": 1.0})])
+    page = Page(render_bench_report(table, About()))
+    assert not {"From above", "Reward over time", "Cameras"}.intersection(page.texts("h2")) and "scene" not in page.data
+    assert {"From above", "Reward over time", "Cameras"} <= set(Page(render()).texts("h2"))
 
 
 @pytest.mark.parametrize(
-    ("shown", "runs", "match"),
+    ("frames", "runs", "match"),
     [
-        (scene(), [], "at least one run and one frame, got 0 and 5"),
-        (scene(frames=[]), [run()], "at least one run and one frame, got 1 and 0"),
-        (scene(frames=[bev(0)]), [run()], "run 'late_fusion, 0 ms' must have .* 1 frames, got 5 and 5"),
-        (scene(), [replace(run(), frame_score=np.zeros(2))], "got 5 and 2"),
+        (FRAMES, [], "at least one run and one frame, got 0 and 5"),
+        (0, [run()], "at least one run and one frame, got 1 and 0"),
+        (1, [run()], "run 'late_fusion, 0 ms' must have .* 1 frames, got 5 and 5"),
+        (FRAMES, [replace(run(), rewards=np.zeros(2))], "got 5 and 2"),
     ],
 )
-def test_what_does_not_fit_together_is_refused(shown: ReportScene, runs: Sequence[ReportRun], match: str) -> None:
+def test_what_does_not_fit_together_is_refused(frames: int, runs: Sequence[SceneRun], match: str) -> None:
     with pytest.raises(InvalidValueError, match=match):
-        render_report(shown, runs)
+        scene(frames=[bev(k) for k in range(frames)], runs=runs)
+
+
+def write(path: Path, title: str) -> Path:
+    table = ResultTable.of([CellResult(Cell("a", Condition()), {"sAMOTA": 1.0})])
+    return write_bench_report(path, table, About(title), scene=scene())
 
 
 def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    assert write_report(path, scene(), [run()]) == path
+    assert write(path, "a title") == path
     before = path.read_bytes()
     assert html.unescape(before.decode()).count("a title") == 2
     with pytest.raises(UnicodeEncodeError):  # a lone surrogate: the file is open by then
-        write_report(path, scene(title="\ud800"), [run()])
+        write(path, "\ud800")
     assert path.read_bytes() == before
-    write_report(path, scene(title="another"), [run()])
+    write(path, "another")
     assert "another" in path.read_text() and list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("path", ["missing/report.html", "."])
 def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, path: str) -> None:
     with pytest.raises(InvalidValueError, match=re.escape(f"cannot write {tmp_path / path}: ")):
-        write_report(tmp_path / path, scene(), [run()])
+        write(tmp_path / path, "a title")
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,118 @@
+"""The scene of a report: runs in the same traffic side by side, from above and through the cameras."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from coopsim.bench.report.bev_data import frame_data, home_of, map_data, tracks_data
+from coopsim.bench.report.formats import template
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.types import NS_PER_S, Tracks
+from coopsim.viz.bev import BevFrame
+from coopsim.world.snapshot import RoadMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneRun:
+    """One run of one policy.
+
+    Attributes:
+        label: as "late_fusion, 300 ms".
+        policy: runs of one policy have one colour.
+        rewards: (F,) mean over agents, per frame.
+        tracks: per frame of the scene, by reporting agent, in the world frame.
+    """
+
+    label: str
+    policy: str
+    rewards: Floats
+    tracks: Sequence[Mapping[str, Tracks]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Runs in the same traffic.
+
+    Attributes:
+        dt_s: between frames.
+        road_map: outlines.
+        frames: at least one: truth, agents and points; tracks in them are not read.
+        runs: at least one.
+        cameras: images (H, W, 3) uint8 by agent and camera, of one moment; may be empty.
+        camera_time_ns: that moment.
+
+    Raises:
+        InvalidValueError: there is nothing to show, or a run has another number of frames.
+    """
+
+    dt_s: float
+    road_map: RoadMap
+    frames: Sequence[BevFrame]
+    runs: Sequence[SceneRun]
+    cameras: Mapping[str, Mapping[str, NDArray[np.uint8]]] = field(default_factory=dict)
+    camera_time_ns: int = 0
+
+    def __post_init__(self) -> None:
+        count = len(self.frames)
+        if not self.runs or not count:
+            raise InvalidValueError(f"a scene needs at least one run and one frame, got {len(self.runs)} and {count}")
+        for run in self.runs:
+            if not count == len(run.tracks) == len(run.rewards):
+                raise InvalidValueError(
+                    f"run {run.label!r} must have tracks and rewards for the scene's {count} frames, "
+                    f"got {len(run.tracks)} and {len(run.rewards)}"
+                )
+
+    def html(self) -> str:
+        """Return the sections of the page that `scene.js` fills, and the images."""
+        return Template(template("scene.html")).substitute(cameras=self._mosaic())
+
+    def data(self) -> dict[str, Any]:
+        """Return plain data for `scene.js`, ready for JSON."""
+        home = home_of(self.frames)
+        return {
+            "dt_s": self.dt_s,
+            "map": map_data(self.road_map, home),
+            "frames": [frame_data(frame, home) for frame in self.frames],
+            "runs": [
+                {
+                    "label": run.label,
+                    "group": run.policy,
+                    "score": np.round(run.rewards, 4).tolist(),
+                    "tracks": [tracks_data(frame, home) for frame in run.tracks],
+                }
+                for run in self.runs
+            ],
+        }
+
+    def _mosaic(self) -> str:
+        if not self.cameras:
+            return '<p class="note">No camera images were taken in this run.</p>'
+        columns = max(len(images) for images in self.cameras.values())
+        figures = []
+        for agent, images in self.cameras.items():
+            for camera, image in images.items():
+                caption = html.escape(f"{agent} {camera}")
+                source = f"data:image/jpeg;base64,{_jpeg(image)}"
+                figures.append(
+                    f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+                )
+        when = f"All cameras at {self.camera_time_ns / NS_PER_S:.1f} s."
+        return f'<div class="mosaic" style="--columns:{columns}">{"".join(figures)}</div><p class="note">{when}</p>'
+
+
+def _jpeg(image: NDArray[np.uint8]) -> str:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "JPEG", quality=85)
+    return base64.b64encode(buffer.getvalue()).decode()
