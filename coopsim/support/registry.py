@@ -64,7 +64,7 @@ class Registry(Generic[T]):
                 if point.name == name:
                     self._entries[name] = point.load()
                     return self._entries[name]
-        raise UnknownNameError(self.kind, name, self.names())
+        raise UnknownNameError(self.kind, name, (*self.names(), *self._aliases))
 
     def name_of(self, entry: type) -> str:
         """Return the name under which a class is registered.
