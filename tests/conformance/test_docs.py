@@ -29,7 +29,6 @@ NOT_RUN = {
     "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
     "docs/results/delays_poses_budgets.md": "has placeholders",
     "docs/reference/benchmark.md": "takes minutes",
-    "docs/reference/codecs.md": "a whole episode",
 }
 
 EXAMPLES = {
@@ -113,7 +112,6 @@ TO_BE_WRAPPED = (
     "docs/reference/actors.md",
     "docs/reference/benchmark.md",
     "docs/reference/cameras.md",
-    "docs/reference/codecs.md",
     "docs/reference/localization.md",
     "docs/reference/metrics.md",
     "docs/reference/policies.md",
