@@ -14,7 +14,7 @@ from coopsim.fusion.trust import Doubt, trust_likelier
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_probability
-from coopsim.tracking.affinity.affinity import giou_3d
+from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import ByScore
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
@@ -53,13 +53,13 @@ _LIKENESS = 0.6
 """Worth of a difference of 1 in probability, in 3D GIoU."""
 
 
-def _affinity(tracks: Tracked, found: Detections, /) -> Floats:
+def _affinity(tracks: Tracked, detections: Detections, /) -> Floats:
     """Return the 3D GIoU (N, M), less for a track and a box that are not equally likely on an object.
 
     Of two boxes that exclude each other both are tracked, one above the other, and without this their tracks would
     change places whenever the boxes do: then each has the score of both.
     """
-    affinity: Floats = giou_3d(tracks, found) - _LIKENESS * np.abs(tracks.latest[:, None] - found.score)
+    affinity: Floats = giou_3d(tracks, detections) - _LIKENESS * np.abs(tracks.latest[:, None] - detections.score)
     return affinity
 
 
@@ -109,4 +109,4 @@ class CoopFuse(TrackingPolicy):
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         fused = trust_likelier(groups, self.merge_gate, self.doubt, self.hearsay, self.least_chance)
-        return [replace(fused.found, score=self.calibration.of(fused))]
+        return [replace(fused.detections, score=self.calibration.of(fused))]

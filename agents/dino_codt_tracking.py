@@ -12,8 +12,8 @@ from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
 from coopsim.support.checks import require_choice, require_flag, require_instance, require_number
-from coopsim.tracking.affinity.affinity import giou_3d, iou_3d
-from coopsim.tracking.affinity.appearance import Appearance
+from coopsim.tracking.affinity import giou_3d, iou_3d
+from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge

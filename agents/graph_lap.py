@@ -19,9 +19,9 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_count, require_flag, require_threshold
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.tracking.affinity.affinity import giou_3d
-from coopsim.tracking.cascade import Cascade, Stage, missed, nobody
-from coopsim.tracking.tracker import Tracker, Turn, sane
+from coopsim.tracking.affinity import giou_3d
+from coopsim.tracking.cascade import Cascade, Stage, missed, nothing
+from coopsim.tracking.tracker import AssociationRound, Tracker
 from coopsim.types import Detections, Ints
 
 
@@ -51,8 +51,8 @@ class GraphLap(AB3DMOTTracking):
 
     def _pool(self, groups: Sequence[Detections]) -> tuple[Detections, Ints, Ints]:
         """Return all boxes, the number (N,) of each one's agent, and that of its object."""
-        whole = [sane(each) for each in groups]
-        pooled, agent = Detections.concatenate(whole), np.repeat(np.arange(len(whole)), [len(each) for each in whole])
+        pooled = Detections.concatenate(groups)
+        agent = np.repeat(np.arange(len(groups)), [len(each) for each in groups])
         return pooled, agent, group(pooled.boxes.array, agent, self.match_iou, label=pooled.label)
 
     def _refined(self, pooled: Detections, anchor: Floats, object_of: Ints) -> Detections:
@@ -91,7 +91,7 @@ class GraphLapTSA(GraphLap):
 
     def make_tracker(self) -> Tracker:
         extend = Cascade([Stage(giou_3d, hungarian, gate=self.gate, tracks=missed)])
-        return ab3dmot(self.gate, self.hits, self.age, later=Turn(extend, born=nobody))
+        return ab3dmot(self.gate, self.hits, self.age, later=AssociationRound(extend, initiator=nothing))
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         pooled, agent, object_of = self._pool(groups)

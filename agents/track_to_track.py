@@ -14,17 +14,17 @@ from coopsim.agents.policy import Needs, Policy
 from coopsim.agents.tracking_policy import over_origin, within_reach
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
-from coopsim.fusion.alignment import Heard, PoseAlignment
+from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
 from coopsim.tracking.delayed import RECEIVER
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
-from coopsim.tracking.tracker import FARTHEST_M, reportable
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
+from coopsim.types.track_estimates import TrackEstimates
+from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 _MOTION = ConstantVelocity()
 """How what was heard moves on: as in the tracker that it comes from."""
@@ -129,9 +129,9 @@ class TrackToTrack(Policy):
         frame = state.tracker.frame
         if state.alignment is None:
             return [frame.odom_SE3_sender(message, observation) for message, _ in read]
-        own = reportable(observation.detections).transform(frame.odom_SE3_base)
+        own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
         heard = [
-            Heard(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
+            ReceivedBoxes(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
             for message, each in read
         ]
         return state.alignment.place(observation, frame, own, heard)
@@ -148,7 +148,7 @@ class TrackToTrack(Policy):
             then = frame.pose_at(captured_ns)
             estimates = estimates[~over_origin(estimates.tracks.boxes.transform(then.inverse()))]
         for pose in (odom_SE3_sender, frame.odom_SE3_base):
-            estimates = estimates.placed_from(pose.translation[:2], *self._pose_noise)
+            estimates = estimates.with_pose_noise(pose.translation[:2], *self._pose_noise)
         return estimates
 
     def _current(self, heard: _Heard, now_ns: int) -> TrackEstimates:
@@ -157,7 +157,7 @@ class TrackToTrack(Policy):
         score = heard.estimates.tracks.score
         faded = replace(heard.estimates.tracks, score=score - np.abs(score) * age_s / self._valid_s)
         estimates = replace(heard.estimates, tracks=faded)
-        return estimates.predicted(age_s, _MOTION) if self._delayed == "predict" else estimates
+        return _MOTION.predict_estimates(estimates, age_s) if self._delayed == "predict" else estimates
 
     def _fused(self, own: TrackEstimates, others: Sequence[TrackEstimates]) -> tuple[TrackEstimates, Ints]:
         """N fused tracks, and the id that the agent itself and each of the others has for each, (N, 1 + others)."""

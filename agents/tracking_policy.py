@@ -1,4 +1,4 @@
-"""The shape that tracking-by-detection policies share: collect detections, track them, report."""
+"""The base of tracking-by-detection policies: collect detections, track them, report."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 
 from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
-from coopsim.fusion.alignment import Heard, PoseAlignment
+from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_flag
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurement
-from coopsim.tracking.odometry_frame import OdometryFrame
-from coopsim.tracking.tracker import FARTHEST_M, Tracker, reportable
+from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 
 @dataclass
@@ -84,26 +85,28 @@ class TrackingPolicy(Policy):
         state = self._states[agent]
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = reportable(self.perceive(agent, observation)).transform(odom_SE3_base)
+        own = drop_unreportable(self.perceive(agent, observation)).transform(odom_SE3_base)
         reads = self.needs.uplink == "detections"
         read = self.read(agent, within_reach(observation), decode_detections) if reads else []
-        heard = [Heard(message, reportable(found)) for message, found in read]
-        poses = _poses(heard, own, observation, state)
+        received = [ReceivedBoxes(message, drop_unreportable(found)) for message, found in read]
+        poses = _sender_poses(received, own, observation, state)
         measured = [Measurement(RECEIVER, observation.time_ns, own)]
-        measured += [_received(each, pose, state) for each, pose in zip(heard, poses, strict=True)]
+        measured += [_measurement(each, pose, state) for each, pose in zip(received, poses, strict=True)]
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
 
-def _poses(heard: Sequence[Heard], own: Detections, observation: Observation, state: _AgentState) -> list[SE3]:
-    """Where each message's sender was in the odometry frame, at capture."""
+def _sender_poses(
+    received: Sequence[ReceivedBoxes], own: Detections, observation: Observation, state: _AgentState
+) -> list[SE3]:
+    """Return the pose of each message's sender in the odometry frame, at capture."""
     if state.alignment is not None:
-        return state.alignment.place(observation, state.frame, own, heard)
-    return [state.frame.odom_SE3_sender(each.message, observation) for each in heard]
+        return state.alignment.place(observation, state.frame, own, received)
+    return [state.frame.odom_SE3_sender(each.message, observation) for each in received]
 
 
-def _received(heard: Heard, odom_SE3_sender: SE3, state: _AgentState) -> Measurement:
-    """A message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
-    message, found = heard.message, heard.found.transform(odom_SE3_sender)
+def _measurement(received: ReceivedBoxes, odom_SE3_sender: SE3, state: _AgentState) -> Measurement:
+    """Return a message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
+    message, found = received.message, received.detections.transform(odom_SE3_sender)
     if state.is_object:
         then = state.frame.pose_at(message.captured_ns)
         found = found[~over_origin(found.boxes.transform(then.inverse()))]
@@ -111,13 +114,13 @@ def _received(heard: Heard, odom_SE3_sender: SE3, state: _AgentState) -> Measure
 
 
 def within_reach(observation: Observation) -> list[Message]:
-    """The messages whose senders say that they are within `FARTHEST_M` of the receiver."""
+    """Return the messages with a stated sender pose within `FARTHEST_M` of the receiver."""
     here = observation.pose.xyz_yaw[:3]
     return [each for each in observation.inbox if np.abs(each.pose.xyz_yaw[:3] - here).max() <= FARTHEST_M]
 
 
 def over_origin(boxes: Boxes3D) -> Mask:
-    """Which boxes (N,) cover the origin on the ground."""
+    """Return the mask (N,) of boxes that cover the origin on the ground."""
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     x, y = boxes.center[:, 0], boxes.center[:, 1]
     ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)

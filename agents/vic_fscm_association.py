@@ -14,7 +14,7 @@ from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.geometry.assignment import hungarian
 from coopsim.support.checks import require_count, require_finite_number, require_probability
-from coopsim.tracking.affinity.affinity import xiou
+from coopsim.tracking.affinity import xiou
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
@@ -64,5 +64,5 @@ class VicFSCMAssociation(PooledBoxes):
             Cascade(stages),
             HitsAndAge(self.hits, self.keep, coast=1),
             scoring=DecayingScore(self.score_decay),
-            born=score_from(self.detection_score),
+            initiator=score_from(self.detection_score),
         )

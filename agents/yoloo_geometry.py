@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.geometry.assignment import greedy
-from coopsim.tracking.affinity.affinity import fgam
+from coopsim.tracking.affinity import fgam
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity

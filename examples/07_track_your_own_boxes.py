@@ -6,7 +6,7 @@ from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
-from coopsim.tracking.affinity.affinity import giou_3d
+from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity

@@ -28,7 +28,7 @@ from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopF
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.compromise import ON_OBJECT
-from coopsim.fusion.trust import Believed, Doubt, compare, pair_features, trust_likelier
+from coopsim.fusion.trust import Doubt, FusedBoxes, correspond, pair_features, trust_likelier
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
@@ -38,8 +38,8 @@ from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.rng import stream
 from coopsim.tracking.track_scoring import Likelihood
-from coopsim.tracking.tracker import sane
 from coopsim.types import Mask
+from coopsim.types.valid_detections import drop_invalid
 
 NS_PER_FRAME = 100_000_000
 RIDGE = 1e-3
@@ -133,10 +133,10 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
         first, *others = recording.detections.values()
         for frame in range(min(recording.frames, frames)):
             truth = recording.truth[frame].boxes.array
-            own = Believed.of_one(sane(first[frame]))
-            for other in (Believed.of_one(sane(each[frame])) for each in others):
-                seen = compare(own, other, MERGE_GATE)
-                seen_by_both.append(_one_right(own[seen.mine], other[seen.theirs], truth))
+            own = FusedBoxes.of_agent(drop_invalid(first[frame]))
+            for other in (FusedBoxes.of_agent(drop_invalid(each[frame])) for each in others):
+                seen = correspond(own, other, MERGE_GATE)
+                seen_by_both.append(_one_right(own[seen.own], other[seen.other], truth))
                 if seen.expected is not None:
                     seen_by_other.append(_one_right(seen.expected, other[seen.new], truth))
     both, only_other = (
@@ -146,11 +146,11 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
     return both, only_other
 
 
-def _one_right(own: Believed, other: Believed, truth: Floats) -> tuple[Floats, Mask]:
+def _one_right(own: FusedBoxes, other: FusedBoxes, truth: Floats) -> tuple[Floats, Mask]:
     """Of pairs of which one is right: their features, and whether it is the other one."""
-    own_right, other_right = _right(own.found.boxes, truth), _right(other.found.boxes, truth)
+    own_right, other_right = _right(own.detections.boxes, truth), _right(other.detections.boxes, truth)
     one = own_right != other_right
-    gap_m = other.found.boxes.bottom - own.found.boxes.bottom
+    gap_m = other.detections.boxes.bottom - own.detections.boxes.bottom
     features = pair_features(own.score, other.score, own.away_m, other.away_m, gap_m)
     return features[one], other_right[one]
 
@@ -161,11 +161,11 @@ def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: 
     for recording in recordings:
         for frame in range(min(recording.frames, frames)):
             groups = [found[frame] for found in recording.detections.values()]
-            believed = trust_likelier(groups, MERGE_GATE, doubt, hearsay, LEAST_CHANCE)
-            features.append(Calibration.features(believed))
-            likelier = believed.chance * np.maximum(believed.found.score, 1e-3)
-            right.append(_on_object(believed.found.boxes.array, likelier, recording.truth[frame].boxes.array))
-            chance.append(believed.chance)
+            fused = trust_likelier(groups, MERGE_GATE, doubt, hearsay, LEAST_CHANCE)
+            features.append(Calibration.features(fused))
+            likelier = fused.chance * np.maximum(fused.detections.score, 1e-3)
+            right.append(_on_object(fused.detections.boxes.array, likelier, recording.truth[frame].boxes.array))
+            chance.append(fused.chance)
     return np.concatenate(features), np.concatenate(right), np.concatenate(chance)
 
 

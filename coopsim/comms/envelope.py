@@ -16,8 +16,8 @@ from coopsim.comms.codecs.codec import CODECS, decoder
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import Detections, Message, PoseEstimate
+from coopsim.types.track_estimates import TrackEstimates
 
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""

@@ -1,8 +1,8 @@
-"""Where the senders of messages really were, by the objects that they and the receiver both see.
+"""Correction of senders' poses by the objects that they and the receiver both see.
 
-In each frame: the receiver's own pose is smoothed along its odometry; every message's boxes are matched with what the
-receiver (and other senders) saw at its capture; a pose graph of agents and objects is solved; and a filter for each
-sender carries on what was found, as far as the error lasts.
+In each frame: the receiver's own pose is smoothed along its odometry; the boxes of each message are matched with those
+that the receiver (and other senders) saw at its capture; a pose graph of agents and objects is solved; and a filter per
+sender carries the correction on, as far as the error lasts.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.fusion.common_objects import ANYTHING, CommonObjects, Seen, common_objects, consensus
+from coopsim.fusion.common_objects import ANYTHING, AgentView, CommonObjects, common_objects, consensus
 from coopsim.fusion.pose_error import OwnPose, PoseErrorFilter
 from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.tracking.odometry_frame import OdometryFrame
+from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, PoseEstimate
 
 _KNOWN_NS = 60 * NS_PER_S
-"""For how long the pose error of an agent that is silent is remembered; names may change for ever."""
+"""How long the pose error of a silent agent is remembered; names may change for ever."""
 
 _MEMORY_NS = 2 * NS_PER_S
 _GATES_M = (2.0, 1.0)
-"""Farthest apart of two boxes on one object: under the consensus, and once the poses are corrected by it."""
+"""Largest distance of two boxes on one object: under the consensus, and once the poses are corrected by it."""
 
 _ASSUMED = np.square([0.5, 0.5, np.radians(0.5)])
 """Variance of a pose that comes without a covariance, x, y (m^2) and heading (rad^2)."""
@@ -33,16 +33,16 @@ _BOX_NOISE_M = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
-    """A message's boxes.
+class ReceivedBoxes:
+    """A message with its boxes.
 
     Attributes:
-        message: who said it, when, and where he believed to be.
-        found: the boxes in the sender's base frame, finite ones only.
+        message: the message, with its sender, capture time and stated pose.
+        detections: the boxes in the sender's base frame, valid ones only.
     """
 
     message: Message
-    found: Detections
+    detections: Detections
 
 
 @dataclass
@@ -50,75 +50,77 @@ class PoseAlignment:
     """One receiver's corrections of all senders' poses, over one episode.
 
     Attributes:
-        is_object: of all agents, whether others see it over the origin of its base frame.
-        receiver: the name of the one who listens.
-        least: a message with fewer common objects is placed by what is known from before.
+        is_object: for each agent, whether others see it as an object over the origin of its base frame.
+        receiver: name of the receiver.
+        min_common: a message with fewer common objects is placed by the correction known from before.
     """
 
     is_object: Mapping[str, bool]
     receiver: str
-    least: int = 2
+    min_common: int = 2
     _own: OwnPose | None = None
     _senders: dict[str, PoseErrorFilter] = field(default_factory=dict)
-    _seen: dict[int, Seen] = field(default_factory=dict)
+    _views: dict[int, AgentView] = field(default_factory=dict)
     _used_ns: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, specs: Mapping[str, AgentSpec], receiver: str) -> PoseAlignment:
-        """For one of these agents."""
+        """Return the alignment of one of these agents, as the receiver."""
         return cls({name: spec.is_object for name, spec in specs.items()}, receiver)
 
     def place(
-        self, observation: Observation, frame: OdometryFrame, own: Detections, heard: Sequence[Heard]
+        self, observation: Observation, frame: OdometryFrame, own: Detections, received: Sequence[ReceivedBoxes]
     ) -> list[SE3]:
-        """`odom_SE3_sender` at capture for each message; must be called in each frame, in order.
+        """Return `odom_SE3_sender` at capture for each message. To be called once in each frame, in order.
 
         Args:
-            observation: the receiver's.
+            observation: the receiver's observation.
             frame: its odometry frame, moved to now.
             own: its detections in that frame.
-            heard: what arrived.
+            received: the messages that arrived.
         """
         self._remember(observation, frame, own)
         odom_SE3_world = frame.odom_SE3_base.compose(self._own_pose(observation).inverse())
-        stated = [odom_SE3_world.compose(each.message.pose.world_SE3_base) for each in heard]
+        stated = [odom_SE3_world.compose(each.message.pose.world_SE3_base) for each in received]
         placed: list[SE3] = list(stated)
-        for captured_ns in sorted({each.message.captured_ns for each in heard}):
-            now = [row for row, each in enumerate(heard) if each.message.captured_ns == captured_ns]
+        for captured_ns in sorted({each.message.captured_ns for each in received}):
+            now = [row for row, each in enumerate(received) if each.message.captured_ns == captured_ns]
             # The same message twice is one, and the graph has each agent once.
-            senders = {heard[row].message.sender: row for row in now}
+            senders = {received[row].message.sender: row for row in now}
             rows = [senders[name] for name in sorted(senders)]
             found = self._corrections(
-                captured_ns, [heard[row] for row in rows], [stated[row] for row in rows], observation
+                captured_ns, [received[row] for row in rows], [stated[row] for row in rows], observation
             )
-            by_sender = {heard[row].message.sender: each for row, each in zip(rows, found, strict=True)}
+            by_sender = {received[row].message.sender: each for row, each in zip(rows, found, strict=True)}
             for row in now:
-                placed[row] = _corrected(stated[row], by_sender[heard[row].message.sender])
+                placed[row] = _corrected(stated[row], by_sender[received[row].message.sender])
         return placed
 
     def _own_pose(self, observation: Observation) -> SE3:
+        """Return the receiver's smoothed pose, `world_SE3_base`."""
         if self._own is None:
             self._own = OwnPose(observation.pose, _variance(observation.pose))
             return observation.pose.world_SE3_base
         return self._own.step(observation.pose, observation.odometry)
 
     def _remember(self, observation: Observation, frame: OdometryFrame, own: Detections) -> None:
+        """Remember the receiver's view of now, and forget old views and silent senders."""
         now_ns = observation.time_ns
-        self._seen = {time_ns: seen for time_ns, seen in self._seen.items() if time_ns >= now_ns - _MEMORY_NS}
-        self._seen[now_ns] = _seen(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
+        self._views = {time_ns: view for time_ns, view in self._views.items() if time_ns >= now_ns - _MEMORY_NS}
+        self._views[now_ns] = _view(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
         self._used_ns = {name: used_ns for name, used_ns in self._used_ns.items() if used_ns >= now_ns - _KNOWN_NS}
         self._senders = {name: self._senders[name] for name in self._used_ns}
 
     def _corrections(
-        self, captured_ns: int, heard: Sequence[Heard], stated: Sequence[SE3], observation: Observation
+        self, captured_ns: int, received: Sequence[ReceivedBoxes], stated: Sequence[SE3], observation: Observation
     ) -> list[Floats]:
-        """(3,) for each message of one moment: x, y m in the odometry frame, and heading rad."""
-        news = [captured_ns > self._used_ns.get(each.message.sender, -1) for each in heard]
-        filters = [self._filter(each.message, captured_ns, observation.pose) for each in heard]
-        agents = [self._seen[min(self._seen, key=lambda known_ns: abs(known_ns - captured_ns))]]
+        """Return the correction (3,) of each message of one moment: x, y m in the odometry frame and heading rad."""
+        news = [captured_ns > self._used_ns.get(each.message.sender, -1) for each in received]
+        filters = [self._filter(each.message, captured_ns, observation.pose) for each in received]
+        agents = [self._views[min(self._views, key=lambda known_ns: abs(known_ns - captured_ns))]]
         agents += [
-            _seen(each.found.transform(place), place, is_object=self.is_object.get(each.message.sender, False))
-            for each, place in zip(heard, stated, strict=True)
+            _view(each.detections.transform(place), place, is_object=self.is_object.get(each.message.sender, False))
+            for each, place in zip(received, stated, strict=True)
         ]
         prior = Corrections(np.array([each.mean for each in filters]), np.array([each.covariance for each in filters]))
         guess: Iterable[Floats] = _coarse(agents, prior)
@@ -130,14 +132,14 @@ class PoseAlignment:
             guess = found.mean
         corrections = [each.mean for each in filters]
         for number, (one, new) in enumerate(zip(filters, news, strict=True)):
-            if common.of_agent(number + 1) >= self.least:
+            if common.of_agent(number + 1) >= self.min_common:
                 corrections[number] = found.mean[number]
-                if new:  # what was overtaken, or comes a second time, teaches nothing
+                if new:  # an overtaken or repeated message carries no new information
                     one.update(found.mean[number], found.covariance[number])
         return corrections
 
     def _filter(self, message: Message, captured_ns: int, own: PoseEstimate) -> PoseErrorFilter:
-        """The sender's, predicted to this message."""
+        """Return the sender's filter, predicted to this message."""
         name = message.sender
         if name not in self._senders:
             self._senders[name] = PoseErrorFilter(_variance(message.pose) + _variance(own))
@@ -147,39 +149,41 @@ class PoseAlignment:
         return self._senders[name]
 
 
-def _coarse(agents: Sequence[Seen], prior: Corrections) -> list[Floats]:
-    """The consensus of each sender with all that the receiver and the senders before it saw."""
+def _coarse(agents: Sequence[AgentView], prior: Corrections) -> list[Floats]:
+    """Return the consensus of each sender with the objects that the receiver and the senders before it saw."""
     known, label = agents[0].position, agents[0].label
     corrections = []
-    for seen, mean, covariance in zip(agents[1:], prior.mean, prior.covariance, strict=True):
-        correction = consensus(known, label, seen, mean, np.sqrt(np.diagonal(covariance)))
+    for view, mean, covariance in zip(agents[1:], prior.mean, prior.covariance, strict=True):
+        correction = consensus(known, label, view, mean, np.sqrt(np.diagonal(covariance)))
         corrections.append(correction)
-        known = np.concatenate([known, seen.corrected(correction)])
-        label = np.concatenate([label, seen.label])
+        known = np.concatenate([known, view.corrected(correction)])
+        label = np.concatenate([label, view.label])
     return corrections
 
 
-def _graph(agents: Sequence[Seen], common: CommonObjects) -> PoseGraph:
-    origins = np.array([seen.origin for seen in agents])
-    first = np.cumsum([0, *(len(seen) for seen in agents)])
-    position = np.concatenate([seen.position for seen in agents])[first[common.agent] + common.row]
+def _graph(agents: Sequence[AgentView], common: CommonObjects) -> PoseGraph:
+    """Return the pose graph of the common objects."""
+    origins = np.array([view.origin for view in agents])
+    first = np.cumsum([0, *(len(view) for view in agents)])
+    position = np.concatenate([view.position for view in agents])[first[common.agent] + common.row]
     origin = origins[common.agent]
     return PoseGraph(position - origin, origin, common.agent, common.object)
 
 
-def _seen(found: Detections, odom_SE3_base: SE3, *, is_object: bool) -> Seen:
-    """Boxes in the odometry frame, and the agent itself where others see it as one."""
-    position, origin = found.boxes.center[:, :2], odom_SE3_base.translation[:2]
+def _view(detections: Detections, odom_SE3_base: SE3, *, is_object: bool) -> AgentView:
+    """Return boxes in the odometry frame, and the agent itself where others see it as an object."""
+    position, origin = detections.boxes.center[:, :2], odom_SE3_base.translation[:2]
     if not is_object:
-        return Seen(origin, position, found.label)
-    return Seen(origin, np.concatenate([position, origin[None]]), np.append(found.label, ANYTHING))
+        return AgentView(origin, position, detections.label)
+    return AgentView(origin, np.concatenate([position, origin[None]]), np.append(detections.label, ANYTHING))
 
 
 def _variance(pose: PoseEstimate) -> Floats:
-    """(3,) of x, y and heading, as stated or assumed."""
+    """Return the variances (3,) of x, y (m^2) and heading (rad^2), as stated or assumed."""
     return _ASSUMED if pose.covariance is None else np.diagonal(pose.covariance)
 
 
 def _corrected(odom_SE3_sender: SE3, correction: Floats) -> SE3:
+    """Return a pose moved by a correction (3,): x, y m and heading rad."""
     xyz = odom_SE3_sender.translation + np.array([correction[0], correction[1], 0.0])
     return SE3.from_xyz_yaw(xyz, odom_SE3_sender.yaw + float(correction[2]))

@@ -1,8 +1,8 @@
-"""Which boxes of several agents are the same objects, although nobody is quite where he believes he is.
+"""Objects that several agents see, found despite errors of the agents' poses.
 
 A pose error moves and turns all of an agent's boxes together. So the error that brings most of them onto others' boxes
-is looked for first (a vote over all pairs of boxes and a few headings), and pairs are matched under it. Matching each
-box with its nearest would do while errors are small against the distances between objects, and not beyond.
+is searched first (a vote over all pairs of boxes and a few headings), and pairs are matched under it. Matching each box
+with its nearest would be enough only while errors are small against the distances between objects.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from coopsim.support.arrays import frozen
 from coopsim.types import Ints, Mask
 
 ANYTHING = -1
-"""The label of what may be any object: an agent does not say what it looks like from outside."""
+"""The label of an object of unknown class: an agent does not state what it looks like from outside."""
 
 _REACH_M = 1.0
 """Boxes farther apart than this do not vote for an error that would bring them together. Detections of one object are
@@ -33,11 +33,11 @@ _MOST_PAIRS = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """What one agent saw at one moment, placed by its stated pose.
+class AgentView:
+    """The boxes that one agent saw at one moment, placed by its stated pose.
 
     Attributes:
-        origin: (2,) m, where the agent then believed to be; its heading's error turns everything around it.
+        origin: (2,) m, the agent's stated position; an error of its heading turns everything around it.
         position: (N, 2) m, centres of boxes, in the same frame.
         label: (N,) an `ObjectClass`, or `ANYTHING`.
     """
@@ -55,7 +55,7 @@ class Seen:
         return len(self.label)
 
     def corrected(self, correction: Floats) -> Floats:
-        """(N, 2) positions under a correction (3,) of the agent's pose: x, y m and heading rad."""
+        """Return the positions (N, 2) under a correction (3,) of the agent's pose: x, y m and heading rad."""
         return self.origin + correction[:2] + turned(self.position - self.origin, correction[2])
 
 
@@ -65,8 +65,8 @@ class CommonObjects:
 
     Attributes:
         agent: (N,) number of the agent.
-        row: (N,) which of its boxes.
-        object: (N,) in 0..K - 1, not falling; an agent has at most one box on an object.
+        row: (N,) row of the box among the agent's.
+        object: (N,) number of the object in 0..K - 1, not falling; an agent has at most one box on an object.
     """
 
     agent: Ints
@@ -74,34 +74,34 @@ class CommonObjects:
     object: Ints
 
     def of_agent(self, agent: int) -> int:
-        """How many of the objects an agent saw."""
+        """Return the number of objects that an agent saw."""
         return int(np.count_nonzero(self.agent == agent))
 
 
 def turned(vectors: Floats, angle_rad: float | Floats) -> Floats:
-    """Vectors (N, 2) turned by an angle, or by each of H angles: (H, N, 2)."""
+    """Turn vectors (N, 2) by an angle, or by each of H angles: (H, N, 2)."""
     cos, sin = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
     x, y = vectors[:, 0], vectors[:, 1]
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
-def consensus(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Floats) -> Floats:
-    """The correction of an agent's pose under which its boxes lie on known ones, roughly.
+def consensus(known: Floats, label: Ints, view: AgentView, mean: Floats, sigma: Floats) -> Floats:
+    """Find the correction of an agent's pose under which its boxes lie on known ones, roughly.
 
-    Of all corrections that bring a pair of boxes together, with a heading from a coarse grid, the one with the largest
-    sum of votes and log prior wins. `mean` stands among them: without support it stays.
+    Of all corrections that bring a pair of boxes together, with a heading from a coarse grid, the correction with the
+    largest sum of votes and log prior wins. `mean` is a candidate too: without support it stays.
 
     Args:
-        known: (N, 2) m, where objects are.
-        label: (N,) what they are.
-        seen: the agent's boxes.
-        mean: (3,) the correction that is expected: x, y m and heading rad.
+        known: (N, 2) m, positions of objects.
+        label: (N,) their classes.
+        view: the agent's boxes.
+        mean: (3,) the expected correction: x, y m and heading rad.
         sigma: (3,) its standard deviations.
 
     Returns:
         (3,) the correction. Its error is that of a detection and of half a step of heading; see `pose_graph`.
     """
-    gap, offset = _candidates(known, label, seen, mean, sigma)
+    gap, offset = _candidates(known, label, view, mean, sigma)
     steps = np.linspace(-_SIGMAS, _SIGMAS, _HEADINGS) if _turns(offset, sigma[2]) else np.zeros(1)
     heading = mean[2] + sigma[2] * steps
     shift = gap + offset - turned(offset, heading)  # (H, P, 2) that brings each pair together, for each heading
@@ -112,12 +112,12 @@ def consensus(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Float
 
 
 def _turns(offset: Floats, sigma_rad: float) -> bool:
-    """Whether an error of the heading moves boxes at these offsets (P, 2) by what a vote would notice."""
+    """Return whether an error of the heading moves boxes at these offsets (P, 2) enough to change a vote."""
     return bool(_SIGMAS * sigma_rad * np.abs(offset).max(initial=0.0) > _REACH_M / 4)
 
 
 def _votes(tried: Floats, shift: Floats) -> Floats:
-    """(H, T) sums over all P pairs of 1 - d^2 / reach^2, where positive; d is from (H, T, 2) to (H, P, 2)."""
+    """Return sums (H, T) over all P pairs of 1 - d^2 / reach^2, where positive; d is from (H, T, 2) to (H, P, 2)."""
     votes = tried @ (2 * shift.transpose(0, 2, 1))
     votes -= (tried**2).sum(axis=-1)[:, :, None]
     votes += (_REACH_M**2 - (shift**2).sum(axis=-1))[:, None]
@@ -125,13 +125,13 @@ def _votes(tried: Floats, shift: Floats) -> Floats:
     return summed
 
 
-def _candidates(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Floats) -> tuple[Floats, Floats]:
-    """Pairs that an error of at most three sigmas parts: how far (P, 2), and the offset from the agent (P, 2)."""
-    gap = known[:, None] - seen.position
-    offset = seen.position - seen.origin
-    away = np.hypot(*(gap - (seen.corrected(mean) - seen.position)).transpose(2, 0, 1))
+def _candidates(known: Floats, label: Ints, view: AgentView, mean: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+    """Return the gaps (P, 2) of pairs within an error of three sigmas, and their offsets (P, 2) from the agent."""
+    gap = known[:, None] - view.position
+    offset = view.position - view.origin
+    away = np.hypot(*(gap - (view.corrected(mean) - view.position)).transpose(2, 0, 1))
     reach = _SIGMAS * (np.hypot(*sigma[:2]) + sigma[2] * np.hypot(*offset.T)) + _REACH_M
-    near = np.where(compatible(label, seen.label), away / reach, np.inf)
+    near = np.where(compatible(label, view.label), away / reach, np.inf)
     rows, columns = np.nonzero(near <= 1)
     if len(rows) > _MOST_PAIRS:
         nearest = np.argpartition(near[rows, columns], _MOST_PAIRS)[:_MOST_PAIRS]
@@ -140,43 +140,43 @@ def _candidates(known: Floats, label: Ints, seen: Seen, mean: Floats, sigma: Flo
 
 
 def compatible(one: Ints, other: Ints) -> Mask:
-    """(N, M) whether labels (N,) and (M,) may be of the same object."""
+    """Return the mask (N, M) of labels (N,) and (M,) that may belong to the same object."""
     same: Mask = (one[:, None] == other) | (one == ANYTHING)[:, None] | (other == ANYTHING)
     return same
 
 
-def common_objects(agents: Sequence[Seen], corrections: Sequence[Floats], gate_m: float) -> CommonObjects:
-    """Match the agents' boxes, one agent after another with all that those before saw (Hungarian, distance).
+def common_objects(agents: Sequence[AgentView], corrections: Sequence[Floats], gate_m: float) -> CommonObjects:
+    """Match the agents' boxes, each agent's with the objects of all agents before it (Hungarian, distance).
 
     Args:
-        agents: what each saw.
-        corrections: (3,) of each one's pose.
-        gate_m: farthest apart of two boxes on one object.
+        agents: the view of each agent.
+        corrections: (3,) the correction of each agent's pose.
+        gate_m: largest distance of two boxes on one object.
     """
     known, label = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
     objects = []
-    for seen, correction in zip(agents, corrections, strict=True):
-        where = seen.corrected(correction)
-        rows, columns = match(known, label, where, seen.label, gate_m)
-        number = np.full(len(seen), -1)
+    for view, correction in zip(agents, corrections, strict=True):
+        where = view.corrected(correction)
+        rows, columns = match(known, label, where, view.label, gate_m)
+        number = np.full(len(view), -1)
         number[columns] = rows
         new = number < 0
         number[new] = len(known) + np.arange(np.count_nonzero(new))
-        known, label = np.concatenate([known, where[new]]), np.concatenate([label, seen.label[new]])
+        known, label = np.concatenate([known, where[new]]), np.concatenate([label, view.label[new]])
         objects.append(number)
-    agent = np.repeat(np.arange(len(agents)), [len(seen) for seen in agents])
-    row = np.concatenate([np.arange(len(seen)) for seen in agents])
+    agent = np.repeat(np.arange(len(agents)), [len(view) for view in agents])
+    row = np.concatenate([np.arange(len(view)) for view in agents])
     return _shared(agent, row, np.concatenate(objects))
 
 
 def match(known: Floats, label: Ints, where: Floats, labels: Ints, gate_m: float) -> tuple[Ints, Ints]:
-    """Rows of `known` (N, 2) and of `where` (M, 2) that are the same objects."""
+    """Return the rows of `known` (N, 2) and of `where` (M, 2) that are the same objects."""
     near = gate_m**2 - ((known[:, None] - where) ** 2).sum(axis=-1)
     return hungarian(np.where(compatible(label, labels) & (near >= 0), near, -np.inf), 0.0)
 
 
 def _shared(agent: Ints, row: Ints, number: Ints) -> CommonObjects:
-    """Only objects that at least two agents saw, counted anew."""
+    """Keep the objects that at least two agents saw, renumbered."""
     common = np.bincount(number) > 1
     order = np.argsort(number, kind="stable")
     order = order[common[number[order]]]

@@ -1,8 +1,8 @@
-"""Covariance intersection: fusing two estimates whose correlation nobody knows, for N pairs at once.
+"""Covariance intersection: fusion of two estimates of unknown correlation, for N pairs at once.
 
-Two agents' tracks of one object are correlated (the same motion model, the same object's maneuvers), and nobody
-keeps account of how much. A Kalman update takes them for independent and becomes too sure; covariance intersection is
-consistent whatever the correlation is.
+Two agents' tracks of one object are correlated (the same motion model, the same object's maneuvers) by an unknown
+amount. A Kalman update takes them for independent and becomes overconfident; covariance intersection is consistent
+whatever the correlation is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from coopsim.support.arrays import frozen, require_finite
 
 PULL = 1e-3
 """Weight of (w - 1/2)^2 beside log det P. It costs at most PULL / 4 = 0.025 % of the determinant, and makes a tie the
-mean: without it rounding would decide between two estimates that are equally sure, another way in each frame."""
+mean: without it rounding would decide between two equally certain estimates, differently in each frame."""
 
 _HALVINGS = 45  # of an interval of length 1: as fine as double precision resolves next to 1/2
 
@@ -23,7 +23,7 @@ _HALVINGS = 45  # of an interval of length 1: as fine as double precision resolv
 def covariance_intersection(
     first: Floats, first_covariance: Floats, second: Floats, second_covariance: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """P^-1 = w A^-1 + (1 - w) B^-1 and P^-1 c = w A^-1 a + (1 - w) B^-1 b (Julier and Uhlmann, ACC 1997).
+    """Fuse by P^-1 = w A^-1 + (1 - w) B^-1 and P^-1 c = w A^-1 a + (1 - w) B^-1 b (Julier and Uhlmann, ACC 1997).
 
     P is at least the covariance of c, for every correlation of a and b, if A and B are at least theirs. The weight
     minimises det P, which, unlike the trace, does not depend on the units of metres and metres per second.
@@ -47,8 +47,8 @@ def covariance_intersection(
         for which, covariance in (("first", first_covariance), ("second", second_covariance))
     )
     weight = intersection_weight(A, B)
-    share = weight[:, None, None]
-    information_a, information_b = share * np.linalg.inv(A), (1 - share) * np.linalg.inv(B)
+    first_weight = weight[:, None, None]
+    information_a, information_b = first_weight * np.linalg.inv(A), (1 - first_weight) * np.linalg.inv(B)
     covariance = np.linalg.inv(information_a + information_b)
     covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
     weighted = information_a @ a[:, :, None] + information_b @ b[:, :, None]
@@ -56,7 +56,7 @@ def covariance_intersection(
 
 
 def intersection_weight(first_covariance: Floats, second_covariance: Floats) -> Floats:
-    """The weight w of the first, (N,) in [0, 1], that minimises log det P + PULL (w - 1/2)^2.
+    """Return the weight w of the first, (N,) in [0, 1], that minimises log det P + PULL (w - 1/2)^2.
 
     With l the eigenvalues of B A^-1, log det P is a constant less the sum of log(1 + w (l - 1)): convex in w, and its
     derivative needs no inverse, so halving the interval finds its zero.
@@ -80,7 +80,7 @@ def intersection_weight(first_covariance: Floats, second_covariance: Floats) -> 
 
 
 def _factor(covariance: Floats) -> Floats:
-    """The Cholesky factors, (N, n, n)."""
+    """Return the Cholesky factors, (N, n, n)."""
     try:
         factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     except np.linalg.LinAlgError as error:

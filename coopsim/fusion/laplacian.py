@@ -1,10 +1,10 @@
-"""Refining the boxes of several agents on one graph (Graph Lap-CoMOT), as functions of arrays.
+"""Refinement of the boxes of several agents on one graph (Graph Lap-CoMOT), as functions of arrays.
 
-All boxes that all agents report in one frame are the graph's vertices. Each has an anchor: where it should be, judged
-by the other agents' boxes of the same object. Refinement moves the vertices towards their anchors and keeps the
-differences to their neighbours as they were.
+The boxes that all agents report in one frame are the graph's vertices. Each has an anchor: its place judged by the
+other agents' boxes of the same object. Refinement moves the vertices towards their anchors and preserves their
+differences to their neighbours.
 
-    which boxes are one object: `group` -> `anchors_aos`, or `anchors_tsa` per stage -> `refine` or `refine_sparse`
+    `group` boxes by object -> `anchors_aos`, or `anchors_tsa` per stage -> `refine` or `refine_sparse`
 
 Source: Damanaki, Piperigkos, Gkillas and Lalos, "Optimizing Cooperative Multi-Object Tracking using Graph Signal
 Processing", eq. 8-13. There are two agents there; here any number.
@@ -27,7 +27,7 @@ from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
-from coopsim.support.checks import require_count, require_positive
+from coopsim.support.checks import require_count
 from coopsim.types import Ints
 
 Kernel = Callable[[ArrayLike, ArrayLike], Floats]
@@ -41,9 +41,10 @@ def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
 
         v = x + mean(a - x) + (a - x - mean(a - x)) / (N^2 + 1)
 
-    because L^T L + I has the eigenvalue 1 for what all vertices share and N^2 + 1 for all else. So every box moves by
-    the mean anchor offset, plus its own deviation from it, which vanishes as 1/N^2: among 10 boxes, 1 % of it is left.
-    A fully connected graph moves all boxes together, and hardly one to its own anchor; `refine_sparse` does more.
+    because L^T L + I has the eigenvalue 1 for the common shift of all vertices and N^2 + 1 for all else. So every box
+    moves by the mean anchor offset, plus its own deviation from it, which vanishes as 1/N^2: among 10 boxes, 1 % of it
+    is left. A fully connected graph moves all boxes together, and hardly any box to its own anchor; `refine_sparse`
+    does more.
 
     Args:
         center: x, (N, 3) m.
@@ -60,13 +61,13 @@ def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
 def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) -> Floats:
     """Solve the same problem (eq. 8-10) on any graph: (L^T L + I) (v - x) = a - x.
 
-    What the anchor offsets have in common in a connected part is applied in full. Of what varies with an eigenvalue e
-    of L, 1/(e^2 + 1) is: few neighbours, small eigenvalues. A box without neighbours goes to its anchor.
+    The mean anchor offset of a connected part is applied in full; a component of the offsets with an eigenvalue e of L
+    is applied by 1/(e^2 + 1): few neighbours, small eigenvalues. A box without neighbours goes to its anchor.
 
     Args:
         center: x, (N, 3) m.
         anchor: a, (N, 3) m.
-        adjacency: (N, N), symmetric, 1 where two vertices are connected: `nearest_graph`, `radius_graph`.
+        adjacency: (N, N), symmetric, 1 where two vertices are connected, as from `nearest_graph`.
 
     Returns:
         v, (N, 3) m.
@@ -83,41 +84,33 @@ def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) ->
 
 
 def nearest_graph(center: ArrayLike, count: int) -> csr_array:
-    """Connect each vertex (N, 3) to its `count` nearest, in either's view; (N, N) of 0 and 1."""
+    """Connect each vertex (N, 3) to its `count` nearest ones, in both directions; (N, N) of 0 and 1."""
     require_count(1, count=count)
     points = frozen(center, (None, 3), np.float64, "center")
     if len(points) < 2:
         return _graph(np.zeros((0, 2), dtype=np.int64), len(points))
-    # A vertex is its own nearest, or as near as any: it is asked for too, and taken out in the end.
+    # A vertex is its own nearest, or as near as any: it is queried too, and removed in the end.
     _, nearest = KDTree(points).query(points, k=min(count + 1, len(points)))
     return _graph(np.column_stack([np.repeat(np.arange(len(points)), nearest.shape[1]), nearest.ravel()]), len(points))
-
-
-def radius_graph(center: ArrayLike, radius_m: float) -> csr_array:
-    """Connect the vertices (N, 3) that are at most `radius_m` apart; (N, N) of 0 and 1."""
-    require_positive(radius_m=radius_m)
-    points = frozen(center, (None, 3), np.float64, "center")
-    edges = KDTree(points).query_pairs(radius_m, output_type="ndarray") if len(points) else np.zeros((0, 2))
-    return _graph(edges.astype(np.int64), len(points))
 
 
 def group(
     boxes: ArrayLike, agent: ArrayLike, threshold: float, *, label: ArrayLike | None = None, kernel: Kernel = iou_3d
 ) -> Ints:
-    """Which boxes are one object: every two agents' boxes are matched (Hungarian), and matches are joined.
+    """Group the boxes of one object: every two agents' boxes are matched (Hungarian), and matches are joined.
 
-    A group has at most one box of each agent. Where chains of matches contradict that, the best ones count. With two
+    A group has at most one box of each agent. Where chains of matches contradict that, the best matches count. With two
     agents a group is a matched pair or a single box.
 
     Args:
         boxes: (N, 7) of all agents, in one frame.
-        agent: (N,) whose box it is, numbered in any way.
-        threshold: smallest affinity of a match; for `iou_3d` > 0, because 0 is what boxes far apart have.
-        label: (N,) classes, which never mix; None if there is one.
+        agent: (N,) number of the box's agent, any numbering.
+        threshold: smallest affinity of a match; > 0 for `iou_3d`, because boxes far apart have 0.
+        label: (N,) classes, which never mix; None: all the same.
         kernel: the affinity, `iou_3d` or `giou_3d`.
 
     Returns:
-        (N,) group of each box, counted from 0 in order of their first boxes.
+        (N,) group of each box, numbered from 0 in order of their first boxes.
     """
     rows = frozen(boxes, (None, 7), np.float64, "boxes")
     names, owner = np.unique(frozen(agent, (len(rows),), np.int64, "agent"), return_inverse=True)
@@ -136,7 +129,7 @@ def group(
 
 
 def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
-    """Anchors for all in one stage (AOS): the mean of the partners in the group, without partners its own position.
+    """Return the anchors (N, 3) for all in one stage (AOS): the mean of a box's partners, or its own position.
 
     With two agents matched boxes take each other's position (eq. 11).
 
@@ -153,7 +146,7 @@ def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
 
 
 def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: int) -> Floats:
-    """Anchors for one of the stages (TSA): for a whole group the box of agent `source`, without one its own position.
+    """Return the anchors (N, 3) of one stage (TSA): for a whole group the box of agent `source`, else its position.
 
     There are as many stages as agents, each with another source. With two agents i and j the first stage has j's
     boxes as anchors (eq. 12), the second i's (eq. 13).
@@ -161,8 +154,8 @@ def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: i
     Args:
         center: (N, 3) m.
         group: (N,) from `group`.
-        agent: (N,) whose box it is.
-        source: the agent whose boxes are the anchors.
+        agent: (N,) number of the box's agent.
+        source: number of the agent whose boxes are the anchors.
     """
     points, index = _grouped(center, group)
     anchoring = np.flatnonzero(frozen(agent, (len(points),), np.int64, "agent") == source)
@@ -183,7 +176,7 @@ def _grouped(center: ArrayLike, group: ArrayLike) -> tuple[Floats, Ints]:
 
 
 def _graph(edges: Ints, count: int) -> csr_array:
-    """Adjacency (N, N) of edges (E, 2), which may come in both directions, twice, or lead nowhere."""
+    """Return the adjacency (N, N) of edges (E, 2), which may be doubled, in both directions, or loops."""
     loose = edges[edges[:, 0] != edges[:, 1]]
     ends = np.unique(np.concatenate([loose, loose[:, ::-1]]), axis=0)
     return coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
@@ -191,7 +184,7 @@ def _graph(edges: Ints, count: int) -> csr_array:
 
 @njit(cache=True, nogil=True)
 def _join(pairs: Ints, owner: Ints, agents: int) -> Ints:
-    """Unite the groups of each pair in turn, unless both have a box of one agent; (N,) each group's first box."""
+    """Unite the groups of pairs in turn, unless both have a box of one agent; return each group's first box (N,)."""
     member = np.full((len(owner), agents), -1)  # of the group whose first box is the row: the box of each agent
     first = np.arange(len(owner))
     for box in range(len(owner)):

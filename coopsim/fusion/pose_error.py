@@ -1,9 +1,9 @@
-"""What is known of a pose's error over time: how large it is, how long it lasts, and what it is now.
+"""Estimation of a pose's error over time: its size, its persistence, and its value now.
 
-Nobody says which: noise may be fresh in every frame (the papers' protocol), wander or stay. All three are a process
-e_t = r e_(t-1) + sqrt(1 - r^2) v_t with variance V (AR(1); an Ornstein-Uhlenbeck process in frames), with r = 0 for
-white noise and r = 1 for a bias. V and r are learned from what was measured, by moments. They are the gain: with r = 0
-a new error is found from this frame's objects alone, with r = 1 from all frames' together.
+The noise may be fresh in every frame (the papers' protocol), wander or stay, and which of them is unknown. All three
+are a process e_t = r e_(t-1) + sqrt(1 - r^2) v_t with variance V (AR(1); an Ornstein-Uhlenbeck process in frames), with
+r = 0 for white noise and r = 1 for a bias. V and r are learned from the measurements, by moments. They set the gain:
+with r = 0 an error is found from this frame's objects alone, with r = 1 from those of all frames together.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw
 
 _KEPT = 0.97
-"""How much of what was learned is kept from one message to the next: some three seconds at 10 Hz."""
+"""Share of the learned moments that is kept from one message to the next: some three seconds at 10 Hz."""
 
 _FRAMES = 5.0
-"""The assumed or stated variance counts as much as so many frames."""
+"""Number of frames that the assumed or stated variance counts for."""
 
 _LEAST = np.square([0.02, 0.02, 0.0004])
-"""Smallest variance of x, y (m^2) and heading (rad^2): nobody is surer than that."""
+"""Smallest variance of x, y (m^2) and heading (rad^2)."""
 
 _MOST_R = 0.99
 
@@ -29,7 +29,7 @@ class Moments:
     """Variance and correlation of a zero-mean process that is measured with known noise; x and y are alike.
 
     Args:
-        variance: (3,) to begin with, of x, y (m^2) and heading (rad^2).
+        variance: (3,) initial variance of x, y (m^2) and heading (rad^2).
     """
 
     def __init__(self, variance: Floats) -> None:
@@ -39,23 +39,23 @@ class Moments:
 
     @property
     def variance(self) -> Floats:
-        """(3,) V."""
+        """The variance V (3,)."""
         learned = (_FRAMES * self._first + self._square) / (_FRAMES + self._weight)
         return np.maximum(_alike(learned), _LEAST)
 
     @property
     def correlation(self) -> Floats:
-        """(3,) r, in [0, 0.99]."""
-        power = np.maximum(_alike(self._square), 0.0) + self.variance  # of one frame more, in which nothing lasted
+        """The correlation r (3,), in [0, 0.99]."""
+        power = np.maximum(_alike(self._square), 0.0) + self.variance  # one more frame, with no correlation
         return np.clip(_alike(self._product) / power, 0.0, _MOST_R)
 
     def forget(self) -> None:
-        """A frame goes by."""
+        """Discount the moments by one frame."""
         for sums in (self._weight, self._square, self._product):
             sums *= _KEPT
 
     def learn(self, value: Floats, noise: Floats) -> None:
-        """A measurement (3,) with the noise's variance (3,); what is mostly noise counts little."""
+        """Add a measurement (3,) with the variance (3,) of its noise; a noisy measurement counts little."""
         weight = self.variance / (self.variance + noise)
         self._weight += weight
         self._square += weight * (value**2 - noise)
@@ -65,20 +65,20 @@ class Moments:
 
 
 def _alike(values: Floats) -> Floats:
-    """The same for x and y."""
+    """Average the values of x and y."""
     planar = (values[0] + values[1]) / 2
     return np.array([planar, planar, values[2]])
 
 
 class PoseErrorFilter:
-    """A Kalman filter of one agent's correction (x, y, heading), whose model is learned.
+    """A Kalman filter of one agent's correction (x, y, heading), with a learned model.
 
     Attributes:
         mean: (3,) the correction, m and rad.
         covariance: (3, 3).
 
     Args:
-        variance: (3,) of the error, as stated or assumed.
+        variance: (3,) variance of the error, as stated or assumed.
     """
 
     def __init__(self, variance: Floats) -> None:
@@ -86,17 +86,17 @@ class PoseErrorFilter:
         self.mean, self.covariance = np.zeros(3), np.diag(self._moments.variance)
 
     def predict(self) -> None:
-        """One message on."""
+        """Predict the correction to the next message."""
         self._moments.forget()
         kept = self._moments.correlation
         fresh = np.diag((1 - kept**2) * self._moments.variance)
         self.mean, self.covariance = kept * self.mean, np.outer(kept, kept) * self.covariance + fresh
 
     def update(self, mean: Floats, covariance: Floats) -> None:
-        """What the prediction became when this frame's objects were taken in."""
+        """Take over the correction (3,) and covariance (3, 3) estimated from prediction and this frame's objects."""
         prior, posterior = np.linalg.inv(self.covariance), np.linalg.inv(covariance)
-        # What the objects alone said: the posterior without the prediction. A direction in which they said nothing
-        # would make that singular: it gets next to no weight.
+        # The objects' information alone is the posterior's less the prediction's. A direction without any would make it
+        # singular: it gets next to no weight.
         data = posterior - prior + np.diag(1e-3 / self._moments.variance)
         noise = np.linalg.inv(data)
         measured = noise @ (posterior @ mean - prior @ self.mean)
@@ -106,10 +106,10 @@ class PoseErrorFilter:
 
 
 class OwnPose:
-    """An agent's own pose, its white noise averaged out along the odometry.
+    """An agent's own pose, with its white noise averaged out along the odometry.
 
-    The gain follows from how much the stated pose scatters about the one that odometry carries on: an error that
-    wanders or stays scatters little, is followed, and is left to the shared objects.
+    The gain follows from the scatter of the stated pose about the pose that odometry carries on: an error that wanders
+    or stays scatters little, is followed, and is left to the shared objects.
 
     Attributes:
         xyz_yaw: (4,) the pose, m and rad.
@@ -121,7 +121,7 @@ class OwnPose:
         self._moments = Moments(variance)
 
     def step(self, stated: PoseEstimate, odometry: Odometry) -> SE3:
-        """The pose one frame later: carried on, and drawn to what is stated; `world_SE3_base`."""
+        """Return the pose one frame later, `world_SE3_base`: carried on by odometry and drawn to the stated pose."""
         before = SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))
         carried = stack_xyz_yaw(before.compose(odometry.previous_SE3_current))
         surprise = stated.xyz_yaw - carried

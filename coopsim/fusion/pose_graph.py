@@ -1,9 +1,9 @@
 """Pose correction from shared objects: robust least squares on a graph of agents and objects.
 
 The idea is CoAlign's (Lu et al., "Robust Collaborative 3D Object Detection in Presence of Pose Errors", ICRA 2023, eq.
-3-5): agents and objects are vertices, a box is an edge, and the poses that make all boxes of an object agree are
-sought. Here with a prior for every pose, a robust loss, and without the boxes' headings: they come some degrees wrong
-and sometimes half a turn, where poses are wrong by tenths.
+3-5): agents and objects are vertices, boxes are edges, and the solution is the poses under which all boxes of an object
+agree. Here with a prior for every pose, a robust loss, and without the boxes' headings: they are off by degrees and
+sometimes by half a turn, poses by tenths of a degree.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from coopsim.types import Ints
 
 _STEPS = 3
 _SETTLED = 1e-3
-"""m and rad; the last step is already taken when it is this small."""
+"""m and rad; iteration ends after a step this small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGraph:
-    """N boxes of A + 1 agents on K objects. Agent 0 is taken to be where it says; A others are not.
+    """N boxes of A + 1 agents on K objects. The stated pose of agent 0 is taken to be right, those of A others are not.
 
     Attributes:
-        offset: (N, 2) m, from the agent that saw it to the box, along the axes of the common frame.
-        origin: (N, 2) m, where that agent believes to be.
-        agent: (N,) its number, in 0..A.
-        object: (N,) in 0..K - 1, not falling, each at least once.
+        offset: (N, 2) m, from the agent that saw the box to the box, along the axes of the common frame.
+        origin: (N, 2) m, stated position of that agent.
+        agent: (N,) number of that agent, in 0..A.
+        object: (N,) number of the object in 0..K - 1, not falling, each at least once.
     """
 
     offset: Floats
@@ -39,7 +39,7 @@ class PoseGraph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """Of A poses.
+    """Corrections of A poses.
 
     Attributes:
         mean: (A, 3) x, y m and heading rad, to be added to the stated poses.
@@ -51,7 +51,7 @@ class Corrections:
 
 
 def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Corrections:
-    """The most likely corrections of the poses.
+    """Return the most likely corrections of the poses.
 
     With box n of agent a on object k at q_n = t_a + d_a + R(h_a) offset_n, minimised over corrections c_a = (d_a, h_a)
     and objects o_k is
@@ -63,8 +63,8 @@ def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Correctio
     rest, each is the weighted mean of its boxes, and the normal equations of the poses are the Schur complement.
 
     Args:
-        graph: who saw what. Objects of one agent alone say nothing and do no harm.
-        prior: m and P; what no object speaks of stays there.
+        graph: boxes, agents and objects. Objects of one agent alone carry no information and do no harm.
+        prior: m and P; a pose without common objects stays there.
         box_noise_m: s, standard deviation of a box's x and of its y.
     """
     inverse: Floats = np.linalg.inv(prior.covariance).astype(np.float64)
@@ -79,7 +79,7 @@ def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Correctio
         weighted = (weight[:, None, None] * inner).reshape(-1, inner.shape[2]).T
         normal = weighted @ inner.reshape(weighted.shape[1], -1) + information
         pull = np.einsum("aij,aj->ai", inverse, prior.mean - mean).ravel()
-        # Against the objects' mean, too: what is orthogonal to all means need not have it taken off.
+        # The objects' mean need not be subtracted here: `weighted` is orthogonal to all means.
         step = np.linalg.solve(normal, pull - weighted @ place.ravel()).reshape(mean.shape)
         mean += step
         if np.abs(step).max() < _SETTLED:
@@ -89,7 +89,7 @@ def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Correctio
 
 
 def _linearized(graph: PoseGraph, mean: Floats) -> tuple[Floats, Floats]:
-    """Where the boxes are (N, 2), and their derivatives by all poses (N, 2, 3 A)."""
+    """Return the positions of the boxes (N, 2) and their derivatives by all poses (N, 2, 3 A)."""
     correction = np.concatenate([np.zeros((1, 3)), mean])[graph.agent]
     cos, sin = np.cos(correction[:, 2]), np.sin(correction[:, 2])
     x, y = graph.offset.T
@@ -103,14 +103,14 @@ def _linearized(graph: PoseGraph, mean: Floats) -> tuple[Floats, Floats]:
 
 
 def _of_object(values: Floats, weight: Floats, number: Ints, first: Ints) -> Floats:
-    """(N, ...) the weighted mean of values over all boxes on each box's object; `first` (K,) is each one's first."""
+    """Return the weighted mean (N, ...) over all boxes on each box's object; `first` (K,) is each object's first."""
     whole = weight.reshape(-1, *[1] * (values.ndim - 1))
     mean: Floats = np.add.reduceat(whole * values, first, axis=0) / np.add.reduceat(whole, first, axis=0)
     return mean[number]
 
 
 def _block_diagonal(blocks: Floats) -> Floats:
-    """(3 A, 3 A) of blocks (A, 3, 3)."""
+    """Return the block-diagonal matrix (3 A, 3 A) of blocks (A, 3, 3)."""
     count = len(blocks)
     whole = np.zeros((count, 3, count, 3))
     whole[np.arange(count), :, np.arange(count), :] = blocks

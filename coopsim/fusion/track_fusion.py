@@ -1,58 +1,58 @@
-"""Track-to-track fusion: two agents' tracks in one frame become one set, an object at most once."""
+"""Track-to-track fusion: two agents' tracks in one frame become one set, each object at most once."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from coopsim.fusion.box_matching import match_boxes
 from coopsim.fusion.covariance_intersection import covariance_intersection
+from coopsim.geometry.assignment import match_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import Ints, Tracks
+from coopsim.types.track_estimates import TrackEstimates
 
 
-def fuse_tracks(held: TrackEstimates, heard: TrackEstimates, gate: float) -> tuple[TrackEstimates, Ints]:
-    """Match tracks of the same class (Hungarian, BEV GIoU), intersect what matches, add the rest.
+def fuse_tracks(own: TrackEstimates, other: TrackEstimates, gate: float) -> tuple[TrackEstimates, Ints]:
+    """Match tracks of the same class (Hungarian, BEV GIoU), intersect the pairs, add the rest.
 
-    Position is not compared by its covariance: a track that has just begun knows nothing of its velocity, and would be
-    like everything around it as soon as it is predicted.
+    Positions are not compared by their covariance: the velocity of a track that has just begun is unknown, so as soon
+    as it is predicted it would match everything around it.
 
     Args:
-        held: N tracks; they keep their ids and their order.
-        heard: M tracks of another agent, in the same frame at the same time.
+        own: N tracks; they keep their ids and their order.
+        other: M tracks of another agent, in the same frame at the same time.
         gate: smallest BEV GIoU of two tracks of one object, in [-1, 1].
 
     Returns:
-        The fused tracks, (N + new,), and in which of their rows each heard track is, (M,).
+        The fused tracks (N + new,) and the row (M,) of each of the other agent's tracks among them.
     """
-    own, other = held.tracks, heard.tracks
-    mine, theirs = match_boxes(own.boxes, own.label, other.boxes, other.label, gate)
-    new = np.setdiff1d(np.arange(len(heard)), theirs)
-    where = np.empty(len(heard), dtype=np.int64)
-    where[theirs], where[new] = mine, len(held) + np.arange(len(new))
-    fused = TrackEstimates.concatenate([held, _intersected(held[mine], heard[theirs]), heard[new]])
-    order = np.arange(len(held))
-    order[mine] = len(held) + np.arange(len(mine))
-    rest = len(held) + len(mine) + np.arange(len(new))
+    a, b = own.tracks, other.tracks
+    mine, theirs = match_boxes(a.boxes, a.label, b.boxes, b.label, gate)
+    new = np.setdiff1d(np.arange(len(other)), theirs)
+    where = np.empty(len(other), dtype=np.int64)
+    where[theirs], where[new] = mine, len(own) + np.arange(len(new))
+    fused = TrackEstimates.concatenate([own, _intersected(own[mine], other[theirs]), other[new]])
+    order = np.arange(len(own))
+    order[mine] = len(own) + np.arange(len(mine))
+    rest = len(own) + len(mine) + np.arange(len(new))
     return fused[np.concatenate([order, rest])], where
 
 
 def _intersected(first: TrackEstimates, second: TrackEstimates) -> TrackEstimates:
-    """One estimate of each pair: planar states by covariance intersection, height and size by the same weight.
+    """Fuse each pair: planar states by covariance intersection, height and size by the same weight.
 
-    The heading goes along the axis of the first's box, whose front stays in front: a mean would turn around where the
-    two confuse front and back. The score is the better one.
+    The heading is averaged as an axis and the front of the first's box stays in front: a mean of headings would turn
+    around where the two confuse front and back. The score is the better one.
     """
     mean, covariance, weight = covariance_intersection(first.mean, first.covariance, second.mean, second.covariance)
     a, b = first.tracks.boxes, second.tracks.boxes
-    share = weight[:, None]
+    first_weight = weight[:, None]
     turn = (b.yaw - a.yaw + np.pi / 2) % np.pi - np.pi / 2
     boxes = Boxes3D(
-        share * a.center + (1 - share) * b.center,
-        share * a.size + (1 - share) * b.size,
+        first_weight * a.center + (1 - first_weight) * b.center,
+        first_weight * a.size + (1 - first_weight) * b.size,
         wrap_angle(a.yaw + (1 - weight) * turn),
     )
     score = np.maximum(first.tracks.score, second.tracks.score)
     tracks = Tracks(first.tracks.id, boxes, first.tracks.velocity, score, first.tracks.label)
-    return TrackEstimates(tracks, covariance).believing(mean, covariance)
+    return TrackEstimates(tracks, covariance).with_planar_states(mean, covariance)

@@ -11,6 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints
 
@@ -22,14 +24,14 @@ _SPARSE_SHARE, _SPARSE_FROM = 0.1, 10_000
 
 
 class Assigner(Protocol):
-    """Matches rows to columns."""
+    """A rule that matches rows to columns."""
 
     def __call__(self, affinity: Floats, gate: float, /) -> Pairs:
-        """Pairs with an affinity of at least `gate`; infinite ones and NaN are never matched."""
+        """Return pairs with an affinity of at least `gate`; infinite ones and NaN are never matched."""
 
 
 def hungarian(affinity: Floats, gate: float) -> Pairs:
-    """The matching with the largest sum of affinities (Kuhn 1955), without the pairs below the gate.
+    """Return the matching with the largest sum of affinities (Kuhn 1955), without the pairs below the gate.
 
     As many pairs as possible are matched, then for the largest sum. As in AB3DMOT the gate is applied to the optimal
     matching: a pair below it may take part in the optimum, and is then left unmatched. Rows come in order.
@@ -49,7 +51,7 @@ def hungarian(affinity: Floats, gate: float) -> Pairs:
 
 
 def greedy(affinity: Floats, gate: float) -> Pairs:
-    """Pairs in order of falling affinity, each taken if its row and its column are still free.
+    """Take pairs in order of falling affinity, each if its row and its column are still free.
 
     Of equal pairs the one in the lower row, then in the lower column, comes first.
 
@@ -58,13 +60,28 @@ def greedy(affinity: Floats, gate: float) -> Pairs:
         gate: smallest affinity of a pair.
     """
     allowed = np.where(np.isfinite(affinity) & (affinity >= gate), affinity, -np.inf)
-    # The best go first: in any order the outcome is the same, but then hardly anyone is sent away again.
+    # The best rows propose first: in any order the outcome is the same, but then few proposals are displaced.
     order = np.argsort(-allowed.max(axis=1, initial=-np.inf), kind="stable")
     row_of = _propose(np.ascontiguousarray(allowed), order)
     columns = np.flatnonzero(row_of >= 0)
     rows = row_of[columns]
     order = np.lexsort((rows, -affinity[rows, columns]))
     return rows[order], columns[order]
+
+
+def match_boxes(own: Boxes3D, own_label: Ints, other: Boxes3D, other_label: Ints, gate: float) -> Pairs:
+    """Return the rows (K,) and (K,) of boxes of one class that lie on one object (Hungarian on the BEV GIoU).
+
+    Args:
+        own: N boxes.
+        own_label: (N,) their classes.
+        other: M boxes, in the same frame.
+        other_label: (M,) their classes.
+        gate: smallest BEV GIoU of two boxes on one object, in [-1, 1].
+    """
+    affinity = giou_bev(own.array, other.array)
+    affinity[own_label[:, None] != other_label] = -np.inf
+    return hungarian(affinity, gate)
 
 
 def _best_of_all(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
@@ -77,7 +94,7 @@ def _best_of_all(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
 
 
 def _best_of_few(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
-    """The same, of the possible pairs only: each row may also take a column of its own, for more than all can gain."""
+    """Solve for the possible pairs only: each row may also stay unmatched, at a cost above what all pairs can gain."""
     count, width = affinity.shape
     rows, columns = np.nonzero(possible)
     value = affinity[rows, columns]
@@ -93,7 +110,7 @@ def _best_of_few(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
 
 @njit(cache=True, nogil=True)
 def _propose(affinity: Floats, order: Ints) -> Ints:
-    """The row that each column is greedily matched to, or -1; (M,).
+    """Return the row that each column is greedily matched to, or -1; (M,).
 
     Rows propose to their best column, columns keep the best proposal (Gale and Shapley 1962). Where both rank pairs by
     one and the same number, only one matching is stable, and it is the greedy one: no need to sort all pairs
@@ -111,6 +128,6 @@ def _propose(affinity: Floats, order: Ints) -> Ints:
                     best, at = value, column
             if at < 0:
                 break
-            row_of[at], row = row, row_of[at]  # whom it held before proposes again
+            row_of[at], row = row, row_of[at]  # the displaced row proposes again
             held[at] = best
     return row_of

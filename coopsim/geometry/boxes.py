@@ -36,18 +36,18 @@ class Boxes3D:
 
     @classmethod
     def empty(cls) -> Boxes3D:
-        """No boxes."""
+        """Return no boxes."""
         return cls.from_array(np.zeros((0, 7)))
 
     @classmethod
     def from_array(cls, array: ArrayLike) -> Boxes3D:
-        """From (N, 7): x, y, z, l, w, h, yaw."""
+        """Make boxes from rows (N, 7): x, y, z, l, w, h, yaw."""
         rows = frozen(array, (None, 7), np.float64, "boxes")
         return cls(rows[:, :3], rows[:, 3:6], rows[:, 6])
 
     @classmethod
     def concatenate(cls, parts: Iterable[Boxes3D]) -> Boxes3D:
-        """All boxes of the parts, in order; no parts give no boxes."""
+        """Join the boxes of all parts, in order; no parts give no boxes."""
         return cls.from_array(np.concatenate([np.zeros((0, 7)), *(part.array for part in parts)]))
 
     @property
@@ -80,7 +80,7 @@ class Boxes3D:
         return Boxes3D(self.center[index], self.size[index], self.yaw[index])
 
     def transform(self, dst_SE3_src: SE3) -> Boxes3D:
-        """The boxes moved from src to dst; the transform must be gravity-aligned (rotation about z)."""
+        """Return the boxes in dst; the transform must be gravity-aligned (rotation about z)."""
         center = dst_SE3_src.apply(self.center)
         return Boxes3D(center, self.size, wrap_angle(self.yaw + dst_SE3_src.yaw))
 

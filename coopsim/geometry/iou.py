@@ -22,27 +22,27 @@ _Rectangle = tuple[float, float, float, float, float, float]
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Volume of intersection over union, (N, M) in [0, 1], of boxes (N, 7) and (M, 7)."""
+    """Return volume of intersection over union, (N, M) in [0, 1], of boxes (N, 7) and (M, 7)."""
     return _overlap(a, b, volume=True, generalized=False)
 
 
 def giou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
-    """3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
+    """Return the 3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
     return _overlap(a, b, volume=True, generalized=True)
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Area of intersection over union seen from above, (N, M) in [0, 1], of (N, 7) and (M, 7)."""
+    """Return area of intersection over union seen from above, (N, M) in [0, 1], of (N, 7) and (M, 7)."""
     return _overlap(a, b, volume=False, generalized=False)
 
 
 def giou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
-    """BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
+    """Return the BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
     return _overlap(a, b, volume=False, generalized=True)
 
 
 def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
-    """`iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than one of them."""
+    """Return `iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than the cost of one."""
     in_space, from_above = _both_overlaps(*_checked(a, b))
     return in_space, from_above
 
@@ -96,7 +96,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """IoU in 3D and in the BEV as `_all_pairs` has them, with each footprint clipped once."""
+    """Return IoU in 3D and in the BEV as `_all_pairs` does, with each footprint clipped once."""
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
@@ -152,7 +152,7 @@ def _extremes(half_length: float, half_width: float, cos: float, sin: float) -> 
 
 @njit(cache=True, nogil=True)
 def _area_within(half_x: float, half_y: float, other: _Rectangle, polygon: Floats, spare: Floats) -> float:
-    """Area of the other rectangle within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
+    """Return the area of the other rectangle within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
     x, y, right_x, right_y, top_x, top_y = other
     if abs(x) >= half_x + right_x or abs(y) >= half_y + top_y:
         return 0.0
@@ -172,7 +172,7 @@ def _area_within(half_x: float, half_y: float, other: _Rectangle, polygon: Float
 
 @njit(cache=True, nogil=True)
 def _clip(polygon: Floats, count: int, axis: int, limit: float, sign: float, out: Floats) -> int:
-    """Write what is left of a polygon where sign * coordinate <= limit; the number of its corners."""
+    """Clip a polygon to sign * coordinate <= limit, into `out`; return the number of its corners."""
     if count == 0:
         return 0
     kept = 0
@@ -194,7 +194,7 @@ def _clip(polygon: Floats, count: int, axis: int, limit: float, sign: float, out
 
 @njit(cache=True, nogil=True)
 def _hull_area(half_x: float, half_y: float, other: _Rectangle) -> float:
-    """Area of the convex hull of |x| <= half_x, |y| <= half_y and the other rectangle.
+    """Return the area of the convex hull of |x| <= half_x, |y| <= half_y and the other rectangle.
 
     The hull is the upright box around both less what is cut off at its four corners. By symmetry each cut is that of
     the upper right one, in mirrored coordinates.
@@ -211,7 +211,7 @@ def _hull_area(half_x: float, half_y: float, other: _Rectangle) -> float:
 
 @njit(cache=True, nogil=True)
 def _cut(half_x: float, half_y: float, right_x: float, right_y: float, top_x: float, top_y: float) -> float:
-    """Area between the hull and the upper right corner of the box around it.
+    """Return the area between the hull and the upper right corner of the box around it.
 
     The hull runs there from its rightmost to its topmost point. Only three points can lie on the way: the upright
     rectangle's corner, and the other's rightmost and topmost one. Two are the ends; the third bulges out, or not.

@@ -16,7 +16,7 @@ from coopsim.support.arrays import frozen
 
 
 def wrap_angle(angle_rad: ArrayLike) -> Floats:
-    """Angles in [-pi, pi)."""
+    """Wrap angles to [-pi, pi)."""
     return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -38,43 +38,43 @@ class SE3:
 
     @classmethod
     def identity(cls) -> SE3:
-        """The transform that changes nothing."""
+        """Return the transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_xyz_yaw(cls, xyz_m: ArrayLike, yaw_rad: float) -> SE3:
-        """A gravity-aligned pose: translation (3,) m and heading about z."""
+        """Return a gravity-aligned pose: translation (3,) m and heading about z."""
         cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
         return cls(np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]), np.asarray(xyz_m))
 
     @property
     def yaw(self) -> float:
-        """Heading about z, rad, in (-pi, pi]."""
+        """Heading about z, rad, in [-pi, pi] (`wrap_angle` maps pi to -pi)."""
         return float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
 
     def inverse(self) -> SE3:
-        """`src_SE3_dst`."""
+        """Return `src_SE3_dst`."""
         return SE3(self.rotation.T, -self.rotation.T @ self.translation)
 
     def compose(self, other: SE3) -> SE3:
-        """`a_SE3_b.compose(b_SE3_c)` is `a_SE3_c`."""
+        """Chain transforms: `a_SE3_b.compose(b_SE3_c)` is `a_SE3_c`."""
         return SE3(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def apply(self, points_m: ArrayLike) -> Floats:
-        """Points (..., 3) in src, in dst."""
+        """Transform points (..., 3) from src to dst."""
         return self.rotate(points_m) + self.translation
 
     def rotate(self, vectors: ArrayLike) -> Floats:
-        """Vectors (..., 3) (velocities, directions) in src, in dst: rotated, not moved."""
+        """Rotate vectors (..., 3), velocities or directions, from src to dst; they are not translated."""
         return _turned(vectors, self.rotation)
 
     def rotate_planar(self, vectors: ArrayLike) -> Floats:
-        """Horizontal vectors (..., 2), rotated by the planar part (exact when gravity-aligned)."""
+        """Rotate horizontal vectors (..., 2) by the planar part (exact when gravity-aligned)."""
         return _turned(vectors, self.rotation[:2, :2])
 
 
 def _turned(vectors: ArrayLike, rotation: Floats) -> Floats:
-    # Not by @: BLAS would take several threads for a sweep, stall where cores are busy, and may round otherwise for
+    # Not by @: BLAS would take several threads for a sweep, stall where cores are busy, and may round differently for
     # another number of threads.
     turned: Floats = np.einsum("...j,ij->...i", np.asarray(vectors, dtype=np.float64), rotation)
     return turned

@@ -14,23 +14,23 @@ from coopsim.types import Detections, Ints, Tracks
 
 
 class TrackersByClass:
-    """Objects of a class are tracked by the tracker of that class: motion, association and lifecycle may all differ.
+    """Trackers by class, with the interface of one tracker: motion, association and lifecycle may all differ.
 
-    No track changes its class, so the trackers have nothing to do with each other. Ids are those of the trackers,
-    spread so that they never collide.
+    No track changes its class, so the trackers are independent. Ids are those of the trackers, interleaved so that they
+    never collide.
 
     Args:
-        others: the tracker of all classes that have none of their own.
-        own: trackers by the classes they are for.
+        others: the tracker of all classes that `by_class` does not name.
+        by_class: trackers, by the classes they are for.
 
     Raises:
         InvalidValueError: a class has two trackers.
     """
 
-    def __init__(self, others: Tracker, own: Mapping[tuple[int, ...], Tracker]) -> None:
-        self._trackers = (others, *own.values())
+    def __init__(self, others: Tracker, by_class: Mapping[tuple[int, ...], Tracker]) -> None:
+        self._trackers = (others, *by_class.values())
         self._number: dict[int, int] = {}
-        for number, labels in enumerate(own, start=1):
+        for number, labels in enumerate(by_class, start=1):
             for label in labels:
                 if label in self._number:
                     raise InvalidValueError(f"class {label} has two trackers")
@@ -38,7 +38,7 @@ class TrackersByClass:
 
     @property
     def state(self) -> tuple[TrackerState, ...]:
-        """All that the trackers know; may be set to an earlier one."""
+        """The complete states of the trackers; may be set to earlier ones."""
         return tuple(tracker.state for tracker in self._trackers)
 
     @state.setter
@@ -48,7 +48,7 @@ class TrackersByClass:
 
     @property
     def time_ns(self) -> int | None:
-        """Of the last frame; None before the first."""
+        """Time of the last frame; None before the first."""
         return self._trackers[0].time_ns
 
     def require_time(self, time_ns: int) -> None:
@@ -56,16 +56,18 @@ class TrackersByClass:
         self._trackers[0].require_time(time_ns)
 
     def step(self, detections: Detections, time_ns: int) -> Tracks:
-        """As `Tracker.step`."""
+        """Take in one frame's detections, as `Tracker.step` does."""
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
-        """As `Tracker.step_in_turn`."""
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
+        """Take in one frame's groups of detections, as `Tracker.step_in_turn` does."""
         self.require_time(time_ns)
-        whose = [self._whose(group.label) for group in groups]
+        tracker_of = [self._tracker_of(group.label) for group in groups]
         reports = [
             tracker.step_in_turn(
-                [group[of == k] for group, of in zip(groups, whose, strict=True)], time_ns, awaited=awaited
+                [group[number == k] for group, number in zip(groups, tracker_of, strict=True)],
+                time_ns,
+                incomplete=incomplete,
             )
             for k, tracker in enumerate(self._trackers)
         ]
@@ -79,14 +81,14 @@ class TrackersByClass:
         )
 
     def velocity_of(self, detections: Detections, time_ns: int) -> Floats:
-        """As `Tracker.velocity_of`."""
-        whose, velocity = self._whose(detections.label), np.zeros((len(detections), 2))
+        """Return the velocities (N, 2) of matching tracks, as `Tracker.velocity_of` does."""
+        number, velocity = self._tracker_of(detections.label), np.zeros((len(detections), 2))
         for k, tracker in enumerate(self._trackers):
-            velocity[whose == k] = tracker.velocity_of(detections[whose == k], time_ns)
+            velocity[number == k] = tracker.velocity_of(detections[number == k], time_ns)
         return velocity
 
-    def _whose(self, label: Ints) -> Ints:
-        """(N,) number of the tracker for each label."""
+    def _tracker_of(self, label: Ints) -> Ints:
+        """Return the number (N,) of the tracker for each label."""
         classes, index = np.unique(label, return_inverse=True)
         numbers = np.array([self._number.get(each, 0) for each in classes.tolist()], dtype=np.int64)
         return numbers[index]

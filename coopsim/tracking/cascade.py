@@ -1,4 +1,4 @@
-"""Association in stages: each works on what the ones before left over."""
+"""Association in stages: each matches the tracks and detections that the stages before left over."""
 
 from __future__ import annotations
 
@@ -10,56 +10,56 @@ import numpy as np
 
 from coopsim.geometry.assignment import Assigner, Pairs
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity.affinity import Affinity
+from coopsim.tracking.affinity import Affinity
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
 
-Chooser = Callable[[Any], Mask]
-"""Who takes part in a stage: tracks or detections to a mask (N,)."""
+Selector = Callable[[Any], Mask]
+"""Selects tracks (`Tracked`) or detections (`Detections`) that take part in a stage: returns a mask (N,)."""
 
 
-def everyone(of: Tracked | Detections) -> Mask:
-    """All of them."""
+def everything(of: Tracked | Detections) -> Mask:
+    """Select all."""
     return np.ones(len(of), dtype=bool)
 
 
-def nobody(of: Tracked | Detections) -> Mask:
-    """None of them."""
+def nothing(of: Tracked | Detections) -> Mask:
+    """Select none."""
     return np.zeros(len(of), dtype=bool)
 
 
 def missed(tracks: Tracked) -> Mask:
-    """Tracks that nothing in this frame has been matched to yet."""
+    """Select tracks that no detection of this frame has been matched to yet."""
     return tracks.misses > 0
 
 
-def score_from(threshold: float) -> Chooser:
-    """Those with at least this score."""
+def score_from(threshold: float) -> Selector:
+    """Return a selector of scores of at least the threshold."""
     return lambda of: of.score >= threshold
 
 
-def score_below(threshold: float) -> Chooser:
-    """Those with less than this score."""
+def score_below(threshold: float) -> Selector:
+    """Return a selector of scores below the threshold."""
     return lambda of: of.score < threshold
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One round of matching.
+    """One stage of matching.
 
     Attributes:
-        affinity: larger is better.
+        affinity: similarity of tracks and detections, larger is better.
         assigner: picks pairs.
         gate: smallest affinity of a pair.
-        tracks: which tracks take part.
-        found: which detections take part.
+        tracks: selects the tracks that take part.
+        detections: selects the detections that take part.
     """
 
     affinity: Affinity
     assigner: Assigner
     gate: float
-    tracks: Chooser = everyone
-    found: Chooser = everyone
+    tracks: Selector = everything
+    detections: Selector = everything
 
     def __post_init__(self) -> None:
         require_finite_number(gate=self.gate)
@@ -77,18 +77,18 @@ class Cascade:
         self._stages = tuple(stages)
         self._class_groups = None if class_groups is None else np.array(class_groups, dtype=np.int64)
 
-    def match(self, tracks: Tracked, found: Detections) -> Pairs:
+    def match(self, tracks: Tracked, detections: Detections) -> Pairs:
         """Return the indices of matched tracks and of their detections, (K,) each."""
         rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-        track_class, found_class = self._class_of(tracks.label), self._class_of(found.label)
-        free_row, free_column = np.ones(len(tracks), dtype=bool), np.ones(len(found), dtype=bool)
+        track_class, detected_class = self._class_of(tracks.label), self._class_of(detections.label)
+        free_row, free_column = np.ones(len(tracks), dtype=bool), np.ones(len(detections), dtype=bool)
         for stage in self._stages:
             left = np.flatnonzero(free_row & stage.tracks(tracks))
-            right = np.flatnonzero(free_column & stage.found(found))
+            right = np.flatnonzero(free_column & stage.detections(detections))
             if not (len(left) and len(right)):
                 continue
-            affinity = stage.affinity(tracks[left], found[right])
-            affinity = np.where(track_class[left, None] == found_class[right], affinity, -np.inf)
+            affinity = stage.affinity(tracks[left], detections[right])
+            affinity = np.where(track_class[left, None] == detected_class[right], affinity, -np.inf)
             row, column = stage.assigner(affinity, stage.gate)
             rows.append(left[row])
             columns.append(right[column])
@@ -96,4 +96,5 @@ class Cascade:
         return np.concatenate(rows), np.concatenate(columns)
 
     def _class_of(self, label: Ints) -> Ints:
+        """Return the labels (N,), or the numbers of their groups."""
         return label if self._class_groups is None else self._class_groups[label]

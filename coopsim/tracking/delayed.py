@@ -1,6 +1,6 @@
-"""What to do with measurements that arrive late, or in another order than they were taken.
+"""Strategies for delayed measurements: those that arrive after their capture frame, or out of order.
 
-Three strategies, from cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindAndReplay`.
+From cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindAndReplay`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.checks import require_positive
 from coopsim.support.registry import Registry
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.tracker import Tracker, sane
+from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
 
 RECEIVER = ""
@@ -25,23 +25,23 @@ RECEIVER = ""
 MakeTracker = Callable[[], Tracker | TrackersByClass]
 
 Fusion = Callable[[Sequence[Detections]], Sequence[Detections]]
-"""What is made of one moment's detections before they are tracked: one group per source, the most trusted first, to
-groups that are tracked in turn."""
+"""Turns one moment's detections, a group per source with the most trusted first, into groups that are tracked in
+turn."""
 
 
 def in_turn(groups: Sequence[Detections]) -> Sequence[Detections]:
-    """No fusion: every source updates the tracks for itself, one after another."""
+    """Return the groups as they are: each source updates the tracks, one after another."""
     return groups
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """What one source detected at one moment.
+    """The detections of one source at one moment.
 
     Attributes:
-        source: who; `RECEIVER` for the agent itself.
-        captured_ns: when.
-        detections: in the tracker's frame.
+        source: name of the sender; `RECEIVER` for the agent itself.
+        captured_ns: capture time.
+        detections: valid ones (see `drop_invalid`), in the tracker's frame.
     """
 
     source: str
@@ -50,11 +50,11 @@ class Measurement:
 
 
 class DelayedMeasurements(ABC):
-    """A tracker together with a way to take in what comes late.
+    """A tracker together with a strategy for delayed measurements.
 
     Args:
-        make_tracker: gives the tracker.
-        fusion: is applied to the measurements of one moment.
+        make_tracker: makes the tracker.
+        fusion: applied to the measurements of one moment.
         first: the source whose measurements come first; the others follow in order of their names.
     """
 
@@ -63,24 +63,24 @@ class DelayedMeasurements(ABC):
 
     @abstractmethod
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        """Take in what arrived since the last step; the tracks now.
+        """Take in the measurements that arrived since the last step and return the tracks at `now_ns`.
 
         Args:
             measurements: in any order; those captured after `now_ns` count as captured now.
-            now_ns: must not go back.
+            now_ns: time of this step; must not go back.
 
         Raises:
             InvalidValueError: time went back.
         """
 
-    def _track(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
-        return self.tracker.step_in_turn(self._fusion(groups), time_ns, awaited=awaited)
+    def _track(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
+        return self.tracker.step_in_turn(self._fusion(groups), time_ns, incomplete=incomplete)
 
     def _in_order(self, sources: Iterable[str]) -> list[str]:
         return sorted(sources, key=lambda source: (source != self._first, source))
 
     def _newest(self, measurements: Sequence[Measurement]) -> list[Measurement]:
-        """The last captured measurement of each source."""
+        """Return the last captured measurement of each source."""
         latest: dict[str, Measurement] = {}
         for measurement in measurements:
             known = latest.get(measurement.source)
@@ -90,22 +90,22 @@ class DelayedMeasurements(ABC):
 
 
 class AsIfCurrent(DelayedMeasurements):
-    """Takes the newest measurement of each source as if it were captured now: objects lag behind by the delay."""
+    """The newest measurement of each source counts as captured now: objects lag behind by the delay."""
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         return self._track([measurement.detections for measurement in self._newest(measurements)], now_ns)
 
 
-_WORTHLESS_NS = 5 * NS_PER_S
-"""What was captured longer ago is not moved on, and who has been silent for longer is forgotten: names may change."""
+_EXPIRY_NS = 5 * NS_PER_S
+"""Measurements that are older are dropped, and silent sources are forgotten after this time: names may change."""
 
 
 class PredictForward(DelayedMeasurements):
-    """Moves what is late to where it should be by now.
+    """Delayed detections are moved on to now by the velocity of their object.
 
-    Every other source has a tracker of its own, in its own time, and what it detects moves on with the velocity that
-    the object has there. Velocities of the tracks themselves would not do: a measurement that was moved with a
-    velocity confirms it, and the error grows from frame to frame.
+    Every sender has a tracker of its own, in its own time, which gives the velocities. Velocities of the receiver's
+    tracks would not do: a measurement that was moved with a velocity confirms it, and the error grows from frame to
+    frame.
     """
 
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
@@ -115,17 +115,18 @@ class PredictForward(DelayedMeasurements):
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         self.tracker.require_time(now_ns)
-        oldest_ns = now_ns - _WORTHLESS_NS
+        oldest_ns = now_ns - _EXPIRY_NS
         self._sources = {name: each for name, each in self._sources.items() if (each.time_ns or 0) >= oldest_ns}
         return self._track([self._moved(measurement, now_ns) for measurement in self._newest(measurements)], now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
-        found, captured_ns = sane(measurement.detections), min(measurement.captured_ns, now_ns)
+        """Return the detections where their objects should be at `now_ns`; none if they are overtaken or expired."""
+        found, captured_ns = measurement.detections, min(measurement.captured_ns, now_ns)
         if measurement.source == RECEIVER:
             return found
         source = self._sources.get(measurement.source) or self._make_tracker()
         overtaken = source.time_ns is not None and captured_ns <= source.time_ns
-        if overtaken or captured_ns < now_ns - _WORTHLESS_NS:
+        if overtaken or captured_ns < now_ns - _EXPIRY_NS:
             return Detections.empty()
         moved = source.velocity_of(found, captured_ns) * (now_ns - captured_ns) / NS_PER_S
         source.step(found, captured_ns)
@@ -136,29 +137,29 @@ class PredictForward(DelayedMeasurements):
 
 @dataclass(slots=True)
 class _Moment:
-    """One step of the tracker: what it knew before, what it was given, and whether more was awaited."""
+    """One step of the tracker: its state before, the groups by source, and whether more groups may come."""
 
     time_ns: int
     groups: dict[str, Detections] = field(default_factory=dict)
     before: Any = None
-    awaited: bool = False
+    incomplete: bool = False
 
 
 class RewindAndReplay(DelayedMeasurements):
-    """Goes back to when a measurement was captured, and tracks again from there.
+    """The tracker is rewound to the capture time of a delayed measurement, and tracks again from there.
 
-    Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. Costs as
-    many steps as the oldest new measurement is late. The same measurement twice counts once.
+    Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. The cost is
+    as many steps as the oldest new measurement is delayed by. The same measurement twice counts once.
 
-    What was captured later than the newest measurement of some source is only half of what will be known of that
-    moment: until that source has been heard, or has been silent for the whole window, no track counts as missed there.
-    Else what only others see would be given up before the news of it can have arrived.
+    A moment later than the newest measurement of some source is incomplete: until that source's message has come, or
+    the source has been silent for the whole window, no track counts as missed there. Else objects that only senders
+    see would be dropped before the messages about them can have arrived.
 
     Args:
-        make_tracker: gives the tracker.
-        fusion: is applied to the measurements of one moment.
+        make_tracker: makes the tracker.
+        fusion: applied to the measurements of one moment.
         first: the source whose measurements come first.
-        window_s: what is later than this is left out.
+        window_s: measurements that are delayed by more are dropped.
     """
 
     def __init__(
@@ -168,7 +169,7 @@ class RewindAndReplay(DelayedMeasurements):
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
-        self._heard_ns: dict[str, int] = {}
+        self._newest_ns: dict[str, int] = {}
 
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         self.tracker.require_time(now_ns)
@@ -184,34 +185,34 @@ class RewindAndReplay(DelayedMeasurements):
             if measurement.source not in moment.groups:
                 moment.groups[measurement.source] = measurement.detections
                 first_ns = min(first_ns, captured_ns)
-                self._heard_ns[measurement.source] = max(captured_ns, self._heard_ns.get(measurement.source, 0))
+                self._newest_ns[measurement.source] = max(captured_ns, self._newest_ns.get(measurement.source, 0))
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
-        return self._replay(min(first_ns, self._await(now_ns)))
+        return self._replay(min(first_ns, self._mark_incomplete(now_ns)))
 
-    def _await(self, now_ns: int) -> int:
-        """Mark the moments of which more may come; the first that was one and is none any more, or now."""
+    def _mark_incomplete(self, now_ns: int) -> int:
+        """Mark incomplete moments; return the time of the first that has become complete, or `now_ns`."""
         oldest_ns = now_ns - self._window_ns
-        self._heard_ns = {source: heard_ns for source, heard_ns in self._heard_ns.items() if heard_ns >= oldest_ns}
-        whole_ns = min(self._heard_ns.values(), default=now_ns)
+        self._newest_ns = {source: newest_ns for source, newest_ns in self._newest_ns.items() if newest_ns >= oldest_ns}
+        whole_ns = min(self._newest_ns.values(), default=now_ns)
         changed_ns = now_ns
         for moment in reversed(self._moments):
-            awaited = moment.time_ns > whole_ns
-            if moment.awaited and not awaited:
+            incomplete = moment.time_ns > whole_ns
+            if moment.incomplete and not incomplete:
                 changed_ns = moment.time_ns
-            moment.awaited = awaited
+            moment.incomplete = incomplete
         return changed_ns
 
     def _replay(self, first_ns: int) -> Tracks:
         """Track again from the first moment at or after `first_ns`."""
         again = [moment for moment in self._moments if moment.time_ns >= first_ns]
-        # The state before a moment that is new among older ones stands with the moment after it.
+        # The state before a moment that is new among older ones is that of the moment after it.
         known = next((moment.before for moment in again if moment.before is not None), None)
         if known is not None:
             self.tracker.state = known
         for moment in again:
             moment.before = self.tracker.state
             groups = [moment.groups[source] for source in self._in_order(moment.groups)]
-            tracks = self._track(groups, moment.time_ns, awaited=moment.awaited)
+            tracks = self._track(groups, moment.time_ns, incomplete=moment.incomplete)
         return tracks
 
 

@@ -1,4 +1,4 @@
-"""When a track is worth reporting, and when it is given up."""
+"""Lifecycles: which tracks are reported, and which are dropped."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from coopsim.types import Mask
 
 
 class Lifecycle(Protocol):
-    """Decides for N tracks at once."""
+    """A rule that reports and drops tracks, N at once."""
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
-        """Which to report, (N,); `frame` is the number of this frame, from 1."""
+        """Return which tracks to report (N,); `frame` is the number of this frame, from 1."""
 
     def alive(self, tracks: Tracked) -> Mask:
-        """Which to keep, (N,)."""
+        """Return which tracks to keep (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class HitsAndAge:
     """AB3DMOT's rule (Weng et al. 2020, sec. III-E): confirmed by hits, dropped by age.
 
-    In the first `hits` frames every track is reported, because none can be confirmed yet.
+    In the first `hits` frames every track is reported, because none can be confirmed yet. As in AB3DMOT's code a track
+    is confirmed by its number of hits so far, consecutive or not.
 
     Attributes:
         hits: frames with a detection until a track is reported.
@@ -52,10 +53,11 @@ class HitsAndAge:
 
 @dataclass(frozen=True, slots=True)
 class ByScore:
-    """Reported from a confidence, dropped below a score, or after `age` frames without a detection.
+    """Reported from a confidence on; dropped below a score, or after `age` frames without a detection.
 
     Attributes:
-        report: smallest confidence of a reported track: what is said of it, its score unless the scoring knows better.
+        report: smallest confidence of a reported track; the confidence is the score unless the scoring has a better
+            one.
         drop: a track with a smaller score is dropped.
         age: frames without a detection until a track is dropped.
         coast: frames without a detection for which a track is still reported.
@@ -83,13 +85,14 @@ class ByScore:
 class VelocityAdaptiveAge:
     """Confirmed by hits; the faster an object, the longer its track is kept (DINO-CoDT, He et al., eq. 10).
 
-    The maximum age is `age + age_per_m_s * speed`: who is fast soon comes out from behind what hid it.
+    The maximum age is `age + age_per_m_s * speed`: a fast object soon comes out from behind what hides it.
 
     Attributes:
-        hits: frames with a detection until a track is reported.
-        age: frames without a detection until the track of something that stands is dropped.
+        hits: frames with a detection, consecutive or not, until a track is reported.
+        age: frames without a detection until the track of a standing object is dropped (the paper's A_c).
         age_per_m_s: frames more per m/s (the paper's alpha), >= 0.
-        coast: frames without a detection for which a track is still reported.
+        coast: frames without a detection for which a track is still reported; a track that is kept longer is not
+            reported meanwhile.
     """
 
     hits: int = 3
@@ -113,15 +116,15 @@ class VelocityAdaptiveAge:
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
-    """Keeps confirmed tracks that another rule would drop, unreported, as long as it is known what they look like.
+    """Another rule that also keeps, unreported, confirmed tracks with embeddings that it would drop.
 
-    Their boxes mean little by then: a stage that compares boxes takes the tracks `in_sight`, one that compares
-    embeddings takes all.
+    Their boxes mean little by then: a stage that compares boxes selects the tracks `in_sight`, a stage that compares
+    embeddings all.
 
     Attributes:
-        rule: reports and drops what is in sight, and all tracks without an embedding.
+        rule: reports and drops the tracks in sight, and all tracks without an embedding.
         hits: frames with a detection from which a track is kept.
-        frames: without a detection until such a track is dropped.
+        frames: frames without a detection until such a track is dropped.
     """
 
     rule: Lifecycle
@@ -139,7 +142,7 @@ class Remembered:
         return self.rule.alive(tracks) | kept
 
     def in_sight(self, tracks: Tracked) -> Mask:
-        """Which of the tracks expected in a frame, (N,), the other rule would have kept until then."""
+        """Return which predicted tracks (N,) the other rule would have kept until this frame."""
         before = replace(tracks, misses=tracks.misses - 1)
         return self.rule.alive(before) | ~tracks.appearance.known
 

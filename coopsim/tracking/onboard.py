@@ -1,17 +1,17 @@
-"""An agent's own tracker: AB3DMOT on what it detects itself, in its odometry frame."""
+"""An agent's on-board tracker: AB3DMOT on its own detections, in its odometry frame."""
 
 from __future__ import annotations
 
+from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.motion.track_estimates import TrackEstimates
-from coopsim.tracking.odometry_frame import OdometryFrame
-from coopsim.tracking.tracker import reportable
 from coopsim.types import Observation
+from coopsim.types.track_estimates import TrackEstimates
+from coopsim.types.valid_detections import drop_unreportable
 
 
 class OnBoardTracker:
-    """Tracks one agent's own detections over one episode; no message and no global pose reaches its tracks.
+    """A tracker of one agent's own detections over one episode; no message and no global pose reaches its tracks.
 
     Attributes:
         frame: the agent's odometry frame.
@@ -27,14 +27,14 @@ class OnBoardTracker:
         self._tracker = ab3dmot(gate, hits, age)
 
     def step(self, observation: Observation) -> TrackEstimates:
-        """Take in one frame; the tracks worth reporting, in the odometry frame.
+        """Take in one frame and return the reported tracks, in the odometry frame.
 
         Raises:
             InvalidValueError: time went back.
         """
         self.frame.move(observation)
         tracks = self._tracker.step(
-            reportable(observation.detections).transform(self.frame.odom_SE3_base), observation.time_ns
+            drop_unreportable(observation.detections).transform(self.frame.odom_SE3_base), observation.time_ns
         )
         beliefs = self._tracker.reported().beliefs
         return TrackEstimates(tracks, ConstantVelocity.planar_covariance(beliefs))

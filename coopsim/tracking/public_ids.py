@@ -1,4 +1,4 @@
-"""One id for an object that several agents track, each under an id of its own."""
+"""Public ids: one id for an object that several agents track, each under its own id."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ _UNKNOWN = np.iinfo(np.int64).max
 _LOCAL_BITS = 40  # of a key; the rest is the number of the agent
 
 ABSENT = -1
-"""In place of an agent's id for an object that it does not track."""
+"""An agent's id for an object that it does not track."""
 
 
 class PublicIds:
-    """Remembers under which id an object was reported, by every (agent, id) that it is known by.
+    """A memory of the public id of each object, by all its (agent, id) pairs.
 
-    An object keeps its id while any of them stays. Where objects with different ids turn out to be one it goes on
-    under the oldest; where one turns out to be two, the first in order keeps the id. Ids count from 1 and are never
-    used twice.
+    An object keeps its public id while any pair stays. Objects with different ids that turn out to be one go on under
+    the oldest id; of an object that turns out to be two, the first in order keeps the id. Ids count from 1 and are
+    never used twice.
 
     Args:
-        memory_ns: how long an (agent, id) is remembered that does not occur; memory is that of as many frames.
+        memory_ns: how long a pair is remembered after its last use.
     """
 
     def __init__(self, memory_ns: int) -> None:
@@ -32,15 +32,15 @@ class PublicIds:
         self._keys, self._public, self._used_ns = (np.zeros(0, dtype=np.int64) for _ in range(3))
 
     def __len__(self) -> int:
-        """The number of (agent, id) that are remembered."""
+        """Return the number of remembered (agent, id) pairs."""
         return len(self._keys)
 
     def assign(self, agents: Sequence[str], members: Ints, now_ns: int) -> Ints:
-        """The ids (N,) of N objects, unique among them.
+        """Return the public ids (N,) of N objects, unique among them.
 
         Args:
             agents: A names.
-            members: (N, A), each agent's id for each object, in 0..2^40 - 1, or `ABSENT`; none of an agent's twice.
+            members: (N, A) each agent's id for each object, in 0..2^40 - 1, or `ABSENT`; unique per agent.
             now_ns: must not go back.
         """
         self._forget(now_ns - self._memory_ns)
@@ -62,7 +62,7 @@ class PublicIds:
         return self._agents[agent]
 
     def _known(self, keys: Ints) -> Ints:
-        """The ids that keys of any shape were last reported under, or `_UNKNOWN`."""
+        """Return the public ids last used for keys of any shape, or `_UNKNOWN`."""
         if not len(self._keys):
             return np.full(keys.shape, _UNKNOWN)
         at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)

@@ -1,4 +1,4 @@
-"""How sure a track is: what becomes of the scores of its detections."""
+"""Scores of tracks, from the scores of their detections."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from coopsim.types import Ints
 
 
 class Scoring(Protocol):
-    """Keeps the scores of all tracks at once."""
+    """A rule that updates the scores of all tracks at once."""
 
-    def first(self, found: Floats) -> Floats:
-        """Of tracks that detections with these scores begin, (K,)."""
+    def first(self, detected: Floats) -> Floats:
+        """Return the scores (K,) of tracks begun by detections with these scores."""
 
-    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
-        """Of tracks with a detection in this frame, (K,); `age` is their frames since birth."""
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        """Return the scores (K,) of tracks with a detection in this frame; `age` is their frames since birth."""
 
     def miss(self, before: Floats, age: Ints) -> Floats:
-        """Of tracks without a detection in this frame, (K,)."""
+        """Return the scores (K,) of tracks without a detection in this frame."""
 
     def confidence(self, tracks: Tracked) -> Floats:
-        """What reports say, (N,)."""
+        """Return the reported scores (N,)."""
 
 
 class Latest:
-    """AB3DMOT's: a track has the score of its last detection."""
+    """The score of the last detection, as in AB3DMOT."""
 
-    def first(self, found: Floats) -> Floats:
-        return found
+    def first(self, detected: Floats) -> Floats:
+        return detected
 
-    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
-        return found
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        return detected
 
     def miss(self, before: Floats, age: Ints) -> Floats:
         return before
@@ -67,12 +67,12 @@ class DecayingScore(Latest):
 
 @dataclass(frozen=True, slots=True)
 class ShrunkMean:
-    """The mean over a track's life, a frame without a detection counting 0, drawn to a prior while it is young.
+    """The mean over a track's life, a frame without a detection counting 0, shrunk to a prior while it is young.
 
-    What is seen again and again is rather there than what was seen once, however clearly.
+    An object that is detected again and again is more likely there than one detected once, however clearly.
 
     Attributes:
-        prior: score that a track starts from, in [0, 1].
+        prior: mean that a track starts from, in [0, 1].
         weight: number of frames that the prior counts for.
     """
 
@@ -83,11 +83,11 @@ class ShrunkMean:
         require_probability(prior=self.prior)
         require_positive(weight=self.weight)
 
-    def first(self, found: Floats) -> Floats:
-        return (self.weight * self.prior + found) / (self.weight + 1)
+    def first(self, detected: Floats) -> Floats:
+        return (self.weight * self.prior + detected) / (self.weight + 1)
 
-    def hit(self, before: Floats, found: Floats, age: Ints) -> Floats:
-        return (before * (self.weight + age) + found) / (self.weight + age + 1)
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        return (before * (self.weight + age) + detected) / (self.weight + age + 1)
 
     def miss(self, before: Floats, age: Ints) -> Floats:
         kept: Floats = before * (self.weight + age) / (self.weight + age + 1)
@@ -99,14 +99,14 @@ class ShrunkMean:
 
 @dataclass(frozen=True, slots=True)
 class Likelihood(ShrunkMean):
-    """How likely a track is on an object: log odds linear in its shrunk mean score, in this frame's score, and so on.
+    """Probability that a track is on an object: log odds linear in its shrunk mean score and this frame's score.
 
     Attributes:
         bias: log odds with everything else 0.
         mean: per unit of the shrunk mean score.
-        latest: per unit of the score of this frame's detection; without one, that is 0.
+        latest: per unit of the score of this frame's detection, 0 without one.
         young: per unit of one over the number of its detections: the first few tell more than all later ones.
-        missed: without a detection in this frame.
+        missed: added without a detection in this frame.
     """
 
     bias: float = 0.0
@@ -122,6 +122,6 @@ class Likelihood(ShrunkMean):
 
     @staticmethod
     def features(tracks: Tracked) -> Floats:
-        """What the weights after the bias are for, (N, 4)."""
+        """Return the features (N, 4) of the weights after the bias."""
         missed = tracks.misses > 0
         return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), 1 / tracks.hits, missed], axis=1)

@@ -1,4 +1,4 @@
-"""The tracks of a tracker, all of them as one struct of arrays."""
+"""The tracks of a tracker, as one struct of arrays."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.motion.constant_velocity import Beliefs
 from coopsim.types import Ints, Mask
 
@@ -18,19 +18,19 @@ class Tracked:
     """N tracks, reported or not; all fields have N rows.
 
     Attributes:
-        beliefs: the motion model's, about each object.
-        boxes: (N, 7) x, y, z, l, w, h, yaw, as the beliefs have them.
-        velocity: (N, 2) m/s, as the beliefs have it.
+        beliefs: the motion model's state estimates.
+        boxes: (N, 7) x, y, z, l, w, h, yaw, of the beliefs' means.
+        velocity: (N, 2) m/s, of the beliefs' means.
         id: (N,) int.
         label: (N,) int, an `ObjectClass`.
         score: (N,) as the tracker's scoring keeps it.
         latest: (N,) score of the last detection.
-        confidence: (N,) what reports said of it last; the first score before any did.
+        confidence: (N,) last reported score; the first score before any report.
         hits: (N,) frames with a detection so far.
         misses: (N,) frames since the last detection; 0 if detected in this one.
         age: (N,) frames since birth; 0 in the frame of birth.
-        foreign: (N,) bool, whether the last detection was another agent's alone, and not the receiver's own.
-        appearance: what they looked like, as far as the tracker keeps it.
+        foreign: (N,) bool, whether the last detection came from other agents only, not from the receiver.
+        appearance: embeddings of the last detections, if the tracker keeps them.
     """
 
     beliefs: Beliefs
@@ -56,10 +56,10 @@ class Tracked:
         return Tracked(beliefs=beliefs, appearance=self.appearance.take(index), **arrays)
 
     def join(self, other: Tracked) -> Tracked:
-        """These tracks, then the others."""
-        mine, theirs = self.beliefs, other.beliefs
+        """Return these tracks followed by the others."""
+        first, second = self.beliefs, other.beliefs
         beliefs = Beliefs(
-            np.concatenate([mine.mean, theirs.mean]), np.concatenate([mine.covariance, theirs.covariance])
+            np.concatenate([first.mean, second.mean]), np.concatenate([first.covariance, second.covariance])
         )
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS}
         return Tracked(beliefs=beliefs, appearance=self.appearance.join(other.appearance), **arrays)

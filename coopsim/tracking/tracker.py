@@ -1,4 +1,4 @@
-"""Tracking by detection: predict, associate, update, begin, end. All tracks at once."""
+"""Tracking by detection: predict, associate, update, initiate, drop. All tracks at once."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.affinity.appearance import Appearance, seen_by_others
-from coopsim.tracking.affinity.reid import EmbeddingMemory
-from coopsim.tracking.cascade import Cascade, Chooser, everyone
+from coopsim.tracking.appearance import Appearance, seen_by_others
+from coopsim.tracking.cascade import Cascade, Selector, everything
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion.constant_velocity import Beliefs, Motion
 from coopsim.tracking.track_scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import NS_PER_S, Detections, Ints, Tracks
-from coopsim.types.taxonomy import CLASS_NAMES
+from coopsim.types.valid_detections import drop_invalid
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """How one group of detections is taken in.
+class AssociationRound:
+    """The rules for one group of detections.
 
     Attributes:
-        association: matches tracks to its detections.
-        born: which of the detections that no track matches begin a track.
+        association: matches tracks to the group's detections.
+        initiator: selects the unmatched detections that begin a track.
     """
 
     association: Cascade
-    born: Chooser = everyone
+    initiator: Selector = everything
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackerState:
-    """All that a tracker knows. It is never changed, so keeping one is free; see `Tracker.state`.
+    """The complete state of a tracker. It never changes, so keeping one costs nothing; see `Tracker.state`.
 
     Attributes:
         tracked: the tracks, reported or not.
         next_id: the id of the next track.
         frame: number of frames so far.
-        time_ns: of the last frame; None before the first.
+        time_ns: time of the last frame; None before the first.
     """
 
     tracked: Tracked
@@ -52,19 +52,22 @@ class TrackerState:
 
 
 class Tracker:
-    """A tracker, composed of how objects move, how they are recognised, and when they come and go.
+    """A tracker, composed of a motion model, an association and a lifecycle.
 
-    All boxes are in one frame that does not move with the observer (world or odometry). Ids count from 1
-    and are never used twice. Memory is that of the tracks alive.
+    All boxes are in one frame that does not move with the observer (world or odometry). Ids count from 1 and are never
+    used twice. Only tracks that are alive take memory.
+
+    Attributes:
+        state: the tracker's complete state; may be set to an earlier one, to track again from there.
 
     Args:
         motion: the motion model and its filter.
         association: matches predicted tracks to detections.
-        lifecycle: what is reported and what is dropped.
-        scoring: how a track's score follows its detections'; None: the latest.
-        born: which of the detections that no track matches begin a track.
-        later: how the groups after the first are taken, see `step_in_turn`; None: as the first.
-        appearance: what is kept of embeddings, and which detections begin no track because of them; None: nothing is.
+        lifecycle: selects the tracks that are reported and kept.
+        scoring: how a track's score follows the scores of its detections; None: `Latest`.
+        initiator: selects the unmatched detections that begin a track.
+        later: rules for the groups after the first, see `step_in_turn`; None: the same.
+        appearance: how embeddings are kept and compared; None: not at all.
     """
 
     def __init__(
@@ -74,24 +77,24 @@ class Tracker:
         lifecycle: Lifecycle,
         *,
         scoring: Scoring | None = None,
-        born: Chooser = everyone,
-        later: Turn | None = None,
+        initiator: Selector = everything,
+        later: AssociationRound | None = None,
         appearance: Appearance | None = None,
     ) -> None:
         self._motion, self._lifecycle, self._scoring = motion, lifecycle, scoring or Latest()
         self._appearance = appearance
-        self._first = Turn(association, born)
+        self._first = AssociationRound(association, initiator)
         self._later = later or self._first
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything, as before the first frame."""
         memory = EmbeddingMemory.blank(0, dim=0, window=1 if self._appearance is None else self._appearance.views)
-        self.state = TrackerState(self._begin(Detections.empty(), 1, memory), next_id=1, frame=0, time_ns=None)
+        self.state = TrackerState(self._initiate(Detections.empty(), 1, memory), next_id=1, frame=0, time_ns=None)
 
     @property
     def time_ns(self) -> int | None:
-        """Of the last frame; None before the first."""
+        """Time of the last frame; None before the first."""
         return self.state.time_ns
 
     def require_time(self, time_ns: int) -> None:
@@ -100,51 +103,51 @@ class Tracker:
             raise InvalidValueError(f"time must not go back, got {time_ns} ns after {self.time_ns} ns")
 
     def step(self, detections: Detections, time_ns: int) -> Tracks:
-        """Take in one frame's detections; the tracks at its time.
+        """Take in one frame's detections and return the tracks at its time.
 
-        Detections that are not finite or have no size are left out.
+        Invalid detections are dropped (see `drop_invalid`).
 
         Args:
             detections: in the tracker's frame; an empty frame is a frame too.
-            time_ns: of the frame; must not go back.
+            time_ns: time of the frame; must not go back.
 
         Raises:
             InvalidValueError: time went back.
         """
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, awaited: bool = False) -> Tracks:
-        """Take in one frame's detections from several sources, one after another.
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
+        """Take in one frame's detections from several sources, one after another, and return the tracks.
 
-        Each group is matched to the tracks as the groups before left them, those that these began included. A frame
-        counts as one hit or one miss, however many groups there are.
+        Each group is matched to the tracks as the groups before left them, new tracks included. A frame counts as one
+        hit or one miss, however many groups there are.
 
         Args:
-            groups: in the tracker's frame.
-            time_ns: of the frame; must not go back.
-            awaited: more of this frame may still come, so that a track without a detection has not been missed yet.
+            groups: detections in the tracker's frame.
+            time_ns: time of the frame; must not go back.
+            incomplete: more groups of this frame may still come, so a track without a detection is not missed yet.
 
         Raises:
             InvalidValueError: time went back.
         """
-        tracked, next_id = self.predicted(time_ns), self.state.next_id
+        tracked, next_id = self.predict(time_ns), self.state.next_id
         for number, group in enumerate(groups):
-            turn, found = self._later if number else self._first, sane(group)
+            rules, found = self._later if number else self._first, drop_invalid(group)
             if self._appearance is not None:
                 tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
-            rows, columns = turn.association.match(tracked, found)
-            tracked = self._updated(tracked, rows, found[columns])
+            rows, columns = rules.association.match(tracked, found)
+            tracked = self._update(tracked, rows, found[columns])
             unmatched = np.setdiff1d(np.arange(len(found)), columns)
             if self._appearance is not None:
                 shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
-                tracked = _refreshed(tracked, rows, columns, found, shown)
+                tracked = _refresh_memory(tracked, rows, columns, found, shown)
                 unmatched = unmatched[shown[unmatched] == unmatched]
             new = found[unmatched]
-            new = new[turn.born(new)]
+            new = new[rules.initiator(new)]
             if len(new):
-                tracked = tracked.join(self._begin(new, next_id, tracked.appearance))
+                tracked = tracked.join(self._initiate(new, next_id, tracked.appearance))
                 next_id += len(new)
-        if awaited:
+        if incomplete:
             tracked = replace(tracked, misses=np.maximum(tracked.misses - 1, 0))
         lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
         tracked = replace(tracked, score=lost)
@@ -154,18 +157,19 @@ class Tracker:
         return self.report()
 
     def velocity_of(self, detections: Detections, time_ns: int) -> Floats:
-        """The velocity (N, 2) m/s of the track that each detection would be matched to; 0 where there is none.
+        """Return the velocity (N, 2) m/s of the track that each detection would be matched to, 0 without one.
 
-        The tracker stays as it is. Detections must be `sane`; `time_ns` must not lie before the last frame.
+        The tracker's state stays. Detections must be valid (see `drop_invalid`), and `time_ns` must not lie before the
+        last frame.
         """
-        tracked = self.predicted(time_ns)
+        tracked = self.predict(time_ns)
         rows, columns = self._first.association.match(tracked, detections)
         velocity = np.zeros((len(detections), 2))
         velocity[columns] = tracked.velocity[rows]
         return velocity
 
-    def predicted(self, time_ns: int) -> Tracked:
-        """The tracks as they are expected at a time, one frame older; the tracker stays as it is.
+    def predict(self, time_ns: int) -> Tracked:
+        """Return the tracks predicted to a time, one frame older; the tracker's state stays.
 
         Raises:
             InvalidValueError: time went back.
@@ -175,22 +179,23 @@ class Tracker:
         elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
         beliefs = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
         older = replace(before, misses=before.misses + 1, age=before.age + 1)
-        return self._believing(older, beliefs)
+        return self._with_beliefs(older, beliefs)
 
     def reported(self) -> Tracked:
-        """What stands behind the rows of `report`."""
+        """Return the full tracks behind the rows of `report`."""
         tracked = self.state.tracked
         return tracked[self._lifecycle.reported(tracked, self.state.frame)]
 
     def report(self) -> Tracks:
-        """The tracks that are worth it, at the time of the last frame."""
+        """Return the reported tracks, at the time of the last frame."""
         shown = self.reported()
         boxes = Boxes3D.from_array(shown.boxes)
         # A filter may shrink a box through zero; a report of it would be refused.
         boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
         return Tracks(shown.id, boxes, shown.velocity, shown.confidence, shown.label)
 
-    def _updated(self, tracked: Tracked, rows: Ints, found: Detections) -> Tracked:
+    def _update(self, tracked: Tracked, rows: Ints, found: Detections) -> Tracked:
+        """Return the tracks with those at `rows` (K,) updated by a detection each."""
         if not len(rows):
             return tracked
         mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
@@ -208,14 +213,15 @@ class Tracker:
         if found.embedding is not None:
             memory = memory.update(rows, memory.readable(found))
         tracked = replace(tracked, score=score, latest=latest, hits=hits, misses=misses, foreign=foreign)
-        return self._believing(replace(tracked, appearance=memory), Beliefs(mean, covariance))
+        return self._with_beliefs(replace(tracked, appearance=memory), Beliefs(mean, covariance))
 
-    def _begin(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
+    def _initiate(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
+        """Return new tracks, one for each detection."""
         count = len(found)
         beliefs = self._motion.initiate(found.boxes.array, found.covariance)
         ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        score, looks = self._scoring.first(found.score), memory.born(memory.readable(found))
+        score, appearance = self._scoring.first(found.score), memory.begin(memory.readable(found))
         return Tracked(
             beliefs,
             boxes,
@@ -229,22 +235,22 @@ class Tracker:
             none,
             none,
             seen_by_others(found),
-            looks,
+            appearance,
         )
 
-    def _believing(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
+    def _with_beliefs(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
 
 
-def _refreshed(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:
-    """Add to the memory of each matched track what its repeated detections look like.
+def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:
+    """Add the embeddings of repeated detections to the memories of the tracks that they belong to.
 
     Args:
         tracked: the tracks.
         rows: (K,) matched tracks.
         columns: (K,) their detections.
-        found: N detections.
+        found: all N detections.
         shown: (N,) as from `Appearance.repeats`.
     """
     row_of = np.full(len(found), -1)
@@ -256,28 +262,3 @@ def _refreshed(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, s
         memory = memory.update(at, memory.readable(found[repeated[first]]))
         repeated = np.delete(repeated, first)
     return replace(tracked, appearance=memory)
-
-
-FARTHEST_M = 10_000.0
-"""Nothing farther from an agent along any axis is taken in: no sensor sees and no radio reaches as far."""
-
-
-def reportable(detections: Detections) -> Detections:
-    """What is `sane`, of a class that a report can name, and within `FARTHEST_M` of the agent.
-
-    Args:
-        detections: in an agent's base frame.
-    """
-    found = sane(detections)
-    good = (found.label >= 0) & (found.label < len(CLASS_NAMES))
-    good &= (np.abs(found.boxes.center) <= FARTHEST_M).all(axis=1)
-    return found if good.all() else found[good]
-
-
-def sane(detections: Detections) -> Detections:
-    """Leave out what cannot be tracked: boxes or scores that are not finite, sizes that are not positive."""
-    boxes = detections.boxes
-    good = np.isfinite(boxes.array).all(axis=1) & np.isfinite(detections.score) & (boxes.size > 0).all(axis=1)
-    if detections.covariance is not None:
-        good &= np.isfinite(detections.covariance).all(axis=(1, 2))
-    return detections if good.all() else detections[good]

@@ -27,8 +27,6 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.tracking.affinity.overlap import mahalanobis
-from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import Detections, Tracks
 
 FRAME_NS = 100_000_000
@@ -67,15 +65,6 @@ def test_overlap_of_200_by_200_boxes() -> None:
     print()
     for kernel in (iou_bev, iou_3d, iou_3d_and_bev, giou_bev, giou_3d):
         print_200_by_200(kernel.__name__, lambda kernel=kernel: kernel(first, second))
-
-
-def test_mahalanobis_distances_of_200_by_200_boxes() -> None:
-    first, second = a_street_of_200_twice()
-    motion = ConstantVelocity()
-    covariance = motion.measurement_covariance(motion.initiate(first, None))
-    print()
-    for name, planar in (("mahalanobis", False), ("its planar one", True)):
-        print_200_by_200(name, lambda planar=planar: mahalanobis(first, covariance, second, planar=planar))
 
 
 def test_assignment_of_200_by_200() -> None:

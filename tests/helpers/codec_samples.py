@@ -10,8 +10,8 @@ import numpy as np
 
 from coopsim.comms.codecs.cpm_codec import CollectivePerception
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import BevGrid, Detections, FeatureMap, InstanceQueries, PointCloud, Tracks
+from coopsim.types.track_estimates import TrackEstimates
 
 
 def some_detections(count: int, seed: int = 0, *, sure: bool = False) -> Detections:

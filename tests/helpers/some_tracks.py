@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections

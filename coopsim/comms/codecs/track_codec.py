@@ -8,9 +8,9 @@ from coopsim.comms.codecs.codec import CODECS, Codec, pack_rows, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.arrays import as_numbers
-from coopsim.tracking.motion.track_estimates import PLANAR, TrackEstimates
 from coopsim.types import Mask, Tracks
 from coopsim.types.taxonomy import CLASS_NAMES
+from coopsim.types.track_estimates import PLANAR, TrackEstimates
 
 VARIANCES = (1e-6, 1e7)
 """The least and the largest eigenvalue of a covariance, m^2 and (m/s)^2. Nobody knows anything better than to a

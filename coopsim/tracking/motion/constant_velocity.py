@@ -1,4 +1,4 @@
-"""How tracked objects move, for all tracks at once: what every model shares, and constant velocity.
+"""The interface of motion models, for all tracks at once, and the constant-velocity model.
 
 The models that turn are in `turning`.
 """
@@ -14,12 +14,13 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_positive
 from coopsim.tracking.motion import kalman
+from coopsim.types.track_estimates import TrackEstimates
 
 MEASURED = 7  # x, y, z, l, w, h, yaw: the order of boxes
 YAW = 6
 
 Variances = float | tuple[float, ...]
-"""Of x, y, z, l, w, h (m^2) and yaw (rad^2): seven numbers, or one for all."""
+"""Variances of x, y, z, l, w, h (m^2) and yaw (rad^2): seven numbers, or one for all."""
 
 _OF_BOXES = ("initial_variance", "process_variance_per_s", "measurement_variance")  # the fields that are Variances
 
@@ -44,41 +45,35 @@ class Motion(Protocol):
     """A motion model together with its filter."""
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        """Beliefs after one measurement each.
+        """Return the beliefs after one measurement each.
 
         Args:
             boxes: (N, 7).
-            covariance: of the boxes, (N, 7, 7), or None for the model's own. One that is not finite, symmetric and
-                positive definite is replaced by the model's own, and disturbs no other track.
+            covariance: of the boxes, (N, 7, 7), or None for the model's own. A matrix that is not finite, symmetric
+                and positive definite is replaced by the model's own, and disturbs no other track.
         """
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
-        """Beliefs `dt_s` >= 0 later; after no time, the same."""
+        """Return the beliefs `dt_s` >= 0 later; the same after no time."""
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        """Beliefs after one more measurement each, as in `initiate`."""
+        """Return the beliefs after one more measurement each, given as in `initiate`."""
 
     def boxes(self, beliefs: Beliefs) -> Floats:
-        """(N, 7): x, y, z, l, w, h, yaw."""
+        """Return the boxes (N, 7): x, y, z, l, w, h, yaw."""
 
     def velocity(self, beliefs: Beliefs) -> Floats:
-        """(N, 2) m/s, in the frame of the boxes."""
-
-    def measurement_covariance(self, beliefs: Beliefs) -> Floats:
-        """S = H P H^T + R, (N, 7, 7): how far a measurement of the object may lie from `boxes`.
-
-        R is the model's own; y^T S^-1 y is the squared Mahalanobis distance of an innovation y.
-        """
+        """Return the velocities (N, 2) m/s, in the frame of the boxes."""
 
 
-def born(boxes: Floats, covariance: Floats | None, initial: Variances, hidden: tuple[float, ...]) -> Beliefs:
-    """Beliefs after one measurement: the box as measured, everything that is not measured 0.
+def initial_beliefs(boxes: Floats, covariance: Floats | None, initial: Variances, hidden: tuple[float, ...]) -> Beliefs:
+    """Return the beliefs after one measurement: the box as measured, every hidden component 0.
 
     Args:
         boxes: (N, 7).
         covariance: of the boxes, as in `Motion.initiate`.
-        initial: variances of the boxes where `covariance` does not say.
-        hidden: variances of what is not measured, at birth.
+        initial: variances of the boxes where `covariance` gives none.
+        hidden: initial variances of the components that are not measured.
     """
     count, size = len(boxes), MEASURED + len(hidden)
     mean = np.concatenate([boxes, np.zeros((count, len(hidden)))], axis=1)
@@ -89,14 +84,14 @@ def born(boxes: Floats, covariance: Floats | None, initial: Variances, hidden: t
     return Beliefs(mean, spread)
 
 
-def corrected(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, own: Variances) -> Beliefs:
-    """Beliefs after one more measurement.
+def update_beliefs(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, own: Variances) -> Beliefs:
+    """Return the beliefs after one more measurement of each box.
 
     Args:
         beliefs: of N objects, whose first seven components are their boxes.
         boxes: (N, 7).
         covariance: of the boxes, as in `Motion.update`.
-        own: variances of a measurement where `covariance` does not say.
+        own: variances of a measurement where `covariance` gives none.
     """
     innovation = boxes - beliefs.mean[:, :MEASURED]
     # A detector that confuses front and back is off by half a turn: only the axis is believed. Without
@@ -108,18 +103,13 @@ def corrected(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, own: V
     return Beliefs(mean, posterior)
 
 
-def measurable(beliefs: Beliefs, own: Variances) -> Floats:
-    """`Motion.measurement_covariance`, where a measurement has the variances `own`."""
-    return beliefs.covariance[:, :MEASURED, :MEASURED] + diagonal(own)
-
-
 def diagonal(variances: Variances, hidden: tuple[float, ...] = ()) -> Floats:
-    """(7 + k, 7 + k): the variances of boxes and of k hidden components, on the diagonal."""
+    """Return the matrix (7 + k, 7 + k) of the variances of boxes and of k hidden components."""
     return np.diag(np.concatenate([np.broadcast_to(variances, MEASURED), hidden]))
 
 
 def check_parameters(model: Any) -> None:
-    """Every field must be a number > 0; those of a box may be seven, and become tuples."""
+    """Check that every field of a model is a number > 0; variances of a box may be seven, and become tuples."""
     for field in fields(model):
         value = getattr(model, field.name)
         if np.ndim(value) == 0:
@@ -144,11 +134,11 @@ class ConstantVelocity:
     filter is AB3DMOT's, and at any other it is consistent with it.
 
     Attributes:
-        initial_variance: of what is measured (m^2, rad^2), at birth.
-        initial_velocity_variance: (m/s)^2, at birth.
-        process_variance_per_s: growth of the variance of what is measured, per second.
+        initial_variance: of the measured components (m^2, rad^2), when a track begins.
+        initial_velocity_variance: (m/s)^2, when a track begins.
+        process_variance_per_s: growth of the variance of the measured components, per second.
         process_velocity_variance_per_s: growth of the variance of velocity, (m/s)^2 per second.
-        measurement_variance: of a measurement whose detection states none.
+        measurement_variance: of a measurement whose detection states no covariance.
     """
 
     initial_variance: Variances = 10.0
@@ -161,23 +151,28 @@ class ConstantVelocity:
         check_parameters(self)
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        return born(boxes, covariance, self.initial_variance, (self.initial_velocity_variance,) * 3)
+        return initial_beliefs(boxes, covariance, self.initial_variance, (self.initial_velocity_variance,) * 3)
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
         return Beliefs(*kalman.predict(beliefs.mean, beliefs.covariance, *self._dynamics(dt_s)))
 
     def planar(self, dt_s: float) -> tuple[Floats, Floats]:
-        """F and Q, (4, 4) each, of the state x, y, vx, vy alone, which the rest of the state does not act on."""
+        """Return F and Q, (4, 4) each, of x, y, vx, vy alone, on which the rest of the state does not act."""
         transition, process = self._dynamics(dt_s)
         return transition[_ROWS, _COLUMNS], process[_ROWS, _COLUMNS]
 
     @staticmethod
     def planar_covariance(beliefs: Beliefs) -> Floats:
-        """(N, 4, 4) of x, y, vx, vy."""
+        """Return the covariances (N, 4, 4) of x, y, vx, vy."""
         return beliefs.covariance[:, _ROWS, _COLUMNS]
 
+    def predict_estimates(self, estimates: TrackEstimates, dt_s: float) -> TrackEstimates:
+        """Return tracks' planar estimates `dt_s` >= 0 later."""
+        mean, covariance = kalman.predict(estimates.mean, estimates.covariance, *self.planar(dt_s))
+        return estimates.with_planar_states(mean, covariance)
+
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        return corrected(beliefs, boxes, covariance, self.measurement_variance)
+        return update_beliefs(beliefs, boxes, covariance, self.measurement_variance)
 
     def boxes(self, beliefs: Beliefs) -> Floats:
         return beliefs.mean[:, :MEASURED]
@@ -185,11 +180,8 @@ class ConstantVelocity:
     def velocity(self, beliefs: Beliefs) -> Floats:
         return beliefs.mean[:, MEASURED : MEASURED + 2]
 
-    def measurement_covariance(self, beliefs: Beliefs) -> Floats:
-        return measurable(beliefs, self.measurement_variance)
-
     def _dynamics(self, dt_s: float) -> tuple[Floats, Floats]:
-        """F and Q, (10, 10) each."""
+        """Return F and Q, (10, 10) each."""
         transition = np.eye(10)
         transition[[0, 1, 2], [7, 8, 9]] = dt_s
         return transition, diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3) * dt_s

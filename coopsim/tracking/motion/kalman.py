@@ -12,7 +12,7 @@ from coopsim.geometry.se3 import Floats
 
 
 def predict(mean: Floats, covariance: Floats, transition: Floats, process: Floats) -> tuple[Floats, Floats]:
-    """X' = F x, P' = F P F^T + Q (Kalman 1960).
+    """Predict: x' = F x, P' = F P F^T + Q (Kalman 1960).
 
     Args:
         mean: (N, n).
@@ -24,7 +24,7 @@ def predict(mean: Floats, covariance: Floats, transition: Floats, process: Float
 
 
 def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
-    """F P F^T + Q, (N, n, n): what prediction makes of covariances, also of an extended filter's.
+    """Predict covariances, also of an extended filter: F P F^T + Q, (N, n, n).
 
     Args:
         covariance: P, (N, n, n).
@@ -35,7 +35,7 @@ def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
 
 
 def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """X' = x + K y, P' = (I - K H) P (I - K H)^T + K R K^T, with K = P H^T (H P H^T + R)^-1.
+    """Update: x' = x + K y, P' = (I - K H) P (I - K H)^T + K R K^T, with K = P H^T (H P H^T + R)^-1.
 
     The Joseph form: it keeps P symmetric and positive definite through rounding.
 
@@ -57,10 +57,10 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) 
 
 
 def usable_noise(stated: Floats, own: Floats) -> Floats:
-    """The stated covariances; in place of each that is none, our own: (N, m, m).
+    """Return the stated covariances (N, m, m), with the model's own in place of each invalid one.
 
-    What is not finite, symmetric and positive definite is no covariance of a measurement. Detections come from
-    others too, and a single such matrix would stop the solver for all tracks.
+    A covariance must be finite, symmetric and positive definite. Detections come from other agents too, and a single
+    invalid matrix would stop the solver for all tracks.
 
     Args:
         stated: (N, m, m).
@@ -71,6 +71,7 @@ def usable_noise(stated: Floats, own: Floats) -> Floats:
 
 
 def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
+    """Return which matrices (N,) are finite, symmetric up to rounding, and positive definite."""
     finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     sound = np.where(finite[:, None, None], matrices, 0.0)
     # Rounding in single precision, on the way through a message, may spoil symmetry by this much.
@@ -79,6 +80,6 @@ def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
     good: NDArray[np.bool_] = np.asarray(finite & (skew <= rounding))
     try:
         np.linalg.cholesky(sound[good])
-    except np.linalg.LinAlgError:  # some is not, and it does not say which
+    except np.linalg.LinAlgError:  # at least one is not; the error does not say which
         good[good] = np.linalg.eigvalsh(sound[good])[:, 0] > 0
     return good

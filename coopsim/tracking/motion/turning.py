@@ -27,11 +27,10 @@ from coopsim.tracking.motion.constant_velocity import (
     YAW,
     Beliefs,
     Variances,
-    born,
     check_parameters,
-    corrected,
     diagonal,
-    measurable,
+    initial_beliefs,
+    update_beliefs,
 )
 
 SPEED, TURN_RATE, CLIMB, ACCELERATION = range(MEASURED, MEASURED + 4)
@@ -46,27 +45,27 @@ _SERIES = np.array([[1 / (factorial(n) * (n + k + 1)) for k in range(3)] for n i
 class ConstantTurnRate:
     """Constant turn rate and velocity (CTRV), with state x, y, z, l, w, h, yaw, speed, turn rate, climb.
 
-    Heading: of a measured heading only the axis is believed, so a detector that confuses front and back does not turn
-    a track. Turning the heading by half a turn and changing the sign of the speed leaves the motion as it is, so which
-    end is the front is decided by driving: a track that drives backwards faster than `reverse_speed_mps`, by two
-    standard deviations, is turned around. That mends a track born with a wrong heading, and lets a car reverse slowly.
-    While a track stands, it keeps the heading that it was born with.
+    Of a measured heading only the axis is used, so a detector that confuses front and back does not turn a track. A
+    half turn of the heading with the opposite sign of the speed is the same motion, so the motion decides which end is
+    the front: a track that drives backwards faster than `reverse_speed_mps`, by two standard deviations, is turned
+    around. That corrects a track that began with a wrong heading, and lets a car reverse slowly. A standing track
+    keeps its first heading.
 
-    Nothing moves sideways in this model, so its frame must not move with the observer, in whose frame a parked car
-    does. Noise is of the size that real detectors and traffic have, unlike that of `ConstantVelocity`.
+    Nothing moves sideways in this model, so its frame must not move with the observer: there a parked car moves
+    sideways. The noise has the size that real detectors and traffic have, unlike that of `ConstantVelocity`.
 
     Attributes:
-        initial_variance: of the box at birth where its detection states none, m^2 and rad^2.
-        initial_speed_variance: (m/s)^2, at birth.
-        initial_turn_rate_variance: (rad/s)^2, at birth.
-        initial_climb_variance: (m/s)^2, at birth.
+        initial_variance: of the first box where its detection states no covariance, m^2 and rad^2.
+        initial_speed_variance: (m/s)^2, when a track begins.
+        initial_turn_rate_variance: (rad/s)^2, when a track begins.
+        initial_climb_variance: (m/s)^2, when a track begins.
         process_variance_per_s: growth of the variance of the box, per second.
         process_speed_variance_per_s: growth of the variance of speed, (m/s)^2 per second.
         process_turn_rate_variance_per_s: growth of the variance of turn rate, (rad/s)^2 per second.
         process_climb_variance_per_s: growth of the variance of climb, (m/s)^2 per second.
-        measurement_variance: of a measurement whose detection states none, m^2 and rad^2.
-        reverse_speed_mps: nothing drives backwards faster than this. Cars do reverse; who walks hardly does: 0.2 suits
-            better there, with less growth of the variance of speed.
+        measurement_variance: of a measurement whose detection states no covariance, m^2 and rad^2.
+        reverse_speed_mps: largest speed backwards. Cars do reverse; people hardly walk backwards: for them 0.2 suits
+            better, with less growth of the variance of speed.
     """
 
     initial_variance: Variances = (0.1, 0.1, 0.05, 0.1, 0.05, 0.05, 0.05)
@@ -84,21 +83,23 @@ class ConstantTurnRate:
         check_parameters(self)
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        return born(boxes, covariance, self.initial_variance, self._hidden_at_birth())
+        return initial_beliefs(boxes, covariance, self.initial_variance, self._hidden_at_birth())
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
         if dt_s == 0:
             return beliefs
         mean, jacobian = advance(beliefs.mean, dt_s)
         mean[:, YAW] = wrap_angle(mean[:, YAW])
-        # Noise comes in all along the way. Half of it before the motion and half after is exact to second order in
-        # time; all of it after would leave out what a changing speed does to the position.
+        # Noise enters all along the way. Half of it before the motion and half after is exact to second order in time;
+        # all of it after would leave out the effect of a changing speed on the position.
         half = diagonal(self.process_variance_per_s, self._hidden_growth()) * (dt_s / 2)
         covariance = kalman.spread(beliefs.covariance + half, jacobian, half)
         return Beliefs(mean, (covariance + covariance.transpose(0, 2, 1)) / 2)
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        return facing_forward(corrected(beliefs, boxes, covariance, self.measurement_variance), self.reverse_speed_mps)
+        return facing_forward(
+            update_beliefs(beliefs, boxes, covariance, self.measurement_variance), self.reverse_speed_mps
+        )
 
     def boxes(self, beliefs: Beliefs) -> Floats:
         return beliefs.mean[:, :MEASURED]
@@ -106,9 +107,6 @@ class ConstantTurnRate:
     def velocity(self, beliefs: Beliefs) -> Floats:
         yaw, speed = beliefs.mean[:, YAW], beliefs.mean[:, SPEED]
         return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw)])
-
-    def measurement_covariance(self, beliefs: Beliefs) -> Floats:
-        return measurable(beliefs, self.measurement_variance)
 
     def _hidden_at_birth(self) -> tuple[float, ...]:
         return self.initial_speed_variance, self.initial_turn_rate_variance, self.initial_climb_variance
@@ -126,8 +124,8 @@ class ConstantTurnRateAcceleration(ConstantTurnRate):
     """Constant turn rate and acceleration (CTRA): `ConstantTurnRate` with acceleration as one more state.
 
     Attributes:
-        process_speed_variance_per_s: little, because acceleration accounts for changes of speed.
-        initial_acceleration_variance: (m/s^2)^2, at birth.
+        process_speed_variance_per_s: small, because acceleration accounts for changes of speed.
+        initial_acceleration_variance: (m/s^2)^2, when a track begins.
         process_acceleration_variance_per_s: growth of the variance of acceleration, (m/s^2)^2 per second.
     """
 
@@ -143,7 +141,7 @@ class ConstantTurnRateAcceleration(ConstantTurnRate):
 
 
 def advance(mean: Floats, dt_s: float) -> tuple[Floats, Floats]:
-    """States `dt_s` later, and the Jacobian of each by its state: (N, n) and (N, n, n), n = 10 (CTRV) or 11 (CTRA).
+    """Return the states `dt_s` later (N, n) and their Jacobians (N, n, n), with n = 10 (CTRV) or 11 (CTRA).
 
     Yaw is not wrapped, so that the map is smooth.
     """
@@ -175,10 +173,10 @@ def advance(mean: Floats, dt_s: float) -> tuple[Floats, Floats]:
 
 
 def turn_moments(angle_rad: Floats) -> Complexes:
-    """E_k = integral over s in [0, 1] of s^k exp(i angle s), for k = 0, 1, 2: (3, N).
+    """Return E_k = integral over s in [0, 1] of s^k exp(i angle s), for k = 0, 1, 2: (3, N).
 
     E_0 is (sin x / x) + i (1 - cos x) / x. Up to one radian by the Taylor series, beyond by recursion, which divides
-    by the angle; both are exact to rounding, so nothing shows where they meet.
+    by the angle; both are exact to rounding, so there is no step where they meet.
     """
     small = np.abs(angle_rad) <= 1
     series = np.vander(1j * np.where(small, angle_rad, 0.0), len(_TERMS), increasing=True) @ _SERIES
@@ -191,10 +189,10 @@ def turn_moments(angle_rad: Floats) -> Complexes:
 
 
 def facing_forward(beliefs: Beliefs, reverse_speed_mps: float) -> Beliefs:
-    """Turn around what drives backwards faster than `reverse_speed_mps`, by two standard deviations.
+    """Turn around the objects that drive backwards faster than `reverse_speed_mps`, by two standard deviations.
 
-    Heading turns by half a turn; speed, acceleration and their covariances with all else change sign. It is the same
-    motion, told from the other end.
+    The heading turns by half a turn; speed, acceleration and their covariances with all else change sign. The motion
+    is the same.
     """
     deviation = np.sqrt(beliefs.covariance[:, SPEED, SPEED])
     backwards = beliefs.mean[:, SPEED] + 2 * deviation < -reverse_speed_mps

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.trust import Believed
+from coopsim.fusion.trust import FusedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
 
@@ -20,9 +20,9 @@ def box(score: float, size: tuple[float, float, float] = (4.5, 1.9, 1.6)) -> Det
     return Detections(Boxes3D.from_array([[7, -3, 0.8, *size, 0.3]]), [score], [0])
 
 
-def believed(found: Detections, nearest_m: ArrayLike, chance: ArrayLike = 1.0) -> Believed:
+def believed(found: Detections, nearest_m: ArrayLike, chance: ArrayLike = 1.0) -> FusedBoxes:
     nearest_m, chance = (np.broadcast_to(np.asarray(each, float), (len(found),)) for each in (nearest_m, chance))
-    return Believed(found, chance, nearest_m, found.score, nearest_m)
+    return FusedBoxes(found, chance, nearest_m, found.score, nearest_m)
 
 
 def probability(found: Detections, away_m: float, chance: float = 1.0) -> float:

@@ -7,8 +7,8 @@ import pytest
 
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import Tracks
+from coopsim.types.track_estimates import TrackEstimates
 
 
 def estimates(

@@ -26,7 +26,7 @@ def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) 
 
 
 def fused(*groups: Detections, doubt: Doubt = BY_SCORE) -> list[tuple[float, float]]:
-    kept = trust_likelier(groups, gate=0.1, doubt=doubt).found
+    kept = trust_likelier(groups, gate=0.1, doubt=doubt).detections
     return sorted(zip(kept.boxes.center[:, 0].tolist(), kept.score.tolist(), strict=True))
 
 
@@ -46,14 +46,14 @@ def test_between_equals_one_box_that_overlaps_all_of_them() -> None:
 
 @pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.2, -1.2])
 def test_a_height_that_both_reach_where_there_is_one(gap_m: float) -> None:
-    kept = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED).found
+    kept = trust_likelier([found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)], gate=-0.5, doubt=UNDECIDED).detections
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
 
 
 @pytest.mark.parametrize("gap_m", [1.5, 2.2, -2.2])
 def test_a_taller_box_reaches_both_where_none_of_their_size_does(gap_m: float) -> None:
     groups = [found((0, 0.6)), found((0, 0.5), bottom_m=gap_m)]
-    kept = trust_likelier(groups, gate=-0.5, doubt=UNDECIDED).found
+    kept = trust_likelier(groups, gate=-0.5, doubt=UNDECIDED).detections
     assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(gap_m / 2)
     assert 1.6 < kept.boxes.size[0, 2] <= 1.6 + abs(gap_m) + 1e-9
     assert all(iou_3d(kept.boxes.array, group.boxes.array)[0, 0] >= 0.25 for group in groups)
@@ -71,7 +71,7 @@ def test_never_less_likely_on_the_object_than_either_of_the_two(
         for each, floor_m, height_m in ((found((0, 0.5)), 0.0, own_m), (found((0, 0.5)), gap_m, other_m))
     )
     odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
-    kept = trust_likelier([own, other], gate=-0.5, doubt=odds).found
+    kept = trust_likelier([own, other], gate=-0.5, doubt=odds).detections
 
     def chance_of(boxes: Boxes3D) -> float:
         reached = [iou_3d(boxes.array, each.boxes.array)[0, 0] >= 0.25 for each in (own, other)]
@@ -84,7 +84,7 @@ def test_never_less_likely_on_the_object_than_either_of_the_two(
 def test_else_the_height_of_the_likelier() -> None:
     for own, expected in ((0.6, 0.0), (0.4, 3.0)):
         groups = [found((0, own)), found((0, 0.5), bottom_m=3.0)]
-        kept = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30)).found
+        kept = trust_likelier(groups, gate=-0.5, doubt=replace(BY_SCORE, own_score=-30, other_score=30)).detections
         assert kept.boxes.center[0, 2] - 0.8 == pytest.approx(expected)
 
 
@@ -94,16 +94,16 @@ ODDS_OF_A_QUARTER = replace(UNDECIDED, bias=float(np.log(0.25 / 0.75)))
 def test_a_height_that_is_given_up_may_stay_as_a_box_of_its_own() -> None:
     groups = [found((0, 0.4), (30, 0.7)), found((0.4, 0.6), bottom_m=4.0)]
     kept = trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER, least_chance=0.2)
-    np.testing.assert_allclose(iou_3d(kept.found.boxes.array[:1], groups[0].boxes.array), [[1, 0]], atol=0.4)
-    np.testing.assert_allclose(kept.found.boxes.center[1:], [[30, 0, 0.8], [0.4, 0, 4.8]], atol=1e-12)
-    assert kept.found.score.tolist() == [0.6, 0.7, 0.6]
+    np.testing.assert_allclose(iou_3d(kept.detections.boxes.array[:1], groups[0].boxes.array), [[1, 0]], atol=0.4)
+    np.testing.assert_allclose(kept.detections.boxes.center[1:], [[30, 0, 0.8], [0.4, 0, 4.8]], atol=1e-12)
+    assert kept.detections.score.tolist() == [0.6, 0.7, 0.6]
     np.testing.assert_allclose(kept.chance, [0.75, 1, 0.25], atol=1e-3)
-    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER, least_chance=0.3).found) == 2
-    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER).found) == 2
+    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER, least_chance=0.3).detections) == 2
+    assert len(trust_likelier(groups, gate=-0.5, doubt=ODDS_OF_A_QUARTER).detections) == 2
     # Also if it is the own one.
     mirrored = replace(ODDS_OF_A_QUARTER, bias=-ODDS_OF_A_QUARTER.bias)
     kept = trust_likelier(groups, gate=-0.5, doubt=mirrored, least_chance=0.2)
-    np.testing.assert_allclose(kept.found.boxes.center[:, 2], [4.8, 0.8, 0.8], atol=0.3)
+    np.testing.assert_allclose(kept.detections.boxes.center[:, 2], [4.8, 0.8, 0.8], atol=0.3)
 
 
 @given(st.floats(0.0, 9.0), PROBABILITIES)
@@ -112,7 +112,7 @@ def test_what_is_kept_of_a_box_is_the_chance_that_the_fused_one_misses(gap_m: fl
     odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
     kept = trust_likelier(groups, gate=-0.5, doubt=odds, least_chance=0.0)
     assert 0.7 <= kept.chance.sum() <= 1.2
-    overlap = iou_3d(kept.found.boxes.array[:1], kept.found.boxes.array[1:])[0]
+    overlap = iou_3d(kept.detections.boxes.array[:1], kept.detections.boxes.array[1:])[0]
     for chance, right, overlapped in zip(kept.chance[1:], (1 - share, share), overlap, strict=True):
         assert chance <= right + 1e-9
         assert chance <= 0.05 or overlapped < 0.45
@@ -122,7 +122,7 @@ def test_what_is_kept_of_a_box_is_the_chance_that_the_fused_one_misses(gap_m: fl
 def test_nothing_is_out_of_reach_if_all_that_is_given_up_stays(gap_m: float, share: float) -> None:
     groups = [found((0, 0.5)), found((0, 0.5), bottom_m=gap_m)]
     odds = replace(UNDECIDED, bias=float(np.log(share / (1 - share))))
-    kept = trust_likelier(groups, gate=-0.5, doubt=odds, least_chance=0.0).found
+    kept = trust_likelier(groups, gate=-0.5, doubt=odds, least_chance=0.0).detections
     for each in groups:
         assert iou_3d(kept.boxes.array, each.boxes.array).max() >= 0.25
 
@@ -146,10 +146,10 @@ def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
 def test_how_far_a_fused_box_is_from_what_the_nearest_agent_sees_clearly() -> None:
     near_first, near_last = found((0, 0.9), (40, 0.01)), found((0, 0.01), (40, 0.9), (70, 0.01))
     kept = trust_likelier([near_first, near_last], gate=0.1, doubt=BY_SCORE)
-    assert kept.found.boxes.center[:, 0].tolist() == [0, 40, 70]
+    assert kept.detections.boxes.center[:, 0].tolist() == [0, 40, 70]
     np.testing.assert_allclose(kept.nearest_m, [0, 0, 30], atol=0.01)
     swapped = trust_likelier([near_last, near_first], gate=0.1, doubt=BY_SCORE)
-    assert swapped.found.boxes.center[:, 0].tolist() == [0, 40, 70]
+    assert swapped.detections.boxes.center[:, 0].tolist() == [0, 40, 70]
     np.testing.assert_allclose(swapped.nearest_m, kept.nearest_m)
 
 
@@ -158,7 +158,7 @@ def test_every_weight_is_of_its_own_feature() -> None:
     features = pair_features(*values)
     assert features.tolist() == [[2, 3, 5, 7, 11, 55]]
     log_odds = 0.1 + 2 * 0.01 - 3 * 0.02 + 5 * 0.03 - 7 * 0.04 + 11 * 0.05 - 55 * 0.001
-    assert Doubt(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).of_own(features)[0] == pytest.approx(
+    assert Doubt(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).probability_other(features)[0] == pytest.approx(
         1 / (1 + np.exp(-log_odds))
     )
 
@@ -186,21 +186,21 @@ def test_what_only_another_sees_may_lie_where_registration_puts_it() -> None:
     own, other = tilted(*common), tilted(*common, 60, rise=0.07)
     kept = trust_likelier([own, other], 0.1, UNDECIDED, HEARSAY, least_chance=0.1)
     said, registered = other.boxes.array[-1:], tilted(60).boxes.array
-    assert iou_3d(kept.found.boxes.array, said).max() >= 0.25
-    assert iou_3d(kept.found.boxes.array, registered).max() >= 0.25
-    far = kept.found.boxes.center[:, 0] > 50
-    assert kept.found.score[far].tolist() == [0.8, 0.8]
+    assert iou_3d(kept.detections.boxes.array, said).max() >= 0.25
+    assert iou_3d(kept.detections.boxes.array, registered).max() >= 0.25
+    far = kept.detections.boxes.center[:, 0] > 50
+    assert kept.detections.score[far].tolist() == [0.8, 0.8]
     np.testing.assert_allclose(kept.chance[far], [0.8, 0.2], atol=0.02)
     # Without an opinion about hearsay it is believed.
     kept = trust_likelier([own, other], 0.1, UNDECIDED, least_chance=0.1)
-    np.testing.assert_array_equal(kept.found.boxes.array[kept.found.boxes.center[:, 0] > 50], said)
+    np.testing.assert_array_equal(kept.detections.boxes.array[kept.detections.boxes.center[:, 0] > 50], said)
 
 
 def test_hearsay_is_believed_where_nothing_is_common_or_nothing_differs() -> None:
     for groups in ([tilted(5), tilted(60, 70)], [found(), tilted(60, 70)], [tilted(5, 15), tilted(5, 15, 60, 70)]):
         kept = trust_likelier(groups, 0.1, UNDECIDED, HEARSAY, least_chance=0.1)
         expected = groups[1].boxes.array[-2:]
-        np.testing.assert_allclose(kept.found.boxes.array[-2:], expected, atol=0.05)
+        np.testing.assert_allclose(kept.detections.boxes.array[-2:], expected, atol=0.05)
 
 
 def test_nobody_and_nothing() -> None:
@@ -229,7 +229,7 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
         replace(found((0.4, 0.9), (30.4, 0.4)), covariance=np.stack([3 * np.eye(7)] * 2), embedding=[[3, 0], [4, 0]]),
         replace(found((60, 0.4)), covariance=5 * np.eye(7)[None], embedding=[[5, 0]]),
     ]
-    kept = trust_likelier(groups, gate=0.1, doubt=BY_SCORE).found
+    kept = trust_likelier(groups, gate=0.1, doubt=BY_SCORE).detections
     np.testing.assert_allclose(kept.boxes.center[:, 0], [0.4, 30, 60])
     assert kept.covariance is not None and kept.covariance[:, 0, 0].tolist() == [3, 2, 5]
     assert kept.embedding is not None and kept.embedding[:, 0].tolist() == [3, 2, 5]
@@ -238,4 +238,4 @@ def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
 def test_embeddings_that_only_one_has_or_of_another_width_raise_nothing() -> None:
     groups = [found((0, 0.5)), replace(found((30, 0.5)), embedding=[[1, 2]]), replace(found((60, 1)), embedding=[[1]])]
     nan = [np.nan, np.nan]
-    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE).found.embedding, [nan, [1, 2], nan])
+    np.testing.assert_array_equal(trust_likelier(groups, 0.1, BY_SCORE).detections.embedding, [nan, [1, 2], nan])

@@ -8,7 +8,7 @@ from some_tracks import cars, tracks
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.assignment import greedy, hungarian
-from coopsim.tracking.affinity.affinity import center_distance, giou_3d, iou_3d
+from coopsim.tracking.affinity import center_distance, giou_3d, iou_3d
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections
@@ -40,9 +40,11 @@ def test_a_stage_may_be_for_some_only() -> None:
     """Two detections on one track: the surer one comes first, although the other is nearer."""
     sure, unsure = score_from(0.5), score_below(0.5)
     found = cars(0.0, 1.0, 20.0, score=[0.2, 0.9, 0.2])
-    first = Stage(center_distance, hungarian, -3.0, found=sure)
+    first = Stage(center_distance, hungarian, -3.0, detections=sure)
     assert pairs(Cascade([first]), tracks(0, 20), found) == [(0, 1)]
-    assert pairs(Cascade([first, Stage(center_distance, hungarian, -3.0, found=unsure)]), tracks(0, 20), found) == [
+    assert pairs(
+        Cascade([first, Stage(center_distance, hungarian, -3.0, detections=unsure)]), tracks(0, 20), found
+    ) == [
         (0, 1),
         (1, 2),
     ]
@@ -58,7 +60,7 @@ def test_classes_of_one_group_match_where_asked() -> None:
 
 
 def test_an_empty_stage_does_not_end_the_cascade() -> None:
-    nobody = Stage(giou_3d, hungarian, -0.2, found=score_from(2.0))
+    nobody = Stage(giou_3d, hungarian, -0.2, detections=score_from(2.0))
     assert pairs(Cascade([nobody, Stage(giou_3d, hungarian, -0.2)]), tracks(0), cars(0)) == [(0, 0)]
 
 

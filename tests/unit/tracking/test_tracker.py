@@ -15,13 +15,13 @@ from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.tracking.affinity.affinity import center_distance, giou_3d
-from coopsim.tracking.cascade import Cascade, Stage, missed, nobody, score_from
+from coopsim.tracking.affinity import center_distance, giou_3d
+from coopsim.tracking.cascade import Cascade, Stage, missed, nothing, score_from
 from coopsim.tracking.lifecycle import ByScore, HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.track_scoring import Latest, Likelihood, ShrunkMean
 from coopsim.tracking.tracked import Tracked
-from coopsim.tracking.tracker import Tracker, Turn
+from coopsim.tracking.tracker import AssociationRound, Tracker
 from coopsim.types import Detections, Mask, Tracks
 
 FRAME_NS = 100_000_000
@@ -152,7 +152,7 @@ def test_later_groups_see_what_earlier_ones_began() -> None:
 
 
 def test_later_groups_may_be_taken_otherwise() -> None:
-    again = Turn(Cascade([Stage(giou_3d, hungarian, -0.2, tracks=missed)]), born=nobody)
+    again = AssociationRound(Cascade([Stage(giou_3d, hungarian, -0.2, tracks=missed)]), initiator=nothing)
     first = Cascade([Stage(giou_3d, hungarian, -0.2)])
     tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), later=again)
     tracker.step(cars((0, 0), (30, 0)), 0)
@@ -165,7 +165,9 @@ def test_rules_by_class_and_by_score_make_a_tracker() -> None:
     def of_class(label: int) -> Callable[[Detections], Mask]:
         return lambda found: found.label == label
 
-    stages = [Stage(center_distance, hungarian, gate, found=of_class(label)) for label, gate in ((0, -4.0), (7, -0.5))]
+    stages = [
+        Stage(center_distance, hungarian, gate, detections=of_class(label)) for label, gate in ((0, -4.0), (7, -0.5))
+    ]
     tracker = Tracker(ConstantVelocity(), Cascade(stages), ByScore(report=0.5, drop=0.2, age=3, coast=0))
 
     def both(x: float, score: float) -> Detections:
@@ -182,7 +184,9 @@ def test_rules_by_class_and_by_score_make_a_tracker() -> None:
 
 def test_who_may_begin_a_track_and_how_its_score_follows() -> None:
     first = Cascade([Stage(giou_3d, hungarian, -0.2)])
-    tracker = Tracker(ConstantVelocity(), first, HitsAndAge(1, 3), scoring=ShrunkMean(0.2, 10), born=score_from(0.5))
+    tracker = Tracker(
+        ConstantVelocity(), first, HitsAndAge(1, 3), scoring=ShrunkMean(0.2, 10), initiator=score_from(0.5)
+    )
     assert len(tracker.step(cars((0, 0), score=0.4), 0)) == 0
     reports = [
         tracker.step(cars(*[(0, 0)] * (score > 0), score=score), k) for k, score in enumerate((0.6, 0.3, 0.0), 1)

@@ -17,8 +17,8 @@ from coopsim.comms.codecs.track_codec import TracksCodec, sendable
 from coopsim.comms.envelope import decode_tracks, encode_message
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import Message, PoseEstimate, Tracks
+from coopsim.types.track_estimates import TrackEstimates
 
 FLOAT32 = 2.0**-24  # half a unit in the last place, relative
 ROW = 85

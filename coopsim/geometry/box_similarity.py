@@ -1,4 +1,4 @@
-"""How alike boxes are, beyond plain overlap: boxes (N, 7) and (M, 7) to (N, M), always larger is better.
+"""Similarities of boxes beyond plain overlap: boxes (N, 7) and (M, 7) to (N, M), always larger is better.
 
 Box order is x, y, z, l, w, h, yaw; both sets are in one frame. No boxes on either side give an empty matrix.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coopsim.errors import InvalidValueError
 from coopsim.geometry.iou import giou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
@@ -17,7 +16,7 @@ _YAW = 6
 
 
 def xiou(a: ArrayLike, b: ArrayLike) -> Floats:
-    """XIOU, in [0, 1]: GIoU in 3D and agreement of the headings, (GIoU + 1) (cos(difference) + 1) / 4.
+    """Return the XIOU, in [0, 1]: 3D GIoU times agreement of headings, (GIoU + 1) (cos(difference) + 1) / 4.
 
     Opposite headings give 0 whatever the overlap, so a detector must know front from back. The enclosing shape is that
     of `giou_3d`, an upright prism: convex, and the smallest such shape (eq. 20) where both boxes have the same floor
@@ -32,13 +31,13 @@ def xiou(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
+    """Return minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
     first, second = _boxes(a, b)
     return -_distance_m(first, second)
 
 
 def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Flexible geometric alignment, in [0, 1]: 1 less the distance in units of the smaller box, -inf beyond one.
+    """Return F-GAM, in [0, 1]: 1 less the distance of centres in units of the smaller box, -inf beyond one.
 
     The source defines a cost: the distance of the centres on the ground over the smaller of the two footprints'
     diagonals, and rules a pair out where it exceeds 1. The affinity is 1 - cost, so that it adds to a similarity as the
@@ -54,44 +53,12 @@ def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
     return np.where(cost <= 1, 1 - cost, -np.inf)
 
 
-def mahalanobis(
-    track_boxes: ArrayLike, track_covariance: ArrayLike, found_boxes: ArrayLike, *, planar: bool = False
-) -> Floats:
-    """Minus the squared Mahalanobis distance, <= 0: -d^T S^-1 d (Mahalanobis 1936).
-
-    A gate is minus a quantile of the chi-squared distribution: 99 % of true pairs are above -18.48 (7 degrees of
-    freedom) or -9.21 (planar: 2). Headings are compared as axes, half a turn apart is the same, as the filters do.
-
-    Args:
-        track_boxes: (N, 7), predicted.
-        track_covariance: S, (N, 7, 7): of the predicted boxes plus the measurement noise.
-        found_boxes: (M, 7).
-        planar: compare x and y only.
-
-    Raises:
-        InvalidValueError: a covariance is not positive definite.
-    """
-    tracks, found = _boxes(track_boxes, found_boxes)
-    covariance = frozen(track_covariance, (len(tracks), _YAW + 1, _YAW + 1), np.float64, "track covariance")
-    difference = found - tracks[:, None]
-    difference[..., _YAW] = (difference[..., _YAW] + np.pi / 2) % np.pi - np.pi / 2
-    used = 2 if planar else _YAW + 1
-    try:
-        factor = np.linalg.cholesky(covariance[:, :used, :used])
-    except np.linalg.LinAlgError as error:
-        raise InvalidValueError("track covariance must be positive definite") from error
-    # S = L L^T, so the distance is the plain length of L^-1 d.
-    whitened = np.linalg.solve(factor, difference[..., :used].transpose(0, 2, 1))
-    result: Floats = -np.einsum("nkm,nkm->nm", whitened, whitened)
-    return result
-
-
 def _boxes(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     return frozen(a, (None, 7), np.float64, "first boxes"), frozen(b, (None, 7), np.float64, "second boxes")
 
 
 def _distance_m(first: Floats, second: Floats) -> Floats:
-    """(N, M) between centres on the ground."""
+    """Return the distances (N, M) between centres on the ground, m."""
     x, y = (np.subtract.outer(first[:, axis], second[:, axis]) for axis in (0, 1))
     distance: Floats = np.hypot(x, y)
     return distance

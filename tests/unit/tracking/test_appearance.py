@@ -17,12 +17,12 @@ from coopsim.fusion.pooling import pool
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.tracking.affinity.affinity import iou_3d
-from coopsim.tracking.affinity.appearance import Appearance
-from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.affinity import iou_3d
+from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.delayed import RECEIVER, Measurement, RewindAndReplay
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.lifecycle import HitsAndAge, Remembered, VelocityAdaptiveAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
@@ -176,7 +176,7 @@ def test_a_repeated_view_refreshes_the_memory() -> None:
 
 def test_what_looks_like_the_memory_repeats_its_track_though_not_what_is_seen_of_it_now() -> None:
     side = 0.6 * RED + 0.8 * BLUE
-    memory = EmbeddingMemory.blank(0, 3, 4).born([BLUE]).update(np.array([0]), np.array([side]))
+    memory = EmbeddingMemory.blank(0, 3, 4).begin([BLUE]).update(np.array([0]), np.array([side]))
     found = pool([people((0, 0, side)), people((1, 0, BLUE))])
     matched = np.array([0])
     assert Appearance().repeats(found, matched).tolist() == [0, 1]
@@ -242,7 +242,7 @@ def test_the_first_width_stands_while_a_track_is_known_by_it() -> None:
 
 def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
     rule = Remembered(HitsAndAge(hits=3, age=2), hits=3, frames=10)
-    memory = EmbeddingMemory.blank(0, 3, 1).born([RED, RED, RED, NONE, RED])
+    memory = EmbeddingMemory.blank(0, 3, 1).begin([RED, RED, RED, NONE, RED])
     known = tracks(*range(5), memory=memory, hits=[3, 3, 2, 3, 3], misses=[0, 5, 5, 5, 10])
     assert rule.alive(known).tolist() == [True, True, False, False, False]
     assert rule.reported(known, frame=50).tolist() == [True, False, False, False, False]

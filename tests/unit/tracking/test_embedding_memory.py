@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.tracking.affinity.reid import EmbeddingMemory
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 
 EAST, NORTH, NORTHEAST = [1.0, 0.0], [0.0, 2.0], [3.0, 3.0]
 NONE = [np.nan, np.nan]
@@ -18,7 +18,7 @@ HALF = np.sqrt(0.5)
 def remembering(*histories: list[list[float]], window: int = 3) -> EmbeddingMemory:
     """Tracks that were born with the first embedding of each history, and saw the others in turn."""
     memory = EmbeddingMemory.blank(0, 2, window)
-    memory = memory.join(memory.born([history[0] for history in histories]))
+    memory = memory.join(memory.begin([history[0] for history in histories]))
     for row, history in enumerate(histories):
         for embedding in history[1:]:
             memory = memory.update(np.array([row]), [embedding])
@@ -83,7 +83,7 @@ def test_nothing_is_like_nobody() -> None:
     empty = EmbeddingMemory.blank(0, 4, 3)
     assert len(empty) == 0 and (empty.dim, empty.window) == (4, 3)
     assert empty.similarity(np.ones((5, 4))).shape == (0, 5)
-    one = empty.born(np.ones((1, 4)))
+    one = empty.begin(np.ones((1, 4)))
     for over in ("best", "mean"):
         assert one.similarity(np.zeros((0, 4)), over).shape == (1, 0)
     assert len(one.update(np.zeros(0, dtype=int), np.zeros((0, 4))).join(empty)) == 1

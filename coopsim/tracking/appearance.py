@@ -1,11 +1,12 @@
-"""Finding objects again by what they look like: the second and third step of DINO-CoDT's association (sec. III-G).
+"""Re-identification by appearance: the second and third step of DINO-CoDT's association (sec. III-G).
 
-After the boxes have been compared, tracks and detections that are left over are matched by their embeddings, within a
-temporal window; a detection that is left over even then is compared with those of other agents at the same
-time. Without embeddings nothing of this happens.
+After boxes have been compared, unmatched tracks and detections are matched by their embeddings, within a temporal
+window. A detection that is still unmatched is compared with other agents' detections of the same time and the memories
+of their tracks; on a match it belongs to that track, whose memory it refreshes. Without embeddings none of this
+happens.
 
-The paper puts no limit to how far apart two things may be that look alike. There is one here, because cars of one model
-do look alike; infinity takes it away.
+The paper sets no limit to the distance of two objects that look alike. There is one here, because cars of one model
+look alike; infinity removes it.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.assignment import greedy
+from coopsim.geometry.box_similarity import center_distance_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_number
-from coopsim.tracking.affinity.overlap import center_distance_bev
-from coopsim.tracking.affinity.reid import EmbeddingMemory
 from coopsim.tracking.cascade import Stage
+from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import directions
@@ -27,15 +28,15 @@ from coopsim.types.embedding import directions
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """What is kept of embeddings, and when two of them are one object. The paper gives none of these numbers.
+    """Settings of re-identification. The paper gives none of these numbers.
 
     Attributes:
-        views: how many embeddings of a track are kept, the latest.
-        frames: without a detection, for which a track that was reported is kept to be found again (see `Remembered`).
+        views: number of embeddings kept of a track, the latest ones.
+        frames: frames without a detection for which a reported track is kept to be found again (see `Remembered`).
         similarity: smallest cosine similarity of a track and a detection, in [-1, 1] (the paper's beta).
-        reach_m: how far an object may be from where it is expected, for each frame without a detection.
+        reach_m: largest distance of an object from its predicted place, for each frame without a detection.
         cross_similarity: smallest cosine similarity of two agents' detections of one object, in [-1, 1].
-        cross_reach_m: how far they may be apart, by errors of poses and by delays.
+        cross_reach_m: largest distance between two agents' boxes of one object, by errors of poses and by delays.
     """
 
     views: int = 10
@@ -52,41 +53,40 @@ class Appearance:
         require_number("> 0 (inf: no limit)", lambda reach: reach > 0, **reaches)
 
     def stage(self) -> Stage:
-        """The stage of a cascade that matches by embeddings: whoever is most alike first (eq. 9)."""
+        """Return the stage of a cascade that matches by embeddings, most similar pairs first (eq. 9)."""
         return Stage(self.affinity, greedy, self.similarity)
 
-    def affinity(self, tracks: Tracked, found: Detections, /) -> Floats:
+    def affinity(self, tracks: Tracked, detections: Detections, /) -> Floats:
         """Return the cosine similarity of N tracks and M detections (N, M): the best over each track's memory (eq. 9).
 
-        It is -inf out of reach, and where either has no embedding. How far a box may lie from its predicted track
-        depends on whose box it is: one that the receiver saw itself, on a track that it saw itself, `reach_m` per
-        missed frame; one that reached either through another agent's pose at least `cross_reach_m`.
+        It is -inf out of reach, and where either has no embedding. The reach depends on whose box it is: `reach_m` per
+        missed frame where the receiver itself saw track and detection; at least `cross_reach_m` where either came
+        through another agent's pose.
 
         Only a tracker that has an `Appearance` keeps embeddings of its tracks.
         """
-        similarity = tracks.appearance.similarity(tracks.appearance.readable(found))
-        distance_m = -center_distance_bev(tracks.boxes, found.boxes.array)
+        similarity = tracks.appearance.similarity(tracks.appearance.readable(detections))
+        distance_m = -center_distance_bev(tracks.boxes, detections.boxes.array)
         reach_m = self.reach_m * np.maximum(tracks.misses, 1)[:, None]
-        foreign = np.logical_or.outer(tracks.foreign, seen_by_others(found))
+        foreign = np.logical_or.outer(tracks.foreign, seen_by_others(detections))
         reach_m = np.where(foreign, np.maximum(reach_m, self.cross_reach_m), reach_m)
         return np.where(distance_m <= reach_m, similarity, -np.inf)
 
     def repeats(self, found: Detections, matched: Ints, memory: EmbeddingMemory | None = None) -> Ints:
-        """Return for each of one moment's N detections the row (N,) of the one that shows its object already.
+        """Find the detections that repeat another agent's detection of the same object, at one moment.
 
-        A detection that no track was matched to repeats another agent's detection of its class, within
-        `cross_reach_m`, if it looks like it, or like the memory of the track that this one was matched to. It then
-        belongs to that track (the historical id supersedes) and begins none. Among detections without a track the one
-        with the best score stands for the others. No agent sees an object twice, so two detections of one agent are
-        never taken for one.
+        An unmatched detection repeats another agent's detection of its class within `cross_reach_m` if it looks like
+        it, or like the memory of the track that was matched to it. It then belongs to that track (the historical id
+        supersedes) and begins none. Among unmatched detections the best-scored one stands for the others. No agent
+        sees an object twice, so two detections of one agent are never taken for one.
 
         Args:
-            found: with `seen_by`; without it, none is repeated.
-            matched: (K,) rows that a track was matched to; they stand for themselves.
-            memory: of those K tracks, in that order; None: detections are only compared with each other.
+            found: N detections with `seen_by`; without it, none is repeated.
+            matched: (K,) rows that a track was matched to; they repeat none.
+            memory: memory of those K tracks, in that order; None: detections are only compared with each other.
 
         Returns:
-            The row of the detection itself where it repeats none.
+            (N,) for each detection the row of the detection that it repeats, or its own row.
         """
         shown = np.arange(len(found))
         rest = np.setdiff1d(shown, matched)
@@ -102,7 +102,7 @@ class Appearance:
                 shown[rest[columns]] = standing[rows]
                 seen_by[standing[rows]] |= seen_by[rest[columns]]
                 rest = np.delete(rest, columns)
-            else:  # whatever looks like no surer one stands for itself
+            else:  # a detection that looks like no better-scored one stands for itself
                 surer = np.triu(possible[np.ix_(rest, rest)] >= self.cross_similarity, k=1)
                 first = ~surer.any(axis=0)
                 standing, rest = np.concatenate([standing, rest[first]]), rest[~first]
@@ -121,5 +121,5 @@ class Appearance:
 
 
 def seen_by_others(found: Detections) -> Mask:
-    """Return which detections (N,) the first agent, the receiver, did not see itself."""
+    """Return which detections (N,) came from other agents only, not from the first, the receiver."""
     return np.zeros(len(found), dtype=bool) if found.seen_by is None else ~found.seen_by[:, 0]

@@ -11,8 +11,8 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.motion.track_estimates import TrackEstimates
 from coopsim.types import Tracks
+from coopsim.types.track_estimates import TrackEstimates
 
 
 def some(count: int = 3, seed: int = 0) -> TrackEstimates:
@@ -48,11 +48,11 @@ def test_predicting_is_what_the_tracker_does() -> None:
     for k in range(5):
         tracker.step(cars(1.0 * k, 30.0), k * FRAME_NS)
     now = TrackEstimates(tracker.report(), ConstantVelocity.planar_covariance(tracker.reported().beliefs))
-    later = tracker.predicted(7 * FRAME_NS)
-    predicted = now.predicted(0.3, ConstantVelocity())
+    later = tracker.predict(7 * FRAME_NS)
+    predicted = ConstantVelocity().predict_estimates(now, 0.3)
     np.testing.assert_allclose(predicted.tracks.boxes.center[:, :2], later.boxes[:, :2])
     np.testing.assert_allclose(predicted.covariance, ConstantVelocity.planar_covariance(later.beliefs))
-    same = now.predicted(0.0, ConstantVelocity())
+    same = ConstantVelocity().predict_estimates(now, 0.0)
     np.testing.assert_allclose(same.mean, now.mean)
     np.testing.assert_allclose(same.covariance, now.covariance)
 
@@ -66,11 +66,11 @@ def test_a_poses_error_shows_where_it_puts_objects() -> None:
     cos, sin = np.cos(turn), np.sin(turn)
     placed = np.stack([cos * offset[:, 0] - sin * offset[:, 1], sin * offset[:, 0] + cos * offset[:, 1]], axis=-1)
     placed += rng.normal(0, position_noise_m, (len(turn), 1, 2))
-    added = estimates.placed_from(origin, position_noise_m, heading_noise_rad).covariance - estimates.covariance
+    added = estimates.with_pose_noise(origin, position_noise_m, heading_noise_rad).covariance - estimates.covariance
     for k in range(len(estimates)):
         np.testing.assert_allclose(added[k, :2, :2], np.cov(placed[:, k].T), atol=0.01)
     np.testing.assert_array_equal(added[:, 2:], 0)
-    np.testing.assert_array_equal(estimates.placed_from(origin, 0, 0).covariance, estimates.covariance)
+    np.testing.assert_array_equal(estimates.with_pose_noise(origin, 0, 0).covariance, estimates.covariance)
 
 
 def test_joining_and_choosing() -> None:

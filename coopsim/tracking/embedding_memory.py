@@ -1,10 +1,10 @@
-"""What tracks looked like: the memory by which a lost track is found again.
+"""The memory of tracks' embeddings, by which a lost track is found again.
 
 DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's last
-feature vectors (its eq. 8) and compares a detection that nothing else matched (eq. 7) with them by cosine similarity
-(eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents' vectors of the
-same time. The table is here, what a tracker does with it in `appearance`. What makes the vectors is the caller's
-choice: the paper takes layer 31 of DINOv2.
+feature vectors (its eq. 8) and compares an otherwise unmatched detection (eq. 7) with them by cosine similarity (eq.
+9): above a strict threshold they are the same object. Then the same is tried with other agents' vectors of the same
+time. The table is here, its use by a tracker in `appearance`. What makes the vectors is the caller's choice: the paper
+takes layer 31 of DINOv2.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Index = NDArray[np.integer] | NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmbeddingMemory:
-    """The last W embeddings of each of N tracks, first in, first out. Never changes; every change is a new memory.
+    """The last W embeddings of each of N tracks, first in, first out. Immutable: every change makes a new memory.
 
-    An embedding that is not finite, or all zeros, is none: it is not stored, pushes no other out, and is like nothing.
-    `readable` makes such rows for detections without an embedding. Until there is one, D is 0.
+    An embedding that is not finite, or all zeros, is invalid: it is not stored, displaces no other, and is similar to
+    nothing. `readable` makes such rows for detections without an embedding. Until the first embedding comes, D is 0.
 
     Attributes:
-        vectors: (N, W, D), of length 1, the newest last; zeros where there is none.
-        valid: (N, W) bool, where there is one.
+        vectors: (N, W, D) unit vectors, the newest last; zeros where there is none.
+        valid: (N, W) bool, where there is an embedding.
     """
 
     vectors: NDArray[np.float32]
@@ -45,12 +45,12 @@ class EmbeddingMemory:
 
     @classmethod
     def blank(cls, count: int, dim: int, window: int) -> EmbeddingMemory:
-        """Of tracks of which nothing is known.
+        """Return the memory of tracks without embeddings.
 
         Args:
-            count: N.
+            count: N, number of tracks.
             dim: D, length of an embedding.
-            window: W, how many embeddings of a track are kept.
+            window: W, number of embeddings kept of a track.
         """
         require_count(0, count=count, dim=dim)
         require_count(1, window=window)
@@ -58,12 +58,12 @@ class EmbeddingMemory:
 
     @property
     def window(self) -> int:
-        """W."""
+        """Number of embeddings kept of a track, W."""
         return int(self.vectors.shape[1])
 
     @property
     def dim(self) -> int:
-        """D."""
+        """Length of an embedding, D."""
         return int(self.vectors.shape[2])
 
     def __len__(self) -> int:
@@ -71,27 +71,27 @@ class EmbeddingMemory:
 
     @property
     def known(self) -> Mask:
-        """(N,) of which tracks there is an embedding."""
+        """Mask (N,) of tracks with an embedding."""
         known: Mask = np.any(self.valid, axis=1)  # numpy types the method as a scalar
         return known
 
     def ready_for(self, found: Detections) -> EmbeddingMemory:
-        """A blank one with the width of these detections' embeddings, or, once something is known, this one.
+        """Return a blank memory of the width of these detections' embeddings or, once an embedding is stored, this one.
 
-        So the first width that comes stands, until all tracks that were known by it are gone.
+        So the first width stands until all tracks with embeddings of it are gone.
         """
         if found.embedding is None or found.embedding.shape[1] == self.dim or self.valid.any():
             return self
         return EmbeddingMemory.blank(len(self), found.embedding.shape[1], self.window)
 
     def readable(self, found: Detections) -> Floats:
-        """The detections' embeddings, (M, D): NaN where they have none, or of a width that says nothing here."""
+        """Return the detections' embeddings (M, D); NaN where they have none, or of another width."""
         if found.embedding is None or found.embedding.shape[1] != self.dim:
             return np.full((len(found), self.dim), np.nan)
         return found.embedding
 
-    def born(self, embeddings: ArrayLike) -> EmbeddingMemory:
-        """Of M new tracks alone, one embedding each, (M, D); `join` adds them."""
+    def begin(self, embeddings: ArrayLike) -> EmbeddingMemory:
+        """Return the memory of M new tracks alone, with one embedding (M, D) each; `join` adds them."""
         unit, present = directions(embeddings, (None, self.dim))
         vectors = np.zeros((len(unit), self.window, self.dim), dtype=np.float32)
         valid = np.zeros((len(unit), self.window), dtype=np.bool_)
@@ -99,10 +99,10 @@ class EmbeddingMemory:
         return EmbeddingMemory(vectors, valid)
 
     def update(self, rows: Index, embeddings: ArrayLike) -> EmbeddingMemory:
-        """With one more embedding for some tracks; where a window was full, its oldest is gone.
+        """Return the memory with one more embedding for some tracks; a full window loses its oldest.
 
         Args:
-            rows: M different ones: indices, or a mask (N,).
+            rows: M different tracks: indices, or a mask (N,).
             embeddings: (M, D).
         """
         at = np.arange(len(self))[rows]
@@ -116,23 +116,23 @@ class EmbeddingMemory:
         return EmbeddingMemory(vectors, valid)
 
     def take(self, index: Index) -> EmbeddingMemory:
-        """Of some tracks: a mask (N,) or indices."""
+        """Return the memory of some tracks, given by a mask (N,) or indices."""
         return EmbeddingMemory(self.vectors[index], self.valid[index])
 
     def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
-        """Of these tracks, then the other's; windows and lengths of embeddings must agree."""
+        """Return the memory of these tracks, then the other's; windows and lengths of embeddings must agree."""
         added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
         return EmbeddingMemory(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
 
     def similarity(self, embeddings: ArrayLike, over: str = "best") -> Floats:
-        """Cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].
+        """Return the cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].
 
         It is -inf where the track or the detection has no embedding, so that no threshold lets the pair pass.
 
         Args:
             embeddings: (M, D).
-            over: the window; "best" takes the largest, as in the paper any one of a track's vectors may trigger the
-                match; "mean" is steadier where single crops are poor.
+            over: how a track's embeddings are combined; "best" takes the largest similarity, as in the paper any one
+                vector may trigger the match; "mean" is steadier where single crops are poor.
         """
         require_choice("over", over, ("best", "mean"))
         unit, present = directions(embeddings, (None, self.dim))
@@ -140,6 +140,6 @@ class EmbeddingMemory:
         if over == "best":
             pooled = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)
         else:
-            # What is not valid is zeros and adds nothing to the sum.
+            # Invalid embeddings are zeros and add nothing to the sum.
             pooled = each.sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1)[:, None]
         return np.where(np.logical_and.outer(self.known, present), pooled, -np.inf).astype(np.float64)

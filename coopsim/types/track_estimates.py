@@ -1,4 +1,4 @@
-"""Tracks together with how sure they are: what agents tell each other of what they track."""
+"""Tracks with their uncertainty: what agents send each other of what they track."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import frozen
-from coopsim.tracking.motion import kalman
-from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.types import Tracks
+from coopsim.types.estimates import Tracks
 
 PLANAR = 4
-"""Size of the state x, y (m), vx, vy (m/s): what moves, and what is fused by its covariance."""
+"""Size of the planar state x, y (m), vx, vy (m/s), which is fused by its covariance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +36,7 @@ class TrackEstimates:
 
     @classmethod
     def concatenate(cls, parts: Iterable[TrackEstimates]) -> TrackEstimates:
-        """All of them, in order; at least one part."""
+        """Join the estimates of all parts, in order; at least one part."""
         whole = list(parts)
         return cls(
             Tracks(
@@ -59,31 +57,25 @@ class TrackEstimates:
 
     @property
     def mean(self) -> Floats:
-        """(N, 4): x, y, vx, vy."""
+        """Planar states (N, 4): x, y (m), vx, vy (m/s)."""
         return np.concatenate([self.tracks.boxes.center[:, :2], self.tracks.velocity], axis=1)
 
     def transform(self, dst_SE3_src: SE3) -> TrackEstimates:
-        """The estimates moved from src to dst (gravity-aligned); the transform is taken to be exact."""
+        """Return the estimates in dst (gravity-aligned); the transform is taken to be exact."""
         turn = np.kron(np.eye(2), dst_SE3_src.rotation[:2, :2])
         return TrackEstimates(self.tracks.transform(dst_SE3_src), _symmetric(turn @ self.covariance @ turn.T))
 
-    def predicted(self, dt_s: float, motion: ConstantVelocity) -> TrackEstimates:
-        """The estimates `dt_s` >= 0 later, as far as the motion model knows."""
-        transition, process = motion.planar(dt_s)
-        mean, covariance = kalman.predict(self.mean, self.covariance, transition, process)
-        return self.believing(mean, _symmetric(covariance))
-
-    def placed_from(self, origin_m: Floats, position_noise_m: float, heading_noise_rad: float) -> TrackEstimates:
-        """The estimates, less sure by the error of a pose at `origin_m` (2,) that they were moved by.
+    def with_pose_noise(self, origin_m: Floats, position_noise_m: float, heading_noise_rad: float) -> TrackEstimates:
+        """Add the uncertainty of the pose by which the estimates were moved to their covariances.
 
         To first order an object at the offset d from the pose is off by the pose's own error and, across d, by its
-        heading's error times the distance: s^2 I + h^2 t t^T, where t is d turned by a right angle. That velocities
-        turn along is left out: at 20 m/s and 0.2 degrees it is 0.07 m/s.
+        heading's error times the distance: s^2 I + h^2 t t^T, where t is d turned by a right angle. The turn of
+        velocities is left out: at 20 m/s and 0.2 degrees it is 0.07 m/s.
 
         Args:
-            origin_m: where the pose is, in the frame of the estimates.
+            origin_m: (2,) position of the pose, in the frame of the estimates.
             position_noise_m: s, the standard deviation of its x and of its y.
-            heading_noise_rad: h, that of its heading.
+            heading_noise_rad: h, the standard deviation of its heading.
         """
         x, y = (self.tracks.boxes.center[:, :2] - origin_m).T
         across = np.column_stack([-y, x]) * heading_noise_rad
@@ -91,14 +83,14 @@ class TrackEstimates:
         covariance[:, :2, :2] += position_noise_m**2 * np.eye(2) + across[:, :, None] * across[:, None, :]
         return replace(self, covariance=covariance)
 
-    def believing(self, mean: Floats, covariance: Floats) -> TrackEstimates:
-        """The same objects with another planar state, (N, 4) and (N, 4, 4)."""
+    def with_planar_states(self, mean: Floats, covariance: Floats) -> TrackEstimates:
+        """Return the same objects with other planar states (N, 4) and covariances (N, 4, 4)."""
         boxes = self.tracks.boxes
         center = np.column_stack([mean[:, :2], boxes.center[:, 2]])
         moved = replace(self.tracks, boxes=Boxes3D(center, boxes.size, boxes.yaw), velocity=mean[:, 2:])
-        return TrackEstimates(moved, covariance)
+        return TrackEstimates(moved, _symmetric(covariance))
 
 
 def _symmetric(covariance: Floats) -> Floats:
-    """Without what rounding did to the symmetry."""
+    """Remove what rounding did to the symmetry."""
     return (covariance + covariance.transpose(0, 2, 1)) / 2

@@ -1,1 +1,0 @@
-"""How alike a track and a detection are: larger is always more alike."""
