@@ -39,7 +39,7 @@ class LensLookup:
         Args:
             face: (h, w) of the pinhole's picture.
             inverse: (h, w, 3), inverse depth in 1/m, 0 where there is nothing, and its slopes along columns and rows on
-                the face that is seen, which give it beside the pixel's middle.
+                the face that is seen, which give it off the pixel's middle.
 
         Returns:
             Face and inverse depth, (H, W), in the directions of the lens's pixels.

@@ -29,7 +29,7 @@ void main() { gl_Position = clip_SE3_scene * vec4(position, 1.0); }
 """
 
 # 1 / gl_FragCoord.w is the depth along the optical axis. On a plane its inverse is linear in the pixels: the slopes
-# give the depth beside the pixel's middle.
+# give the depth off the pixel's middle.
 _FRAGMENT = """
 #version 330
 uniform int first_face;
