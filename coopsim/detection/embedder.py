@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.config.spec import instantiate, parse_spec
 from coopsim.detection.detector import SensorNeeds
 from coopsim.errors import InvalidValueError
 from coopsim.support.registry import Registry
@@ -63,10 +64,12 @@ EMBEDDERS: Registry[Callable[..., Embedder]] = Registry("embedder", group="coops
 """Functions that make an embedder, by name; packages add theirs through the group `coopsim.embedders`."""
 
 
-def make_embedder(name: str) -> Embedder:
-    """Make the embedder called `name`.
+def make_embedder(spec: str) -> Embedder:
+    """Make an embedder by its name or spec, as `mine` or `mine(dim=32)`.
 
     Raises:
-        UnknownNameError: no such embedder; the message lists the close ones.
+        UnknownNameError: no such embedder or parameter; the message lists the close ones.
+        InvalidValueError: the spec has another shape, or a value is not accepted.
     """
-    return EMBEDDERS.get(name)()
+    name, parameters = parse_spec("embedder", spec)
+    return instantiate("embedder", name, EMBEDDERS.get(name), parameters)

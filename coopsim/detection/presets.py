@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from coopsim.config.mappings import make, read_mapping, require_mapping
+from coopsim.config.spec import instantiate, parse_spec
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.clutter import ClutterConfig
 from coopsim.detection.simulated.confusion import ClassConfusion
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
 from coopsim.detection.simulated.persistence import Persistence
-from coopsim.detection.simulated.simulated import SimulatedDetector
+from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.errors import UnknownNameError
 
 FITTED = Path(__file__).parent / "fitted"
@@ -37,13 +38,17 @@ _PARTS: Mapping[str, type[Any]] = {
 }
 
 
-def make_detector(name: str) -> DetectorBase:
-    """Make the detector called `name`.
+def make_detector(spec: str) -> DetectorBase:
+    """Make a detector by its name or spec, as `simulated` or `simulated(max_recall=0.9)`.
+
+    The parameters of the simulated detectors are the fields of their configurations.
 
     Raises:
-        UnknownNameError: no such detector; the message lists the close ones.
+        UnknownNameError: no such detector or parameter; the message lists the close ones.
+        InvalidValueError: the spec has another shape, or a value is not accepted.
     """
-    return DETECTORS.get(name)()
+    name, parameters = parse_spec("detector", spec)
+    return instantiate("detector", name, DETECTORS.get(name), parameters)
 
 
 def preset(name: str) -> CorrelatedDetectorConfig:
@@ -94,10 +99,16 @@ def _plain(value: Any) -> Any:
     return [_plain(part) for part in value] if isinstance(value, tuple) else value
 
 
-def _make_fitted(name: str) -> DetectorBase:
-    return CorrelatedDetector(preset(name))
+def _make_simulated(**parameters: Any) -> DetectorBase:
+    return SimulatedDetector(instantiate("detector", "simulated", SimulatedDetectorConfig, parameters))
 
 
-DETECTORS.register("simulated")(SimulatedDetector)
+def _make_fitted(name: str, /, **parameters: Any) -> DetectorBase:
+    fitted = preset(name)
+    given = {field.name: getattr(fitted, field.name) for field in fields(fitted)}
+    return CorrelatedDetector(instantiate("detector", name, CorrelatedDetectorConfig, given | parameters))
+
+
+DETECTORS.register("simulated")(_make_simulated)
 for _file in sorted(FITTED.glob("*.yaml")):
     DETECTORS.register(_file.stem)(partial(_make_fitted, _file.stem))

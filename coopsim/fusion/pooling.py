@@ -13,7 +13,7 @@ from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.embedding import directions
+from coopsim.types.embedding import normalize_embeddings
 
 _LEAST_WEIGHT = 1e-6
 
@@ -97,7 +97,7 @@ def _first_embedding(detections: Detections, owner: Ints) -> Floats | None:
     """Return the embeddings (K, D) of K owners (N,): each the first of its detections' that is valid."""
     if detections.embedding is None:
         return None
-    _, present = directions(detections.embedding)
+    _, present = normalize_embeddings(detections.embedding)
     order = np.lexsort((~present, owner))  # stable: of those that have one, the first stays the first
     _, first = np.unique(owner[order], return_index=True)
     return detections.embedding[order[first]]

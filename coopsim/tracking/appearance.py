@@ -23,7 +23,7 @@ from coopsim.tracking.cascade import Stage
 from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.embedding import directions
+from coopsim.types.embedding import normalize_embeddings
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class Appearance:
 
     def _alike(self, found: Detections, embedding: Floats, matched: Ints, memory: EmbeddingMemory | None) -> Floats:
         """Return the cosine similarity (N, N) of detections of one class within reach, else -inf; symmetric."""
-        unit, present = directions(embedding)
+        unit, present = normalize_embeddings(embedding)
         alike = np.where(np.logical_and.outer(present, present), unit @ unit.T, -np.inf).astype(np.float64)
         if memory is not None:
             remembered = memory.similarity(memory.readable(found))

@@ -18,7 +18,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
 from coopsim.support.checks import require_choice, require_count
 from coopsim.types import Detections, Mask
-from coopsim.types.embedding import directions
+from coopsim.types.embedding import normalize_embeddings
 
 Index = NDArray[np.integer] | NDArray[np.bool_]
 
@@ -92,7 +92,7 @@ class EmbeddingMemory:
 
     def begin(self, embeddings: ArrayLike) -> EmbeddingMemory:
         """Return the memory of M new tracks alone, with one embedding (M, D) each; `join` adds them."""
-        unit, present = directions(embeddings, (None, self.dim))
+        unit, present = normalize_embeddings(embeddings, (None, self.dim))
         vectors = np.zeros((len(unit), self.window, self.dim), dtype=np.float32)
         valid = np.zeros((len(unit), self.window), dtype=np.bool_)
         vectors[:, -1], valid[:, -1] = unit, present
@@ -106,7 +106,7 @@ class EmbeddingMemory:
             embeddings: (M, D).
         """
         at = np.arange(len(self))[rows]
-        unit, present = directions(embeddings, (len(at), self.dim))
+        unit, present = normalize_embeddings(embeddings, (len(at), self.dim))
         if not present.any():
             return self
         at, unit = at[present], unit[present]
@@ -135,7 +135,7 @@ class EmbeddingMemory:
                 vector may trigger the match; "mean" is steadier where single crops are poor.
         """
         require_choice("over", over, ("best", "mean"))
-        unit, present = directions(embeddings, (None, self.dim))
+        unit, present = normalize_embeddings(embeddings, (None, self.dim))
         each = np.clip(self.vectors @ unit.T, -1.0, 1.0)  # (N, W, M)
         if over == "best":
             pooled = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)

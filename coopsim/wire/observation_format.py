@@ -27,7 +27,7 @@ from coopsim.types import (
     PoseEstimate,
     Sweep,
 )
-from coopsim.types.embedding import directions
+from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types.taxonomy import CLASS_NAMES, require_classes
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
@@ -161,7 +161,7 @@ class ObservationFormat:
             )
         if self.embedding_dim:
             none = np.zeros((len(detections), self.embedding_dim))
-            rows["embedding"], _ = directions(none if embedding is None else embedding)
+            rows["embedding"], _ = normalize_embeddings(none if embedding is None else embedding)
         if covariance is not None and not self.detection_covariances:
             raise InvalidValueError(
                 "detections have covariances, announced were none: Detector.states_covariance says so"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from conftest import SIMULATED
 from test_environments import play
 
+import coopsim
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 
@@ -101,3 +104,31 @@ def test_cooperation_gains_what_only_others_see(make_small: Make) -> None:
     alone, together = groups["no_fusion"], groups["late_fusion"]
     assert alone["others only"].gt == together["others only"].gt > 0
     assert together["others only"].recall > alone["others only"].recall + 10
+
+
+def test_the_truth_has_velocities_poses_and_ids_for_training(make_small: Make) -> None:
+    env = make_small(expose_ground_truth=True, position_noise_m=0.5, max_cycles=2, region_x_m=20.0)
+    for begin in (lambda: env.reset(seed=2), lambda: play(env, seed=2)[-1]):
+        infos = begin()[-1]
+        state = env.state()
+        world = {int(row[0]): row for row in state if row[0]}
+        for agent, info in infos.items():
+            truth, pose = info["ground_truth"], SE3.from_xyz_yaw(info["true_pose"][:3], info["true_pose"][3])
+            assert len(truth["id"]) == len(world) - (info["actor_id"] is not None)
+            assert truth["in_region"].any() and not truth["in_region"].all()
+            for k, identity in enumerate(truth["id"]):
+                np.testing.assert_allclose(pose.apply(truth["box"][k, :3]), world[int(identity)][2:5], atol=1e-9)
+                velocity = pose.rotate_planar(truth["velocity"][k : k + 1])[0]
+                np.testing.assert_allclose(velocity, world[int(identity)][9:11], atol=1e-9)
+            if info["actor_id"] is None:
+                assert agent == "rsu_0"
+            else:
+                np.testing.assert_allclose(world[info["actor_id"]][2:4], info["true_pose"][:2], atol=1e-9)
+                assert info["actor_id"] not in truth["id"]
+
+
+def test_a_recording_tells_what_it_knows(recordings: Path) -> None:
+    env = coopsim.parallel_env("replay", path=recordings, detections=("ego", "1"), expose_ground_truth=True)
+    _, infos = env.reset()
+    truth = infos["ego"]["ground_truth"]
+    assert set(truth) == {"id", "box", "label", "in_region", "counts"} and truth["counts"].tolist() == [True]

@@ -14,7 +14,7 @@ from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections, Ints, Mask, PoseEstimate
-from coopsim.types.embedding import directions
+from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.taxonomy import CLASS_NAMES
 
 T = TypeVar("T")
@@ -132,7 +132,7 @@ class DetectionsCodec(PlainDetections):
     def _encode_embeddings(self, content: Detections) -> bytes:
         if content.embedding is None:
             return b""
-        unit, present = directions(content.embedding)
+        unit, present = normalize_embeddings(content.embedding)
         if not present.any():
             return b""
         if unit.shape[1] > self._WIDEST:

@@ -185,6 +185,18 @@ def test_every_agent_and_episode_has_its_own_memory() -> None:
     assert not np.isin(first[0].boxes.center[:, 0], other[0].boxes.center[:, 0]).any()
 
 
+def test_errors_last_for_a_time_not_for_a_number_of_sensed_frames() -> None:
+    def two_frames(dt_s: float, sense_every: int) -> list[Detections]:
+        spec = AgentSpec("cav_0", "cav", dt_s, "none", sense_every=sense_every)
+        begun = CorrelatedDetector(preset("pointpillars_v2v4real")).begin({"cav_0": spec}, seed=1)
+        oracle = Oracle(actors(30), np.full(30, 100), SE3.identity())
+        return [begun.detect(view("cav_0"), oracle, RNG) for _ in range(2)]
+
+    (_, frame), (_, second), (_, tenth) = two_frames(0.1, 1), two_frames(1.0, 1), two_frames(0.1, 10)
+    np.testing.assert_array_equal(second.boxes.array, tenth.boxes.array)
+    assert not np.isin(frame.boxes.center[:, 0], tenth.boxes.center[:, 0]).any()
+
+
 def test_angles_stay_wrapped() -> None:
     errors = dict(EXACT.errors) | {"yaw": ErrorModel(flat(1.0))}
     yaw = detect(replace(EXACT, errors=errors), actors(500, yaw=3.1))[0].boxes.yaw
