@@ -108,6 +108,7 @@ def test_cooperation_gains_what_only_others_see(make_small: Make) -> None:
 
 def test_the_truth_has_velocities_poses_and_ids_for_training(make_small: Make) -> None:
     env = make_small(expose_ground_truth=True, position_noise_m=0.5, max_cycles=2, region_x_m=20.0)
+    masks = []
     for begin in (lambda: env.reset(seed=2), lambda: play(env, seed=2)[-1]):
         infos = begin()[-1]
         state = env.state()
@@ -115,7 +116,9 @@ def test_the_truth_has_velocities_poses_and_ids_for_training(make_small: Make) -
         for agent, info in infos.items():
             truth, pose = info["ground_truth"], SE3.from_xyz_yaw(info["true_pose"][:3], info["true_pose"][3])
             assert len(truth["id"]) == len(world) - (info["actor_id"] is not None)
-            assert truth["in_region"].any() and not truth["in_region"].all()
+            inside = (np.abs(truth["box"][:, :2]) <= [20, 40]).all(axis=1)
+            np.testing.assert_array_equal(truth["in_region"], inside)
+            masks.append(inside)
             for k, identity in enumerate(truth["id"]):
                 np.testing.assert_allclose(pose.apply(truth["box"][k, :3]), world[int(identity)][2:5], atol=1e-9)
                 velocity = pose.rotate_planar(truth["velocity"][k : k + 1])[0]
@@ -125,6 +128,7 @@ def test_the_truth_has_velocities_poses_and_ids_for_training(make_small: Make) -
             else:
                 np.testing.assert_allclose(world[info["actor_id"]][2:4], info["true_pose"][:2], atol=1e-9)
                 assert info["actor_id"] not in truth["id"]
+    assert 0 < np.concatenate(masks).mean() < 1
 
 
 def test_a_recording_tells_what_it_knows(recordings: Path) -> None:
