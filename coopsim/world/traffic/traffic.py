@@ -136,14 +136,17 @@ class Traffic:
 
     def _keep_together(self) -> None:
         """Speed up cars behind the company's middle, slow down those ahead."""
-        rows = self.fleet.rows[self._company]
-        driving = self._company[(rows["driver"] != CHAUFFEURED) & ~rows["crashed"]]
+        if not len(self._company):
+            return
+        rows, company = self.fleet.rows, self._company
+        driving = company[(rows["driver"][company] != CHAUFFEURED) & ~rows["crashed"][company]]
         if len(driving):
-            along_m = self.fleet.rows["x"][driving]
-            haste_m_s = np.clip(_GAIN_1_S * (along_m.mean() - along_m), -_HASTE_M_S, _HASTE_M_S)
-            if self._layout.convoy_gap_s is not None:  # all close up to the first
+            along_m = rows["x"][driving]
+            if self._layout.convoy_gap_s is None:
+                haste_m_s = np.clip(_GAIN_1_S * (along_m.mean() - along_m), -_HASTE_M_S, _HASTE_M_S)
+            else:  # all close up to the first
                 haste_m_s = np.where(along_m == along_m.max(), 0.0, _CLOSING_M_S)
-            self.fleet.rows["target_speed"][driving] = self._cruise_m_s + haste_m_s
+            rows["target_speed"][driving] = self._cruise_m_s + haste_m_s
 
     def _renew(self, window_m: float) -> None:
         """Replace vehicles far from all cars of the company by new ones at the window's edges."""

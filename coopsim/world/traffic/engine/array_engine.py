@@ -126,7 +126,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
         vehicle.steering = steer(network.lanes[vehicle.target_lane], vehicle)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)

@@ -8,12 +8,14 @@ models", Transportation Research Record 1999 (2007).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from numba import njit
+from numpy.typing import NDArray
 
 from coopsim.world.traffic.engine.fleet import Body, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneRow, local_coordinates
-from coopsim.world.traffic.engine.neighbours import Scene, behind, in_front
+from coopsim.world.traffic.engine.neighbours import LaneLists, Scene, behind, in_front
 from coopsim.world.traffic.rules import COMFORT_ACC_MAX, MERGE_M, VEHICLE_LENGTH_M, extra_gap, not_zero
 
 ACC_MAX = 6.0  # m/s2; limit of braking and accelerating
@@ -48,12 +50,13 @@ def free_road(speed: float, target_speed: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def acceleration(scene: Scene, driver: Vehicle, ego: int, front: int) -> float:
+def acceleration(
+    lanes: NDArray[Any], rows: NDArray[Any], bodies: NDArray[Any], driver: Vehicle, ego: int, front: int
+) -> float:
     """Return IDM's acceleration of body `ego` behind body `front` (-1: none), m/s2; 0 if `ego` is no vehicle."""
-    rows, bodies = scene.rows, scene.bodies
     if ego < 0 or ego >= len(rows):
         return 0.0
-    lane: LaneRow = scene.network.lanes[rows[ego].lane]
+    lane: LaneRow = lanes[rows[ego].lane]
     result = free_road(bodies[ego].speed, min(max(rows[ego].target_speed, 0.0), lane.speed_limit))
     if front >= 0:
         gap = desired_gap(driver, bodies[ego], bodies[front])
@@ -68,24 +71,25 @@ def distance_along(lane: LaneRow, ego: Body, other: Body) -> float:
     return local_coordinates(lane, other.x, other.y)[0] - local_coordinates(lane, ego.x, ego.y)[0]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def follow(scene: Scene, me: int) -> float:
     """Return IDM's acceleration behind the body in front in the own lane and the target lane, m/s2."""
-    vehicle: Vehicle = scene.rows[me]
-    result = _follow_on(scene, me, vehicle.lane)
+    lanes, rows, vehicle = scene.network.lanes, scene.rows, scene.rows[me]
+    result = _follow_on(lanes, rows, scene.bodies, scene.lists, me, vehicle.lane)
     if vehicle.lane != vehicle.target_lane:
-        result = min(result, _follow_on(scene, me, vehicle.target_lane))
+        result = min(result, _follow_on(lanes, rows, scene.bodies, scene.lists, me, vehicle.target_lane))
     return result
 
 
 @njit(cache=True, nogil=True)
-def _follow_on(scene: Scene, me: int, lane: int) -> float:
-    lanes, vehicle = scene.network.lanes, scene.rows[me]
-    along, _ = local_coordinates(lanes[lane], vehicle.x, vehicle.y)
-    return acceleration(scene, vehicle, me, in_front(scene.lists, lanes, lane, me, along))
+def _follow_on(
+    lanes: NDArray[Any], rows: NDArray[Any], bodies: NDArray[Any], lists: LaneLists, me: int, lane: int
+) -> float:
+    along, _ = local_coordinates(lanes[lane], rows[me].x, rows[me].y)
+    return acceleration(lanes, rows, bodies, rows[me], me, in_front(lists, lanes, lane, me, along))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def change_lane(scene: Scene, me: int) -> None:
     """Choose a neighbouring lane from time to time; abandon it if another vehicle enters it just ahead."""
     driver: Vehicle = scene.rows[me]
@@ -114,7 +118,7 @@ def is_reachable(lane: LaneRow, x: float, y: float) -> bool:
     return not lane.forbidden and abs(aside) <= 2 * lane.width and 0 <= along < lane.length + VEHICLE_LENGTH_M
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _give_way(scene: Scene, me: int) -> None:
     """Stay in the present lane if another vehicle enters the target lane within the desired gap."""
     rows, bodies, lanes = scene.rows, scene.bodies, scene.network.lanes
@@ -130,7 +134,7 @@ def _give_way(scene: Scene, me: int) -> None:
                 return
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _is_taken(scene: Scene, me: int, lane: int) -> bool:
     """Return whether another vehicle is about to enter the lane close by."""
     rows, bodies = scene.rows, scene.bodies
@@ -142,21 +146,22 @@ def _is_taken(scene: Scene, me: int, lane: int) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _mobil(scene: Scene, me: int, lane: int) -> bool:
     """Return whether a lane change is safe for the follower there, and gains enough (highway-env's politeness is 0)."""
-    lanes, driver, route = scene.network.lanes, scene.rows[me], scene.routes[me]
+    lanes, rows, bodies = scene.network.lanes, scene.rows, scene.bodies
+    driver, route = rows[me], scene.routes[me]
     along, _ = local_coordinates(lanes[lane], driver.x, driver.y)
     front = in_front(scene.lists, lanes, lane, me, along)
     follower = behind(scene.lists, lanes, lane, me, along)
-    if acceleration(scene, driver, follower, me) < -LANE_CHANGE_MAX_BRAKING_IMPOSED:
+    if acceleration(lanes, rows, bodies, driver, follower, me) < -LANE_CHANGE_MAX_BRAKING_IMPOSED:
         return False
-    there = acceleration(scene, driver, me, front)
+    there = acceleration(lanes, rows, bodies, driver, me, front)
     if driver.route_length > 0 and route[0, 1] >= 0:
         number = lanes[driver.target_lane].number
         towards = _sign(lanes[lane].number - number) == _sign(route[0, 1] - number)
         return towards and there >= -LANE_CHANGE_MAX_BRAKING_IMPOSED
-    return there - _follow_on(scene, me, driver.lane) >= LANE_CHANGE_MIN_ACC_GAIN
+    return there - _follow_on(lanes, rows, bodies, scene.lists, me, driver.lane) >= LANE_CHANGE_MIN_ACC_GAIN
 
 
 @njit(cache=True, nogil=True)

@@ -36,7 +36,7 @@ class LaneLists(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """All that drivers know in one step.
+    """All that drivers know in one step; functions that take one are inlined, because passing it is slow.
 
     Attributes:
         network: the roads.

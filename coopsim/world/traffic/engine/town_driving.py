@@ -30,7 +30,7 @@ from coopsim.world.traffic.rules import (
 )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def drive(scene: Scene, me: int, leader: int, leader_m: float) -> float:
     """Return IDM's acceleration on a free road, or behind `leader` (-1: none) at a distance along the route, m/s2."""
     free = _free(scene, me)
@@ -40,7 +40,7 @@ def drive(scene: Scene, me: int, leader: int, leader_m: float) -> float:
     return min(free, free - interaction(gap, leader_m))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def stop_at(scene: Scene, me: int, line_m: float) -> float:
     """Return IDM's acceleration before a stop line, m/s2: as behind a standing vehicle of usual length."""
     body: Body = scene.bodies[me]
@@ -48,7 +48,7 @@ def stop_at(scene: Scene, me: int, line_m: float) -> float:
     return _free(scene, me) - interaction(gap, line_m)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def look_ahead(scene: Scene, me: int) -> tuple[int, float]:
     """Return the nearest obstacle on the planned route (-1: none), and the distance (m) between middles along it."""
     network, lists, vehicles = scene.network, scene.lists, len(scene.rows)
@@ -80,14 +80,13 @@ def _is_in_way(vehicle: Vehicle, other: Body, drives: bool, lane: LaneRow, along
     angle = other.heading - heading_at(lane, along)
     if drives:
         stands = other.crashed or other.speed < STANDING_M_S
-        swing = _swing_on(vehicle, lane)
-        return is_vehicle_in_way(aside, angle, other.length, other.width, stands, reach_m, swing)
+        return is_vehicle_in_way(aside, angle, other.length, other.width, stands, reach_m, _swing_on(vehicle, lane))
     if lane.kind == CIRCULAR:
         reach_m += cut_inside_m(vehicle.length, lane.radius)
     return is_person_in_way(aside, angle, other.speed, reach_m)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _tail_ahead(scene: Scene, me: int, nearest: int, nearest_m: float) -> tuple[int, float]:
     """Return `nearest`, or a long vehicle before it that turns off and still has its tail on the route.
 
@@ -126,7 +125,7 @@ def _swing_on(vehicle: Vehicle, lane: LaneRow) -> float:
     return float(swing_m(vehicle.length, vehicle.axle_m, lane.radius))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _free(scene: Scene, me: int) -> float:
     """Return IDM's acceleration on a free road, towards the speed that the bends ahead allow, m/s2."""
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
