@@ -112,7 +112,6 @@ def test_links_lead_somewhere() -> None:
 MOST_COLUMNS = 100
 
 TO_BE_WRAPPED = (
-    "CHANGELOG.md",
     "docs/learn/reading_the_report.md",
     "docs/reference/actors.md",
     "docs/reference/benchmark.md",
