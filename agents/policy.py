@@ -23,6 +23,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from coopsim.comms.decode_once import DecodeOnce
+from coopsim.comms.uplinks.uplink import Uplink, named_uplink
 from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
 from coopsim.sensors.camera.rig_names import rig_camera_names
 from coopsim.support.checks import require_choice, require_flag
@@ -87,22 +89,35 @@ class Policy(ABC):
             rng: the agent's own random stream, for policies that draw random numbers.
         """
 
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        """Make what one agent broadcasts; the environment asks when an episode begins, before `reset` is called.
+
+        By default it is the uplink called `needs.uplink`. Override it to broadcast what the policy computes: see
+        `coopsim.comms.uplinks.once_per_frame` for sharing the computation with `track`. Several agents may share an
+        object.
+
+        Args:
+            spec: the agent, with the codec that was asked for.
+            rng: the agent's own random stream, for uplinks that draw random numbers.
+        """
+        return named_uplink(self.needs.uplink, spec.codec)
+
     def read(self, agent: str, inbox: Iterable[Message], decode: Callable[[Message], T]) -> list[tuple[Message, T]]:
         """Decode messages. Those that cannot be read are left out, and counted in `rejected`.
 
         Args:
             agent: the receiver.
             inbox: messages, as in the agent's observation.
-            decode: the content of a message, as `coopsim.comms.envelope.decode_detections`; raises `CodecError` for a
-                message without that content.
+            decode: the content of a message, a pure function as `coopsim.comms.envelope.decode_detections`; raises
+                `CodecError` for a message without that content. A broadcast is decoded once for all receivers.
 
         Returns:
-            The readable messages, each with its content.
+            The readable messages, each with its content, which is read-only: other receivers get the same object.
         """
         readable: list[tuple[Message, T]] = []
         for message in inbox:
             try:
-                readable.append((message, decode(message)))
+                readable.append((message, self._decoded(message, decode)))
             except CodecError:
                 self.rejected[agent, message.sender] += 1
         return readable
@@ -118,7 +133,7 @@ class Policy(ABC):
             PolicyMismatchError: the environment lacks what the policy needs, see `require`.
         """
         self.require(agent_specs)
-        self.specs, self.rejected = dict(agent_specs), Counter()
+        self.specs, self.rejected, self._decoded = dict(agent_specs), Counter(), DecodeOnce()
         self._format = ObservationFormat.to_unpack(self.specs)
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from coopsim.agents.policy import Needs, Policy
 from coopsim.agents.tracking_policy import over_origin, within_reach
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
+from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
+from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
 from coopsim.tracking.delayed import RECEIVER
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
@@ -44,9 +48,9 @@ class _Heard:
 
 @dataclass
 class _AgentState:
-    tracker: OnBoardTracker
     is_object: bool
     alignment: PoseAlignment | None
+    frame: OdometryFrame = field(default_factory=OdometryFrame)
     ids: PublicIds = field(default_factory=lambda: PublicIds(seconds_to_ns(_LONGEST_S)))
     heard: dict[str, _Heard] = field(default_factory=dict)
 
@@ -91,23 +95,31 @@ class TrackToTrack(Policy):
         require_between(0, 100, position_noise_m=position_noise_m)
         require_between(0, np.pi, heading_noise_rad=heading_noise_rad)
         require_choice("delayed", delayed, ("predict", "as_current"))
-        self._settings = (gate, hits, age)
         self._fuse_gate, self._valid_s, self._delayed, self._align = fuse_gate, valid_s, delayed, align
         self._pose_noise = (position_noise_m, heading_noise_rad)
         self._states: dict[str, _AgentState] = {}
-        OnBoardTracker(*self._settings)  # so that a wrong setting is refused here, not at the first episode
+        OnBoardTracker(gate, hits, age)  # so that a wrong setting is refused here, not at the first episode
+        self._own = OwnTracks(partial(OnBoardTracker, gate, hits, age))
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if spec.codec is not None:
+            return super().make_uplink(spec, rng)
+        self._own.begin_sending(spec.name)
+        return ShareTracks(self._own.in_base_frame)
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         alignment = PoseAlignment.of(self.specs, spec.name) if self._align else None
-        self._states[spec.name] = _AgentState(OnBoardTracker(*self._settings), spec.is_object, alignment)
+        self._own.begin(spec.name)
+        self._states[spec.name] = _AgentState(spec.is_object, alignment)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state, now_ns = self._states[agent], observation.time_ns
-        own = state.tracker.step(observation)
+        own, tracker = self._own.in_odometry_frame(agent, observation)
+        state.frame = tracker.frame
         self._listen(agent, state, observation)
         fused, members = self._fused(own, [self._current(heard, now_ns) for heard in state.heard.values()])
         public = state.ids.assign([RECEIVER, *state.heard], members, now_ns)
-        return replace(fused.tracks, id=public).transform(state.tracker.frame.odom_SE3_base.inverse())
+        return replace(fused.tracks, id=public).transform(state.frame.odom_SE3_base.inverse())
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each agent's last message, while it is valid, in order of the agents' names."""
@@ -126,7 +138,7 @@ class TrackToTrack(Policy):
         self, read: Sequence[tuple[Message, TrackEstimates]], observation: Observation, state: _AgentState
     ) -> list[SE3]:
         """Where each message's sender was in the odometry frame, at capture."""
-        frame = state.tracker.frame
+        frame = state.frame
         if state.alignment is None:
             return [frame.odom_SE3_sender(message, observation) for message, _ in read]
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
@@ -140,7 +152,7 @@ class TrackToTrack(Policy):
         self, estimates: TrackEstimates, captured_ns: int, odom_SE3_sender: SE3, state: _AgentState
     ) -> TrackEstimates:
         """A message's tracks in the odometry frame, as unsure as two estimated poses make them, less the receiver."""
-        frame = state.tracker.frame
+        frame = state.frame
         estimates = estimates.transform(odom_SE3_sender)
         away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
         estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= FARTHEST_M]

@@ -52,9 +52,7 @@ def simulation_env(
     shared = CommonOptions(**common)
     sensed = SimulationOptions(**simulation)
     require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
-    source = Simulation(
-        name, make_scenario(scenario, density=density, **numbers), sensed, shared.uplink, shared.codec, episode
-    )
+    source = Simulation(name, make_scenario(scenario, density=density, **numbers), sensed, episode)
     return CooperativeEnv(source, shared, reward)
 
 
@@ -104,7 +102,7 @@ def replay_env(
     require_frame_time(dt_s)
     (common,) = sort_options(options, CommonOptions, beside=["path", "detections", "dt_s", "reward"])
     shared = CommonOptions(**common)
-    return CooperativeEnv(Replay(name, path, detections, dt_s, shared.uplink, shared.codec), shared, reward)
+    return CooperativeEnv(Replay(name, path, detections, dt_s), shared, reward)
 
 
 def _register() -> None:

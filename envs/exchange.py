@@ -1,71 +1,116 @@
-"""Who says what to whom: in each frame the agents' messages, over the channel, into inboxes."""
+"""The exchange of messages: in each frame from the agents' uplinks, over the channel, into inboxes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from coopsim.comms.channel.channel import Channel
+from coopsim.comms.codecs.codec import CODECS
+from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.radio.obstruction import Surroundings
 from coopsim.comms.uplinks.budget import WithinBudget
-from coopsim.comms.uplinks.selection import SELECTIONS
-from coopsim.comms.uplinks.uplink import Uplink, uplink_maker
+from coopsim.comms.uplinks.selection import SELECTIONS, Selection
+from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
 from coopsim.envs.frames import Frame
 from coopsim.envs.options import CommonOptions
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
-from coopsim.types import Message, Observation
+from coopsim.types import AgentSpec, Message, Observation
 
 
 class Exchange:
     """One episode's messages.
 
     Attributes:
-        channel: over which they go.
+        channel: the channel that carries them.
 
     Args:
-        options: which uplink, codec, budget and channel.
-        agents: names.
+        options: uplink, codec, budget and channel.
+        specs: the agents.
         buildings: outlines (K, 2) m of what stands between antennas.
         seed: the episode's.
     """
 
-    def __init__(self, options: CommonOptions, agents: Sequence[str], buildings: Sequence[Floats], seed: int) -> None:
+    def __init__(
+        self, options: CommonOptions, specs: Mapping[str, AgentSpec], buildings: Sequence[Floats], seed: int
+    ) -> None:
         self.channel = Channel(options.channel_config, seed)
-        self._uplinks = {name: make_uplink(options, name, seed) for name in agents}
+        self._uplinks = make_uplinks(options, specs, seed)
         self._buildings = buildings if options.channel_config.radio is not None else None
 
     def step(self, frame: Frame) -> dict[str, Observation]:
-        """Send every agent's message, and deliver what is due: the frame's observations, with their inboxes."""
+        """Send every agent's message, deliver all that are due, and return the frame's observations with inboxes."""
         bodies = {name: agent.body for name, agent in frame.agents.items()}
         positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
         around = None
         if self._buildings is not None:
             around = Surroundings.of(bodies, frame.actors, self._buildings)
-        said = [self._uplinks[name].message(name, agent.observation) for name, agent in frame.agents.items()]
-        self.channel.send([each for each in said if each is not None], frame.time_ns, positions, around)
+        self.channel.send(self._messages(frame), frame.time_ns, positions, around)
         arrived = self.channel.deliver(frame.time_ns)
-        heard = {
+        received = {
             name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
-        for name, observation in heard.items():
-            self._uplinks[name].hear(observation)
-        return heard
+        for name, observation in received.items():
+            self._uplinks[name].hear(name, observation)
+        return received
+
+    def _messages(self, frame: Frame) -> list[Message]:
+        """Ask each uplink once for the messages of all agents that it serves; in the order of the agents."""
+        observed = {name: agent.observation for name, agent in frame.agents.items() if agent.observation.sensed}
+        sent: dict[str, Message] = {}
+        for uplink in dict.fromkeys(self._uplinks.values()):
+            served = {name: each for name, each in observed.items() if self._uplinks[name] is uplink}
+            for name, message in uplink.messages(served).items():
+                sent[name] = _checked(uplink, name, message)
+        return [sent[name] for name in observed if name in sent]
 
 
-def make_uplink(options: CommonOptions, agent: str, seed: int) -> Uplink:
-    """What makes an agent's messages in an episode.
+def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: int) -> dict[str, Uplink]:
+    """Make the uplinks of an episode, by agent; several agents may share one object.
 
     Raises:
         UnknownNameError: there is no such uplink, or no such codec for it.
         InvalidValueError: the uplink has no choice of codecs, or cannot be kept within a budget.
     """
-    uplink = uplink_maker(options.uplink, options.codec)()
-    if options.budget_bytes is None:
-        return uplink
-    selection = SELECTIONS.get(options.selection)(stream(seed, "selection", agent))
-    return WithinBudget(uplink, options.budget_bytes, selection)
+    make, decoded = uplink_factory(options.uplink, options.codec), DecodeOnce()
+    select = SELECTIONS.get(options.selection)
+
+    def make_selection(agent: str) -> Selection:
+        return select(stream(seed, "selection", agent))
+
+    within: dict[Uplink, Uplink] = {}
+    uplinks: dict[str, Uplink] = {}
+    for name, spec in specs.items():
+        spec = replace(spec, uplink="none", codec=options.codec)
+        uplink = make(spec, stream(seed, "uplink", name))
+        _require_uplink(uplink, options.codec)
+        if options.budget_bytes is not None and uplink not in within:
+            within[uplink] = WithinBudget(uplink, options.budget_bytes, make_selection, decoded)
+        uplinks[name] = within.get(uplink, uplink)
+        uplink.begin(spec, stream(seed, "uplink state", name))
+    return uplinks
+
+
+def _require_uplink(uplink: object, codec: str | None) -> None:
+    if not isinstance(uplink, Uplink):
+        raise InvalidValueError(f"uplink must make an Uplink for each agent, got {uplink!r}")
+    chosen = isinstance(uplink, ContentUplink) and codec is not None and uplink.codec_name == codec.partition("(")[0]
+    if codec is not None and not chosen:
+        raise InvalidValueError(
+            f"codec must be None for {type(uplink).__name__}, which is made without regard to it, got {codec!r}"
+        )
+
+
+def _checked(uplink: Uplink, sender: str, message: object) -> Message:
+    """Return what an uplink made if it is a message of that sender by a registered codec."""
+    if isinstance(message, Message) and message.sender == sender and message.codec in CODECS:
+        return message
+    got = f"one of {message.sender} by codec {message.codec!r}" if isinstance(message, Message) else repr(message)
+    maker, accepted = type(uplink).__name__, ", ".join(CODECS)
+    raise InvalidValueError(f"{maker} must make messages of {sender} by a registered codec ({accepted}), got {got}")
 
 
 def _by_capture(messages: Sequence[Message]) -> tuple[Message, ...]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.channel_files import channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.comms.uplinks.selection import SELECTIONS
+from coopsim.comms.uplinks.uplink import MakeUplink
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import (
     require_between,
@@ -25,6 +26,9 @@ from coopsim.support.checks import (
 from coopsim.support.rng import require_seed
 from coopsim.types.sensing import TRUTH_MODES
 
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
+
 _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
 
 
@@ -33,17 +37,20 @@ class CommonOptions:
     """What every environment has, simulated or replayed.
 
     Attributes:
-        uplink: what agents broadcast: "detections", "tracks" or "none"; a policy states what it needs.
-        codec: how what they broadcast is encoded: name of a codec for it (for detections "compact" or "cpm",
-            see `docs/reference/codecs.md`); None: by the one with the uplink's name.
+        uplink: what agents broadcast: a name with or without parameters ("detections", "tracks", "points(keep=0.5)",
+            "none"), a policy (its `make_uplink` is asked), or a factory that returns the `Uplink` of an agent for its
+            spec and a random stream. `coopsim.evaluate` passes the policy.
+        codec: the codec of what they broadcast, as "compact" or "points(number=float16)", see
+            `docs/reference/codecs.md`; None: the uplink's own choice.
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].
         communication_range_m: farther apart than this, nothing arrives.
         channel: a whole channel in the place of the four options above: a `ChannelConfig`, its mapping, or the path of
             a YAML file with that.
-        budget_bytes: largest size of a message of detections, envelope included; None: no limit.
-        selection: which objects are sent first where not all fit: "need", "score" or "random", see
+        budget_bytes: largest size of a message, envelope included; None: no limit. The uplink's codec must be able to
+            leave out the least useful part.
+        selection: which detections are sent first where not all fit: "need", "score" or "random", see
             `coopsim.comms.uplinks.selection`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" to stand beside tables that ignored them.
@@ -54,7 +61,7 @@ class CommonOptions:
         seed: of every episode for which `reset` is given none; None: another one each time.
     """
 
-    uplink: str = "detections"
+    uplink: str | Policy | MakeUplink = "detections"
     codec: str | None = None
     latency_s: float = 0.0
     latency_jitter_s: float = 0.0

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
-from coopsim.envs.exchange import Exchange, make_uplink
+from coopsim.envs.exchange import Exchange, make_uplinks
 from coopsim.envs.frames import Frame, FrameSource, actor_rows, world_points
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
@@ -54,7 +55,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | | covariance (N, 7, 7) | only if the detector states any: of a box; zeros for none |
     | sweeps | per LiDAR (P, 5) | x, y, z m, intensity, beam |
     | cameras | per camera rgb (H, W, 3), depth (H, W) m | empty unless `cameras` says which |
-    | inbox | sender, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
+    | inbox | sender, codec, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
     | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
 
@@ -67,7 +68,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
         self._source, self._options = source, options
-        make_uplink(options, agent="", seed=0)  # so that a wrong setting is refused here, not at the first episode
+        # Made now, too, so that a wrong setting is refused here, not at the first episode.
+        self._contents = {name: each.content for name, each in make_uplinks(options, source.specs, seed=0).items()}
+        self._specified: tuple[Mapping[str, AgentSpec], dict[str, AgentSpec]] = ({}, {})
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)
@@ -99,7 +102,15 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
         Cameras are mounted on cars, which are of another height in another episode: ask after `reset`.
         """
-        return self._source.specs
+        given, specs = self._specified
+        if given is not self._source.specs:
+            given = self._source.specs
+            specs = {
+                name: replace(spec, uplink=self._contents[name], codec=self._options.codec)
+                for name, spec in given.items()
+            }
+            self._specified = given, specs
+        return specs
 
     @property
     def sequences(self) -> tuple[str, ...]:
@@ -144,7 +155,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        self._exchange = Exchange(self._options, self.possible_agents, self.road_map.buildings, seed)
+        self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
         self._scorer = Scorer(
             tuple(self.possible_agents),
             self._options.match_iou,

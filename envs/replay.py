@@ -38,8 +38,6 @@ class Replay(FrameSource):
         detections: the names to play; they name the agents, and the first is the one whose frame the recording is in.
             A text is one name.
         dt_s: time between two frames.
-        uplink: what the agents' specs say they broadcast.
-        codec: by which codec they say so.
 
     Raises:
         InvalidValueError: the path or the detections are missing, or a name of detections is given twice.
@@ -59,8 +57,6 @@ class Replay(FrameSource):
         path: str | Path | None,
         detections: Sequence[str] | None,
         dt_s: float,
-        uplink: str,
-        codec: str | None = None,
     ) -> None:
         self.name = name
         self._set = RecordingSet(path)
@@ -68,12 +64,9 @@ class Replay(FrameSource):
         if not agents:
             accepted = ", ".join(self._set.detection_names)
             raise InvalidValueError(f"detections must be at least one name, got {detections!r}; accepted: {accepted}")
-        self.specs = {
-            agent: AgentSpec(agent, "cav", dt_s, uplink, is_object=False, frame_owner=agents[0], codec=codec)
-            for agent in agents
-        }
+        self.specs = {agent: AgentSpec(agent, "cav", dt_s, is_object=False, frame_owner=agents[0]) for agent in agents}
         self._bodies = {agent: AgentBody(agent, "cav", None, SE3.identity(), 0.0) for agent in agents}
-        self.format = ObservationFormat(agents, codec or uplink)
+        self.format = ObservationFormat(agents)
         self._dt_s = dt_s
         self.capacity = self._set.most_objects()
 

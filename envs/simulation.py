@@ -27,8 +27,6 @@ class Simulation(FrameSource):
         name: the environment's id.
         scenario: the place and its population.
         options: how the world is sensed and scored.
-        uplink: the content that agents broadcast.
-        codec: the codec of broadcasts; None: the one with the uplink's name.
         recording: a recorded world, to be sensed instead of one that is simulated now.
     """
 
@@ -39,13 +37,10 @@ class Simulation(FrameSource):
         name: str,
         scenario: Scenario,
         options: SimulationOptions,
-        uplink: str,
-        codec: str | None = None,
         recording: Episode | None = None,
     ) -> None:
         self.name = name
         self._scenario, self._options, self._recording = scenario, options, recording
-        self._uplink, self._codec = uplink, codec
         world = self._make_world(seed=0)
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
@@ -59,7 +54,6 @@ class Simulation(FrameSource):
                 require_choice("agent in localization", agent, self.specs)
         self.format = ObservationFormat(
             agents=tuple(self.specs),
-            codec=codec or uplink,
             lidars=tuple(options.lidars),
             cameras={
                 name: {camera: calibration.size for camera, calibration in spec.cameras.items()}
@@ -101,11 +95,9 @@ class Simulation(FrameSource):
                 name,
                 body.kind,
                 self._options.dt_s,
-                self._uplink,
                 drives=self._options.control == "policy" and body.kind == "cav",
                 is_object=body.actor_id is not None,
                 cameras=self._equipment.calibrations(body),
-                codec=self._codec,
                 lidars=self._equipment.mountings(body),
                 sense_every=self._options.sense_every,
             )

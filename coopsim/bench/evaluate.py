@@ -214,7 +214,7 @@ def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) 
     if needs.uplink == "none":  # the codec is for the content of other policies in the same comparison
         options = {name: value for name, value in options.items() if name != "codec"}
     try:
-        env = parallel_env(environment, **{"uplink": needs.uplink, **needed, **options})
+        env = parallel_env(environment, **{"uplink": policy, **needed, **options})
     except UnknownNameError as error:
         if needed and error.name == "cameras" and "cameras" not in options:
             raise PolicyMismatchError(

@@ -1,6 +1,6 @@
-"""Messages as they go on the air: the only place where bytes are counted.
+"""Messages as bytes on the air: the only place where bytes are counted.
 
-A message is an envelope (who, when, where, and a checksum) around a payload, whose layout is its codec's
+A message is an envelope (sender, capture time, pose, checksum) around a payload, whose layout is its codec's
 (`coopsim.comms.codecs`). All numbers are little-endian.
 """
 
@@ -16,21 +16,21 @@ from coopsim.comms.codecs.codec import CODECS, decoder
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Detections, Message, PoseEstimate
+from coopsim.types import Detections, FeatureMap, InstanceQueries, Message, PointCloud, PoseEstimate
 from coopsim.types.track_estimates import TrackEstimates
 
 _ENVELOPE = struct.Struct("<BBq4dI")
 """Lengths of the sender's and the codec's name, capture time (ns), pose, length of the payload."""
 
 _COVARIANCE = struct.Struct("<6f")
-"""Of x, y and heading, the upper triangle row by row; between names and payload, where the sender states one."""
+"""The upper triangle of the pose's covariance (x, y, heading), row by row; between names and payload, if stated."""
 
 _CHECKSUM = struct.Struct("<I")
 """CRC-32 (ISO 3309, as in Ethernet) of everything after it."""
 
 
 def encode_message(message: Message) -> bytes:
-    """The message as it goes on the air; its length is what it costs."""
+    """Return the message as bytes on the air; their number is its cost."""
     sender, codec = message.sender.encode(), message.codec.encode()
     if max(len(sender), len(codec)) > 0xFF:
         raise CodecError(f"names of sender and codec take at most 255 bytes, got {message.sender!r}")
@@ -40,7 +40,7 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(wire: bytes) -> Message:
-    """The message that `encode_message` was given; raises `CodecError` on anything else."""
+    """Return the message of some bytes; raises `CodecError` if `encode_message` does not make such bytes."""
     least = _CHECKSUM.size + _ENVELOPE.size
     if len(wire) < least:
         raise CodecError(f"a message has at least {least} bytes, got {len(wire)}")
@@ -82,27 +82,41 @@ def _unpack_covariance(upper: tuple[float, ...]) -> Floats:
 
 
 def decode_detections(message: Message) -> Detections:
-    """The detections in a message, in the sender's base frame at the time of capture, whichever codec carries them.
+    """Return the detections in a message, by any codec, in the sender's base frame at capture time.
 
     Raises:
-        CodecError: the payload is broken, or the message carries something else.
+        CodecError: the payload is broken, or the content is another one; so do all functions below.
     """
     codec: SharesDetections[Any] = _codec_of(message, "detections")
     return codec.detections_in(codec.decode(message.payload), message.pose)
 
 
 def decode_tracks(message: Message) -> TrackEstimates:
-    """The tracks in a message, in the sender's base frame at the time of capture.
-
-    Raises:
-        CodecError: the payload is broken, or the message carries something else.
-    """
+    """Return the tracks in a message, in the sender's base frame at capture time."""
     tracks: TrackEstimates = _codec_of(message, "tracks").decode(message.payload)
     return tracks
 
 
+def decode_points(message: Message) -> PointCloud:
+    """Return the points in a message, in the sender's base frame at capture time."""
+    cloud: PointCloud = _codec_of(message, "points").decode(message.payload)
+    return cloud
+
+
+def decode_features(message: Message) -> FeatureMap:
+    """Return the feature map in a message, on a grid in the sender's base frame at capture time."""
+    features: FeatureMap = _codec_of(message, "features").decode(message.payload)
+    return features
+
+
+def decode_queries(message: Message) -> InstanceQueries:
+    """Return the queries in a message, in the sender's base frame at capture time."""
+    queries: InstanceQueries = _codec_of(message, "queries").decode(message.payload)
+    return queries
+
+
 def _codec_of(message: Message, content: str) -> Any:
-    """The codec of a message, which must be one for that content."""
+    """Return the codec of a message, which must be one for that content."""
     if message.codec not in CODECS or decoder(message.codec).content != content:
         raise CodecError(f"the message from {message.sender} carries {message.codec!r}, not {content!r}")
     return decoder(message.codec)

@@ -92,14 +92,14 @@ class AgentSpec:
         name: as `cav_0`, `rsu_0` or `drone_0`.
         kind: "cav" (drives), "rsu" (stands) or "drone" (flies; its base frame is on the ground under it).
         dt_s: time between two observations.
-        uplink: the content that agents broadcast ("none", "detections", "tracks").
+        uplink: the content that the agent broadcasts ("none", "detections", "tracks", "points", "features", "queries").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
         is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
             mast, and for a recording, which does not say where its agents are.
         frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
             are in its own.
         cameras: calibration of each of its cameras, by name; of the running episode, as cars differ in height.
-        codec: the codec of broadcasts; None: the one with the uplink's name.
+        codec: the codec that was asked for, with its parameters; None: the uplink's own choice.
         lidars: mounting of each of its LiDARs, by name; of the running episode, as cars differ in height. Empty where
             no rays are cast, as in a recording.
         sense_every: sensors and detector run in every n-th frame, beginning with the first.
@@ -108,7 +108,7 @@ class AgentSpec:
     name: str
     kind: Literal["cav", "rsu", "drone"]
     dt_s: float
-    uplink: str
+    uplink: str = "none"
     drives: bool = False
     is_object: bool = True
     frame_owner: str | None = None

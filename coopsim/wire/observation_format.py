@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopsim.comms.codecs.codec import CODECS
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -38,8 +39,8 @@ class ObservationFormat:
     """The format of all agents' observations in one environment.
 
     Attributes:
-        agents: all agents, in the order in which an inbox numbers its senders.
-        codec: the codec of all messages.
+        agents: all agents, in the order in which an inbox numbers its senders. Codecs are numbered as in
+            `CODECS.names()`.
         lidars: names of each agent's LiDARs.
         cameras: by agent and camera, the height and width of its images.
         camera_modes: the modes of images; modes that are truth are left out.
@@ -50,7 +51,6 @@ class ObservationFormat:
     """
 
     agents: tuple[str, ...]
-    codec: str
     lidars: tuple[str, ...] = ()
     cameras: Mapping[str, Mapping[str, tuple[int, int]]] = field(default_factory=dict)
     camera_modes: Sequence[str] = OBSERVED_MODES
@@ -62,14 +62,17 @@ class ObservationFormat:
     @classmethod
     def to_unpack(cls, specs: Mapping[str, AgentSpec]) -> ObservationFormat:
         """Return a format for `unpack` alone, which needs no more than the specs of all agents."""
-        spec = next(iter(specs.values()))
-        return cls(tuple(specs), spec.codec or spec.uplink)
+        return cls(tuple(specs))
 
     def space(self, agent: str) -> spaces.Dict:
         """Return a new space of this agent's observations; agents do not share one, as each is seeded by itself."""
         pose: dict[str, Any] = {"pose": real_space(4)}
-        head: dict[str, Any] = {"sender": spaces.Discrete(len(self.agents)), "captured_ns": spaces.Discrete(COUNTER)}
-        head["pose"] = real_space(4)
+        head: dict[str, Any] = {
+            "sender": spaces.Discrete(len(self.agents)),
+            "codec": spaces.Discrete(len(CODECS.names())),
+            "captured_ns": spaces.Discrete(COUNTER),
+            "pose": real_space(4),
+        }
         if self.pose_covariances:
             pose["pose_covariance"] = real_space(3, 3)
             head["pose_covariance"] = real_space(3, 3)
@@ -171,8 +174,10 @@ class ObservationFormat:
         return rows
 
     def _pack_inbox(self, inbox: Sequence[Message]) -> dict[str, Any]:
+        codecs = CODECS.names()
         heads: dict[str, Any] = {
             "sender": np.array([self.agents.index(message.sender) for message in inbox], dtype=np.int64),
+            "codec": np.array([codecs.index(message.codec) for message in inbox], dtype=np.int64),
             "captured_ns": np.array([message.captured_ns for message in inbox], dtype=np.int64),
             "pose": np.array([message.pose.xyz_yaw for message in inbox]).reshape(-1, 4),
             "payload_bytes": np.array([len(message.payload) for message in inbox], dtype=np.int64),
@@ -183,7 +188,7 @@ class ObservationFormat:
         return {"inbox": heads, "inbox_payload": payload[:, None]}
 
     def _unpack_inbox(self, packed: Mapping[str, Any]) -> tuple[Message, ...]:
-        heads, heap = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8)
+        heads, heap, codecs = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8), CODECS.names()
         covariances = heads.get("pose_covariance", [None] * len(heads["sender"]))
         ends = np.cumsum(heads["payload_bytes"])
         starts = ends - heads["payload_bytes"]
@@ -193,10 +198,17 @@ class ObservationFormat:
                 int(captured_ns),
                 PoseEstimate(pose, _stated(covariance)),
                 heap[start:end].tobytes(),
-                self.codec,
+                codecs[codec],
             )
-            for sender, captured_ns, pose, covariance, start, end in zip(
-                heads["sender"], heads["captured_ns"], heads["pose"], covariances, starts, ends, strict=True
+            for sender, codec, captured_ns, pose, covariance, start, end in zip(
+                heads["sender"],
+                heads["codec"],
+                heads["captured_ns"],
+                heads["pose"],
+                covariances,
+                starts,
+                ends,
+                strict=True,
             )
         )
 

@@ -11,7 +11,8 @@ import pytest
 
 import coopsim
 from coopsim.comms.codecs.codec import codecs_of
-from coopsim.comms.uplinks.uplink import UPLINKS, ShareDetections
+from coopsim.comms.uplinks.share_detections import ShareDetections
+from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.tracking.delayed import DELAYED
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks

@@ -12,9 +12,8 @@ from conftest import SMALL
 
 import coopsim
 from coopsim.comms.codecs.codec import codecs_of
-from coopsim.comms.uplinks.uplink import UPLINKS
+from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.detection.simulated.simulated import SimulatedDetector
-from coopsim.envs import exchange
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types import Detections, Message, Observation
 
@@ -74,28 +73,26 @@ def test_what_cannot_be_sent_is_left_out(codec: str) -> None:
     assert wild.messages.rejected == 0
 
 
-def garbled(uplink: type[Any]) -> type[Any]:
-    class Garbled(uplink):  # type: ignore[misc]
-        """Every second message is broken before it is sent, so that its checksum is right."""
+class Garbled(Uplink):
+    """Every second message of another uplink is broken before it is sent, so that its checksum is right."""
 
-        def message(self, sender: str, observation: Observation) -> Message | None:
-            sent: Message | None = super().message(sender, observation)
-            if sent is None or observation.time_ns // 100_000_000 % 2:
-                return sent
-            return Message(sender, sent.captured_ns, sent.pose, sent.payload[:-1], sent.codec)
+    def __init__(self, uplink: Uplink) -> None:
+        self.content, self._uplink = uplink.content, uplink  # type: ignore[misc]
 
-    return Garbled
+    def message(self, sender: str, observation: Observation) -> Message | None:
+        sent = self._uplink.message(sender, observation)
+        if sent is None or observation.time_ns // 100_000_000 % 2:
+            return sent
+        return Message(sender, sent.captured_ns, sent.pose, sent.payload[:-1], sent.codec)
 
 
 @pytest.mark.parametrize("policy", ["late_fusion", "track_to_track"])
 def test_messages_that_cannot_be_read_are_counted_in_the_evaluation(
     monkeypatch: pytest.MonkeyPatch, policy: str
 ) -> None:
-    def maker(uplink: str, codec: str | None = None) -> Any:
-        return garbled(UPLINKS.get(uplink))  # type: ignore[arg-type]
-
-    monkeypatch.setattr(exchange, "uplink_maker", maker)
     made = coopsim.make_policy(policy)
+    make_uplink = made.make_uplink
+    monkeypatch.setattr(made, "make_uplink", lambda spec, rng: Garbled(make_uplink(spec, rng)))
     result = coopsim.evaluate(made, seed=3, **SHORT)
     frames = np.arange(0, 8)  # what the ninth observation brings is never acted on
     agents = len(made.specs)

@@ -1,8 +1,9 @@
-"""What to say first when not all can be said: objects in the order of how much they help others.
+"""The order in which objects are sent when not all fit: by how much they help the receivers.
 
-The spirit is Where2comm's (Hu et al., "Where2comm: Communication-Efficient Collaborative Perception via Spatial
-Confidence Maps", NeurIPS 2022): send where the sender is confident and the receiver in need. There both are maps of
-features; here the confidence is an object's score, and the need is told from where others are and what they said last.
+In the spirit of Where2comm (Hu et al., "Where2comm: Communication-Efficient Collaborative Perception via Spatial
+Confidence Maps", NeurIPS 2022): send where the sender is confident and the receivers are in need. There both are maps
+of features; here the confidence is an object's score, and the need is estimated from where receivers are and what they
+sent last.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
@@ -20,23 +22,25 @@ from coopsim.support.registry import Registry
 from coopsim.types import NS_PER_S, Detections, Ints, Mask, Message, Observation
 
 _SIGHT_M = 40.0
-"""At this distance an agent has an object in sight with the chance 1 / e, as far as one who is elsewhere can tell."""
+"""At this distance another agent has an object in sight with an assumed probability of 1 / e."""
 
 _SAME_M = 2.5
-_SAID = 0.1
-"""What an object is worth that another agent has just reported, and more surely."""
+"""Objects closer than this are taken for the same."""
+
+_REPORTED = 0.1
+"""Factor on the utility of an object that another agent has just reported with a higher score."""
 
 _KEPT = 3.0
-"""What an object is worth more that the agent reported in its last message: trackers need to see a thing repeatedly."""
+"""Factor on the utility of an object of the agent's last message: trackers need repeated detections."""
 
 _VALID_NS = NS_PER_S // 2
 
 
 class Selection(ABC):
-    """Ranks one agent's objects over one episode; asked once in each frame, in order.
+    """A ranking of one agent's detections over one episode; asked at most once per frame, in order.
 
     Args:
-        rng: the agent's stream for this purpose.
+        rng: the agent's random stream for this purpose.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -44,35 +48,35 @@ class Selection(ABC):
 
     @abstractmethod
     def utility(self, sender: str, observation: Observation) -> Floats:
-        """(N,) of the agent's own detections; larger is sent first."""
+        """Return the utility (N,) of the agent's detections; larger is sent first."""
 
-    def hear(self, observation: Observation) -> None:
-        """What others said, in the observation's inbox."""
+    def hear(self, observation: Observation, decoded: DecodeOnce) -> None:
+        """Take notice of the messages in the observation's inbox."""
 
-    def sent(self, message: Message) -> None:
-        """What the agent itself said in this frame."""
+    def sent(self, message: Message, decoded: DecodeOnce) -> None:
+        """Take notice of the agent's own message of this frame."""
 
     def order(self, sender: str, observation: Observation) -> Ints:
-        """(N,) rows of the detections, the most useful first."""
+        """Return the rows (N,) of the detections, the most useful first."""
         return np.argsort(-self.utility(sender, observation), kind="stable")
 
 
 class AtRandom(Selection):
-    """In no order: what dropping costs, to compare with."""
+    """Random order: shows what dropping objects costs, to compare others with."""
 
     def utility(self, sender: str, observation: Observation) -> Floats:
         return self._rng.random(len(observation.detections))
 
 
 class ByScore(Selection):
-    """The surest first."""
+    """The highest scores first."""
 
     def utility(self, sender: str, observation: Observation) -> Floats:
         return observation.detections.score
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Said:
+class _Report:
     """The last message of one agent, in the world frame."""
 
     captured_ns: int
@@ -80,58 +84,58 @@ class _Said:
     position: Floats
     score: Floats
 
-    def near(self, position: Floats) -> Mask:
-        """(N, M) which of positions (N, 2) and of what was said are one object, as far as positions tell."""
-        apart: Mask = np.hypot(*(position[:, None] - self.position).transpose(2, 0, 1)) < _SAME_M
-        return apart
+    def same_objects(self, position: Floats) -> Mask:
+        """Return the mask (N, M) of positions (N, 2) and reported objects that are the same object, by distance."""
+        same: Mask = np.hypot(*(position[:, None] - self.position).transpose(2, 0, 1)) < _SAME_M
+        return same
 
 
 class ByNeed(Selection):
-    """The surest of what others are unlikely to know.
+    """High scores first, of objects that the other agents are unlikely to know.
 
-    The score, times the chance that no other agent has the object in sight (it falls with the distance d to each as
-    1 - exp(-(d / 40 m)^2)), times 0.1 if another's last message had it with a higher score: of two who see an object
-    the surer one goes on reporting it. Times 3 if the agent's own last message had it: trackers need to see a thing
-    repeatedly. Positions are compared in the world frame, as the agents believe them to be.
+    The utility is the score, times the probability that no other agent has the object in sight (with the distance d to
+    each it is 1 - exp(-(d / 40 m)^2)), times 0.1 if another agent's last message had it with a higher score: of two
+    agents that see an object, the one with the higher score goes on reporting it. Times 3 if the agent's own last
+    message had it: trackers need repeated detections. Positions are compared in the world frame, by estimated poses.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__(rng)
-        self._said: dict[str, _Said] = {}
-        self._own: _Said | None = None
+        self._reports: dict[str, _Report] = {}
+        self._own: _Report | None = None
 
-    def sent(self, message: Message) -> None:
-        self._own = _said(message)
+    def sent(self, message: Message, decoded: DecodeOnce) -> None:
+        self._own = _report(message, decoded)
 
-    def hear(self, observation: Observation) -> None:
+    def hear(self, observation: Observation, decoded: DecodeOnce) -> None:
         for message in observation.inbox:
-            known = self._said.get(message.sender)
+            known = self._reports.get(message.sender)
             if known is None or message.captured_ns > known.captured_ns:
-                self._said[message.sender] = _said(message)
+                self._reports[message.sender] = _report(message, decoded)
         oldest_ns = observation.time_ns - _VALID_NS
-        self._said = {name: said for name, said in self._said.items() if said.captured_ns >= oldest_ns}
+        self._reports = {name: each for name, each in self._reports.items() if each.captured_ns >= oldest_ns}
 
     def utility(self, sender: str, observation: Observation) -> Floats:
         found = observation.detections
         position = found.boxes.transform(observation.pose.world_SE3_base).center[:, :2]
         useful = found.score.copy()
-        for name, said in self._said.items():
-            useful *= -np.expm1(-np.square(np.hypot(*(position - said.place).T) / _SIGHT_M))
-            surer = (said.score > found.score[:, None]) | ((said.score == found.score[:, None]) & (name < sender))
-            useful[(said.near(position) & surer).any(axis=1)] *= _SAID
+        for name, report in self._reports.items():
+            useful *= -np.expm1(-np.square(np.hypot(*(position - report.place).T) / _SIGHT_M))
+            surer = (report.score > found.score[:, None]) | ((report.score == found.score[:, None]) & (name < sender))
+            useful[(report.same_objects(position) & surer).any(axis=1)] *= _REPORTED
         if self._own is not None:
-            useful[self._own.near(position).any(axis=1)] *= _KEPT
+            useful[self._own.same_objects(position).any(axis=1)] *= _KEPT
         return useful
 
 
-def _said(message: Message) -> _Said:
+def _report(message: Message, decoded: DecodeOnce) -> _Report:
     place = message.pose.world_SE3_base
     try:
-        found = decode_detections(message)
-    except CodecError:  # a receiver counts it; here it says no more than where its sender is
+        found = decoded(message, decode_detections)
+    except CodecError:  # counted by the policy that receives it; here it says no more than where its sender is
         found = Detections.empty()
     position = found.boxes.transform(place).center[:, :2]
-    return _Said(message.captured_ns, place.translation[:2], position, found.score)
+    return _Report(message.captured_ns, place.translation[:2], position, found.score)
 
 
 SELECTIONS: Registry[Callable[[np.random.Generator], Selection]] = Registry("selection")

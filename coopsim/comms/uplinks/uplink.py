@@ -1,115 +1,186 @@
-"""What an agent broadcasts: what it makes of its observations for others, and by which codec."""
+"""The uplink interface: what agents broadcast of what they observe.
+
+An environment's option `uplink` names one, or brings one as an object: a factory, or a policy, whose `make_uplink` is
+the factory. So a policy can broadcast what it computes, and share the computation with its `track`.
+"""
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import partial
-from typing import Any, ClassVar, cast
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Generic, TypeVar
 
-from coopsim.comms.codecs.codec import codecs_of, decoder
-from coopsim.comms.codecs.detection_codec import SharesDetections
-from coopsim.comms.codecs.track_codec import TracksCodec, sendable
-from coopsim.errors import InvalidValueError
+import numpy as np
+
+from coopsim.comms.codecs.codec import CODECS, Codec, codecs_of, make_codec
+from coopsim.config.spec import instantiate, parse_spec
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
-from coopsim.tracking.onboard import OnBoardTracker
-from coopsim.types import Message, Observation
+from coopsim.types import AgentSpec, Message, Observation
+
+T = TypeVar("T")
 
 
 class Uplink(ABC):
-    """Makes one agent's messages over one episode. It is asked once in each frame, in order, and may keep state.
+    """Messages of one or more agents over one episode; asked once per frame, in order, and may keep state per agent.
 
     Attributes:
-        codecs: the kind of content whose codecs the uplink can be made with, `ShareDetections(codec="cpm")`; None: the
-            uplink has no choice.
-        repeatable: it keeps no state: asked again in the same frame, it says the same.
+        content: the kind of content of its messages: "none", "detections", "tracks", "points", "features", "queries",
+            or a custom one.
     """
 
-    codecs: ClassVar[str | None] = None
-    repeatable: ClassVar[bool] = False
+    content: ClassVar[str]
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        """Make the state of one agent; called once per agent when an episode begins, before its first message.
+
+        Args:
+            spec: the agent.
+            rng: the agent's own random stream, for uplinks that draw random numbers.
+        """
 
     @abstractmethod
     def message(self, sender: str, observation: Observation) -> Message | None:
-        """The message for what `sender` observed just now, or None to stay silent."""
+        """Return the message of `sender` for its latest observation, whose inbox is empty; None to stay silent."""
 
-    def hear(self, observation: Observation) -> None:
-        """What arrived in this frame, in the observation's inbox; called after `message`."""
+    def messages(self, observations: Mapping[str, Observation]) -> dict[str, Message]:
+        """Return the messages of one frame by sender, without those that stay silent.
+
+        By default `message` is asked for each sender. Override it to compute all senders in one batch.
+
+        Args:
+            observations: of the agents that this object serves, by name.
+        """
+        made = {sender: self.message(sender, observation) for sender, observation in observations.items()}
+        return {sender: message for sender, message in made.items() if message is not None}
+
+    def hear(self, receiver: str, observation: Observation) -> None:
+        """Take notice of the frame's inbox of `receiver`; called after the messages of the frame."""
+
+
+class ContentUplink(Uplink, Generic[T]):
+    """An uplink that makes content, and leaves it to a codec to write it: the base of all that come with coopsim.
+
+    Its messages can be kept within a budget of bytes, if the codec can leave something out.
+
+    Attributes:
+        codec: the codec.
+        codec_name: its registered name, which messages carry.
+
+    Args:
+        codec: a codec for this content, or the spec of one, as "sparse_features(most_cells=500)".
+
+    Raises:
+        UnknownNameError: there is no such codec for this content, or the class of the codec is not registered.
+    """
+
+    def __init__(self, codec: str | Codec[T]) -> None:
+        self.codec: Codec[T]
+        if isinstance(codec, Codec):
+            self.codec_name, self.codec = CODECS.name_of(type(codec)), codec
+            require_choice("codec", self.codec_name, codecs_of(self.content))
+        else:
+            self.codec_name, self.codec = make_codec(codec, self.content)
+
+    @abstractmethod
+    def content_of(self, sender: str, observation: Observation) -> T | None:
+        """Return the content of the message of `sender`, or None to stay silent."""
+
+    def contents(self, observations: Mapping[str, Observation]) -> dict[str, T]:
+        """Return the contents of one frame by sender. Override it to compute all senders in one batch."""
+        made = {sender: self.content_of(sender, observation) for sender, observation in observations.items()}
+        return {sender: content for sender, content in made.items() if content is not None}
+
+    def message(self, sender: str, observation: Observation) -> Message | None:
+        return self.messages({sender: observation}).get(sender)
+
+    def messages(self, observations: Mapping[str, Observation]) -> dict[str, Message]:
+        return {
+            sender: self.message_with(sender, observations[sender], self.codec.encode(content))
+            for sender, content in self.contents(observations).items()
+        }
+
+    def message_with(self, sender: str, observation: Observation, payload: bytes) -> Message:
+        """Return the message of `sender` with this payload."""
+        return Message(sender, observation.time_ns, observation.pose, payload, self.codec_name)
 
 
 class Silence(Uplink):
     """Nothing is sent."""
 
-    repeatable = True
+    content = "none"
 
     def message(self, sender: str, observation: Observation) -> Message | None:
         return None
 
 
-class ShareDetections(Uplink):
-    """The agent's own detections, in its base frame, with its estimate of its pose.
-
-    Detections that the codec cannot carry within its error bounds are left out.
-
-    Args:
-        codec: name of a codec for detections.
-    """
-
-    codecs = "detections"
-    repeatable = True
-
-    def __init__(self, codec: str = "detections") -> None:
-        require_choice("codec", codec, codecs_of("detections"))
-        self._name = codec
-        self._codec = cast(SharesDetections[Any], decoder(codec))
-
-    def message(self, sender: str, observation: Observation) -> Message | None:
-        found, time_ns, pose = observation.detections, observation.time_ns, observation.pose
-        if not (sent := self._codec.sendable(found)).all():
-            found = found[sent]
-        payload = self._codec.encode(self._codec.content_of(found, sender, time_ns, pose))
-        return Message(sender, time_ns, pose, payload, self._name)
-
-
-class ShareTracks(Uplink):
-    """What the agent tracks by itself (`OnBoardTracker`), in its base frame, with its estimate of its pose.
-
-    Nothing of what others said is in it, so nobody hears an echo of himself.
-    """
-
-    def __init__(self) -> None:
-        self._tracker, self._codec = OnBoardTracker(), TracksCodec()
-
-    def message(self, sender: str, observation: Observation) -> Message | None:
-        estimates = self._tracker.step(observation).transform(self._tracker.frame.odom_SE3_base.inverse())
-        payload = self._codec.encode(estimates[sendable(estimates)])
-        return Message(sender, observation.time_ns, observation.pose, payload, "tracks")
-
-
-UPLINKS: Registry[Callable[..., Uplink]] = Registry("uplink")
-"""What makes an uplink, without arguments; the environment makes one for each agent and episode."""
-
-
-def uplink_maker(uplink: str, codec: str | None = None) -> Callable[[], Uplink]:
-    """What makes the uplink called `uplink`, with a codec of that name; None: with its own.
-
-    Raises:
-        UnknownNameError: there is no such uplink, or no such codec for it.
-        InvalidValueError: the uplink has no choice of codecs.
-    """
-    make = UPLINKS.get(uplink)
-    if codec is None:
-        return make
-    content = getattr(make, "codecs", None)
-    if content is None:
-        raise InvalidValueError(
-            f"codec must be None for uplink {uplink!r}, which has no choice of codecs, got {codec!r}"
-        )
-    require_choice("codec", codec, codecs_of(content))
-    decoder(codec)  # a package that it needs and that is missing is named now, not at the first message
-    return partial(make, codec=codec)
-
+UPLINKS: Registry[type[Uplink]] = Registry("uplink", home="coopsim.comms.uplinks", group="coopsim.uplinks")
+"""Uplink classes. Installed packages add theirs through the entry-point group `coopsim.uplinks`."""
 
 UPLINKS.register("none")(Silence)
-UPLINKS.register("detections")(ShareDetections)
-UPLINKS.register("tracks")(ShareTracks)
+
+MakeUplink = Callable[[AgentSpec, np.random.Generator], Uplink]
+"""A factory of uplinks, called for each agent when an episode begins; it may return the same object for several agents.
+The spec has the option `codec`, but not yet an uplink."""
+
+
+def named_uplink(spec: str, codec: str | None = None) -> Uplink:
+    """Make an uplink by its spec, as `points(keep=0.5)`.
+
+    Args:
+        spec: name and parameters.
+        codec: the spec of its codec; None: its own choice.
+
+    Raises:
+        UnknownNameError: there is no such uplink, parameter, or codec for its content.
+        InvalidValueError: the uplink cannot be made by its name alone, or has no choice of codecs.
+    """
+    if not isinstance(spec, str):
+        raise UnknownNameError("uplink", spec, UPLINKS.names())
+    name, parameters = parse_spec("uplink", spec)
+    uplink = UPLINKS.get(name)
+    signature = inspect.signature(uplink).parameters
+    if codec is not None:
+        if "codec" not in signature:
+            raise InvalidValueError(
+                f"codec must be None for uplink {name!r}, which has no choice of codecs, got {codec!r}"
+            )
+        parameters["codec"] = codec
+    missing = [
+        each.name
+        for each in signature.values()
+        if each.default is each.empty and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
+    ]
+    if wanting := [each for each in missing if each not in parameters]:
+        raise InvalidValueError(
+            f"uplink {name!r} needs {', '.join(wanting)}, which a name cannot give: pass a factory, as "
+            f"uplink=lambda spec, rng: {uplink.__name__}(...), or a policy with a make_uplink of its own"
+        )
+    return instantiate("uplink", name, uplink, parameters)
+
+
+def uplink_factory(option: Any, codec: str | None = None) -> MakeUplink:
+    """Return the factory for a value of the option `uplink`: a spec, a factory, or a policy.
+
+    Raises:
+        InvalidValueError: the value is none of these.
+        CoopsimError: as `named_uplink` does.
+    """
+    if isinstance(option, str):
+        named_uplink(option, codec)  # refused now, not when the first episode begins
+        return lambda spec, rng: named_uplink(option, codec)
+    if isinstance(option, type):
+        raise InvalidValueError(
+            f"uplink must be an object, got the class {option.__name__}: write {option.__name__}() for a policy, or "
+            f"lambda spec, rng: {option.__name__}(...) for an uplink"
+        )
+    make = getattr(option, "make_uplink", option)
+    if isinstance(option, Uplink) or not callable(make):
+        hint = ": write lambda spec, rng: uplink" if isinstance(option, Uplink) else ""
+        raise InvalidValueError(
+            f"uplink must be one of {', '.join(UPLINKS.names())}, a factory or a policy, got {option!r}{hint}"
+        )
+    factory: MakeUplink = make
+    return factory

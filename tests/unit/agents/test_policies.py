@@ -135,7 +135,7 @@ def test_renaming_and_permuting_agents_permutes_results() -> None:
     for names in (("a", "b"), ("b", "a")):
         policy = coopsim.make_policy("no_fusion", hits=1)
         policy.reset(specs(*names))
-        wire = ObservationFormat(names, "detections")
+        wire = ObservationFormat(names)
         packed = {name: wire.pack(observe(found[name])) for name in names}
         outputs.append(policy.act(packed))
     for name in found:
@@ -149,7 +149,7 @@ def test_observations_survive_packing() -> None:
         message("rsu_0", 200, [3, 4, 0, -0.5], detections()),
     )
     sent = observe(detections((7, 8, 0.2), (9, 9, 0)), *inbox, pose=(5, 6, 0, 1), time_ns=300)
-    wire = ObservationFormat(names, "detections")
+    wire = ObservationFormat(names)
     got = wire.unpack(wire.pack(sent))
     assert got.time_ns == 300
     np.testing.assert_array_equal(got.pose.xyz_yaw, sent.pose.xyz_yaw)
@@ -160,7 +160,7 @@ def test_observations_survive_packing() -> None:
 
 
 def test_embeddings_survive_packing_as_directions() -> None:
-    plain = ObservationFormat(("cav_0",), "detections")
+    plain = ObservationFormat(("cav_0",))
     wire = replace(plain, embedding_dim=2)
     seen = replace(detections((7, 8, 0.2), (9, 9, 0)), embedding=[[30.0, 40.0], [np.nan, 1.0]])
     packed = wire.pack(observe(seen))
@@ -176,11 +176,11 @@ def test_embeddings_survive_packing_as_directions() -> None:
 def test_a_detector_that_names_no_class_is_told_so_not_the_policy() -> None:
     wrong = replace(detections((7, 8, 0.2)), label=[99])
     with pytest.raises(coopsim.errors.InvalidValueError, match=r"detection labels must be in 0..8, got \[99\]"):
-        ObservationFormat(("cav_0",), "detections").pack(observe(wrong))
+        ObservationFormat(("cav_0",)).pack(observe(wrong))
 
 
 def test_covariances_of_detections_survive_packing() -> None:
-    plain = ObservationFormat(("cav_0",), "detections")
+    plain = ObservationFormat(("cav_0",))
     wire = replace(plain, detection_covariances=True)
     spread = np.stack([np.diag(np.arange(1.0, 8.0)), np.eye(7)])
     seen = replace(detections((7, 8, 0.2), (9, 9, 0)), covariance=spread)

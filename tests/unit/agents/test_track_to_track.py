@@ -11,7 +11,7 @@ import pytest
 
 import coopsim
 from coopsim.agents.track_to_track import TrackToTrack
-from coopsim.comms.uplinks.uplink import ShareTracks
+from coopsim.comms.uplinks.share_tracks import ShareTracks
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
@@ -116,7 +116,7 @@ def test_what_others_say_changes_neither_the_own_tracker_nor_what_is_broadcast()
         own = detections(1.0 * frame)
         alone.track("cav_0", observe(frame, own))
         fused.track("cav_0", observe(frame, own, sender.says(frame, 1.0 * frame + 0.4, 50.0)))
-    states = [policy._states["cav_0"].tracker._tracker.state.tracked for policy in (alone, fused)]
+    states = [policy._own._steps.state("cav_0")._tracker.state.tracked for policy in (alone, fused)]
     np.testing.assert_array_equal(states[0].beliefs.mean, states[1].beliefs.mean)
     np.testing.assert_array_equal(states[0].beliefs.covariance, states[1].beliefs.covariance)
 
@@ -164,7 +164,7 @@ def test_memory_stays_over_many_frames_with_ever_new_objects() -> None:
         x = 30.0 + 20 * (frame // 7 % 5)  # a new object every seven frames, for either agent
         policy.track("cav_0", observe(frame, detections(x), sender.says(frame, x + 200)))
         state = policy._states["cav_0"]
-        sizes.append((len(state.ids), len(state.heard), len(state.tracker.frame._path)))
+        sizes.append((len(state.ids), len(state.heard), len(state.frame._path)))
     settled = np.array(sizes[150:])  # two in 0.7 s, remembered for 10 s
     np.testing.assert_array_equal(settled.max(axis=0), [32, 1, 21])
     assert int(policy.track("cav_0", observe(600, detections(x))).id.max()) > 100

@@ -16,7 +16,8 @@ from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.codecs.cpm_asn1 import messages
 from coopsim.comms.codecs.cpm_codec import CollectivePerception, CpmCodec
 from coopsim.comms.envelope import decode_detections
-from coopsim.comms.uplinks.uplink import ShareDetections, uplink_maker
+from coopsim.comms.uplinks.share_detections import ShareDetections
+from coopsim.comms.uplinks.uplink import named_uplink
 from coopsim.errors import CodecError, MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle
@@ -238,7 +239,7 @@ def test_without_asn1tools_what_to_install_is_said_at_once(monkeypatch: pytest.M
         cached.cache_clear()
     monkeypatch.setitem(sys.modules, "asn1tools", None)
     try:
-        for attempt in (lambda: uplink_maker("detections", "cpm"), CpmCodec):
+        for attempt in (lambda: named_uplink("detections", "cpm"), CpmCodec):
             with pytest.raises(MissingDependencyError, match=r"pip install 'coopsim\[etsi\]'"):
                 attempt()
     finally:

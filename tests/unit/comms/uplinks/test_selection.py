@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 import coopsim
 from coopsim.comms.envelope import decode_detections, encode_message
 from coopsim.comms.uplinks.budget import WithinBudget
-from coopsim.comms.uplinks.selection import SELECTIONS
-from coopsim.comms.uplinks.uplink import ShareDetections, ShareTracks, Silence
+from coopsim.comms.uplinks.selection import SELECTIONS, Selection
+from coopsim.comms.uplinks.share_detections import ShareDetections
+from coopsim.comms.uplinks.share_tracks import ShareTracks
+from coopsim.comms.uplinks.uplink import Silence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
@@ -33,7 +35,9 @@ def observe(found: Detections, *inbox: Message, x: float = 0.0, time_ns: int = 0
 
 
 def within(budget_bytes: int, selection: str = "need") -> WithinBudget:
-    return WithinBudget(ShareDetections(), budget_bytes, SELECTIONS.get(selection)(np.random.default_rng(0)))
+    return WithinBudget(
+        ShareDetections(), budget_bytes, lambda agent: SELECTIONS.get(selection)(np.random.default_rng(0))
+    )
 
 
 def said(uplink: WithinBudget, observation: Observation, sender: str = "cav_0") -> list[float]:
@@ -72,7 +76,7 @@ def test_by_need_what_is_close_to_another_agent_is_left_to_it() -> None:
     found = boxes([10, 20, 50, 55], [0.5, 0.5, 0.6, 0.6])
     assert said(uplink, observe(found)) == [50.0, 55.0]
     uplink = within(150)
-    uplink.hear(observe(found, other))
+    uplink.hear("cav_0", observe(found, other))
     assert said(uplink, observe(found)) == [10.0, 20.0]
 
 
@@ -85,7 +89,7 @@ def test_of_two_who_see_an_object_the_surer_one_goes_on_reporting_it() -> None:
         sent = {name: uplinks[name].message(name, seen[name]) for name in uplinks}
         inbox = {"cav_0": (sent["cav_1"],), "cav_1": (sent["cav_0"],)}
         for name, uplink in uplinks.items():
-            uplink.hear(replace(seen[name], inbox=inbox[name]))
+            uplink.hear(name, replace(seen[name], inbox=inbox[name]))
     assert said(uplinks["cav_0"], observe(mine)) == [99.0]
     assert said(uplinks["cav_1"], observe(theirs), "cav_1") == [90.0]
 
@@ -94,19 +98,21 @@ def test_what_was_said_long_ago_or_cannot_be_read_binds_nobody() -> None:
     uplink, found = within(110), boxes([10, 20], [0.5, 0.4])
     theirs = ShareDetections().message("cav_1", observe(boxes([-390], 0.9), x=400.0))
     assert theirs is not None
-    uplink.hear(observe(found, replace(theirs, payload=b"\x07nonsense")))
+    uplink.hear("cav_0", observe(found, replace(theirs, payload=b"\x07nonsense")))
     assert said(uplink, observe(found)) == [10.0]
     uplink = within(110)
-    uplink.hear(observe(found, theirs))
+    uplink.hear("cav_0", observe(found, theirs))
     assert said(uplink, observe(found)) == [20.0]
     uplink = within(110)
-    uplink.hear(observe(found, theirs))
-    uplink.hear(observe(found, time_ns=2_000_000_000))
+    uplink.hear("cav_0", observe(found, theirs))
+    uplink.hear("cav_0", observe(found, time_ns=2_000_000_000))
     assert said(uplink, observe(found)) == [10.0]
 
 
 def test_what_is_not_accepted_is_named() -> None:
-    selection = SELECTIONS.get("score")(np.random.default_rng(0))
+    def selection(agent: str) -> Selection:
+        return SELECTIONS.get("score")(np.random.default_rng(0))
+
     with pytest.raises(InvalidValueError, match=r"budget_bytes is for uplinks.*not for ShareTracks"):
         WithinBudget(ShareTracks(), 100, selection)
     with pytest.raises(InvalidValueError, match="budget_bytes must be an integer >= 1"):
