@@ -20,10 +20,10 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.se3 import SE3
+from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
 from coopsim.tracking.delayed import RECEIVER
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.odometry_frame import OdometryFrame
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.tracking.public_ids import ABSENT, PublicIds
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from coopsim.comms.codecs.track_codec import sendable
 from coopsim.comms.uplinks.once_per_frame import StepOnce
 from coopsim.comms.uplinks.uplink import UPLINKS, ContentUplink
-from coopsim.types.track_estimates import TrackEstimates
 from coopsim.tracking.onboard import OnBoardTracker
 from coopsim.types import Observation
+from coopsim.types.track_estimates import TrackEstimates
 
 TrackOwn = Callable[[str, Observation], TrackEstimates]
 """An agent's tracks of its own detections, in its base frame; asked once per agent and frame."""
