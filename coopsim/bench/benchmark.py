@@ -1,9 +1,10 @@
-"""A benchmark from the grid to the results: what is in the store is taken from there, and what is not is run."""
+"""A benchmark from the grid to the results: finished cells are taken from the store, the others are run."""
 
 from __future__ import annotations
 
 import itertools
 import os
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -29,12 +30,16 @@ ENGINES = ("local", "ray")
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """What runs the cells.
+    """The engine that runs cells.
 
     Attributes:
         name: "local" (processes of this machine) or "ray".
         workers: cells at once; None: as many as there are cores.
         address: of a Ray cluster; None: `RAY_ADDRESS`, or else a Ray of this machine alone.
+
+    Raises:
+        UnknownNameError: there is no such engine.
+        InvalidValueError: a value is not accepted, or "local" is asked for on a system without POSIX processes.
     """
 
     name: str = "local"
@@ -43,6 +48,8 @@ class Engine:
 
     def __post_init__(self) -> None:
         require_choice("engine", self.name, ENGINES)
+        if self.name == "local" and os.name != "posix":
+            raise InvalidValueError(f"engine must be 'ray' here: 'local' needs Linux or macOS, this is {sys.platform}")
         if self.workers is not None:
             require_count(1, workers=self.workers)
         if self.address is not None and self.name != "ray":
@@ -56,27 +63,27 @@ class Engine:
         return self.workers or cores()
 
     def run(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Outcomes, in the order in which they come; closing the iterator ends what is running."""
+        """Run jobs, and yield outcomes as they come; closing the generator ends the running ones."""
         if self.name == "ray":
             return run_on_ray(jobs, self.workers, self.address)
         return run_locally(jobs, self.at_once)
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a benchmark is.
+    """The progress of a benchmark.
 
     Attributes:
-        cells: of the grid.
-        stored: that were in the store already.
-        done: run since.
-        left_s: estimated time that is left, s; None before anything is known.
-        outcome: what is done last.
+        cells: number of cells of the grid.
+        stored: number of cells that were in the store at the start.
+        done: number of cells run since.
+        left_s: estimated remaining work for one worker, s; None before the first outcome.
+        outcome: the latest one.
     """
 
     cells: int
@@ -95,25 +102,25 @@ def benchmark(
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_broken: Callable[[StoreError], object] = lambda error: None,
 ) -> list[CellResult]:
-    """Run every cell of a grid that is not in the store yet, and return the results of all.
+    """Run every cell of a grid that is not in the store yet, and return the results of all cells.
 
     Policies, scenarios and options are looked up and tried before the first cell runs. Each cell is stored as soon as
-    it is finished, so whatever interrupts this, the same call goes on from there and ends in the same results. A cell
-    whose policy raises has a traceback in the place of values, and the others go on.
+    it is finished, so after any interruption the same call continues and ends in the same results. A cell whose policy
+    raises has a traceback instead of values, and the others go on.
 
     Args:
-        grid: what to run.
+        grid: the cells.
         folder: of the store; it is made if need be.
-        engine: what runs the cells; None: processes of this machine, as many as cores.
-        retry_failed: run cells again whose stored result is a traceback.
+        engine: runs the cells; None: processes of this machine, as many as cores.
+        retry_failed: also run cells whose stored result is a traceback.
         on_progress: called before the first cell and after each.
-        on_broken: called for each file of the store that is broken; its cell is run again.
+        on_broken: called for each broken file of the store; its cell is run again.
 
     Returns:
         The results in the order of `grid.cells()`, those of failed cells included.
 
     Raises:
-        CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
+        CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     engine = engine or Engine()
     policies = check(grid)
@@ -125,7 +132,7 @@ def benchmark(
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
     progress = Progress(len(jobs), len(results))
     on_progress(progress)
-    if progress.stored == progress.cells:  # no engine is started for nothing
+    if progress.stored == progress.cells:  # start no engine
         return [results[job.cell] for job in jobs]
     schedule = Schedule(job for job in jobs if job.cell not in results)
     with closing(engine.run(schedule)) as outcomes:
@@ -139,24 +146,24 @@ def benchmark(
 
 
 def check(grid: Grid) -> dict[str, PolicySpec]:
-    """Look up all that a grid names, and try it: every policy is made, and the environments that it may meet.
+    """Look up everything that a grid names, and make every policy and its environments once.
 
     Returns:
         The policies, by their text.
 
     Raises:
-        CoopsimError: something is not there or not accepted; the message says what.
+        CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     specs = {text: PolicySpec.parse(text) for text in grid.policies}
     policies = {text: spec.make() for text, spec in specs.items()}
-    # What else a policy has does not matter to an environment.
+    # Policies with the same needs meet the same environments.
     unlike = {(policy.needs, type(policy)): text for text, policy in policies.items()}
     for scenario in grid.scenarios:
         if newest(scenario.removeprefix(f"{NAMESPACE}/")).startswith("replay-"):
             raise InvalidValueError(
                 f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
             )
-        _require_nothing_beside(scenario)
+        _require_no_condition(scenario)
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
         hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
         for condition, text in itertools.product(sorted(hardest), unlike.values()):
@@ -165,11 +172,11 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
     return specs
 
 
-def _require_nothing_beside(scenario: str) -> None:
-    """What a scenario says of channel and poses would hold in some cells, under the name of another condition."""
-    said = scenario_options(scenario)
+def _require_no_condition(scenario: str) -> None:
+    """Refuse a scenario file with a channel or localization, which would hide the conditions of the grid."""
+    options = scenario_options(scenario)
     for name in ("channel", "localization"):
-        if said.get(name) is not None:
+        if options.get(name) is not None:
             raise InvalidValueError(
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
                 "options, where it is the same in all cells"
@@ -177,7 +184,7 @@ def _require_nothing_beside(scenario: str) -> None:
 
 
 def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:
-    """What is in the store already."""
+    """Return the results in the store, by cell."""
     found = {}
     for job in jobs:
         try:

@@ -1,4 +1,4 @@
-"""Runs a policy, start to end, and scores it: in simulation, or on recordings."""
+"""Evaluation of a policy over whole episodes: in simulation, or on recordings."""
 
 from __future__ import annotations
 
@@ -26,20 +26,22 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 OnFrame = Callable[["CooperativeEnv"], None]
-"""Called after every step, to watch; it must not step."""
+"""A function that is called after every step, and must not step itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """How one policy did in one episode.
+    """The evaluation of one policy in one episode.
 
     Attributes:
-        score: each agent's and their mean.
+        score: of each agent, and their mean.
         rewards: (F,) mean over agents, per frame.
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
-        messages: what became of them, each counted for every other agent; and how many the policy could not read.
-        links: what became of them by link: sender and receiver.
+        messages: counts of sent, lost, delivered, ... messages, each counted per receiver; `rejected` are those that
+        the
+            policy could not read.
+        links: the same counts by link: sender and receiver.
     """
 
     score: Score
@@ -57,11 +59,11 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingsEvaluation:
-    """How one policy did on a set of recordings, all of them pooled.
+    """The evaluation of one policy on a set of recordings, pooled.
 
     Attributes:
         count: the score with false positives counted.
-        ignore: the score with false positives ignored, to stand beside tables that do so.
+        ignore: the score with false positives ignored, to compare with tables that do so.
         frames: number of frames, over all sequences.
         seconds: wall time of tracking and scoring, without reading files.
     """
@@ -90,21 +92,21 @@ def evaluate(
     Cameras are drawn only for a policy that needs them (`Policy.needs`), or where `cameras` asks for others.
 
     Args:
-        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
+        policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
         environment: name of the environment.
-        seed: decides everything in the episode; None: 0, or what the scenario file says.
+        seed: decides everything in the episode; None: 0, or the scenario file's.
         on_frame: called after every step.
-        **options: of the environment, but not `uplink`: the policy says which.
+        **options: of the environment, but not `uplink`, which the policy decides.
 
     Raises:
-        CoopsimError: a name is unknown or a value not accepted; the message says which, and what is accepted.
+        CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     policy = _instance(policy)
     env = listening_env(environment, policy, options)
     try:
         seed = usual_seed(environment) if seed is None else seed
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        rejected = getattr(policy, "rejected", {})  # who brings an `act` of its own need not count
+        rejected = getattr(policy, "rejected", {})  # a policy with its own `act` may not count
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))
         return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts)
     finally:
@@ -123,15 +125,15 @@ def evaluate_recordings(
     """Run a policy over every sequence of a recording set and pool the scores.
 
     Args:
-        policy: a policy, or one as `PolicySpec` reads it: its name, with parameters, or where its class is.
-        path: the set's folder.
+        policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
+        path: folder of the set.
         detections: a name under `detections/`, or several; each is one agent.
-        seed: decides what the channel loses and delays.
+        seed: decides losses and delays of the channel.
         on_frame: called after every step.
         **options: of the replay environment, but not `uplink`: the policy says which.
 
     Raises:
-        CoopsimError: a name is unknown, a value not accepted, or a file broken; the message says which.
+        CoopsimError: a name is unknown, a value is not accepted, or a file is broken.
     """
     policy = _instance(policy)
     env = listening_env("replay", policy, options | {"path": path, "detections": detections})
@@ -163,7 +165,7 @@ def run_episode(
     on_frame: OnFrame | None = None,
     **reset_options: Any,
 ) -> tuple[Floats, float]:
-    """Step until the episode ends; the mean reward per frame (F,), and seconds of wall time."""
+    """Step until the episode ends. Return the mean reward per frame (F,), and seconds of wall time."""
     _warm_up()
     rewards: list[float] = []
     observations, _ = env.reset(seed=seed, options=reset_options)
@@ -180,7 +182,7 @@ def run_episode(
 
 
 def _warm_up() -> None:
-    """Have the compiled parts ready, which takes seconds once on a machine, before a clock runs."""
+    """Compile the metrics before a clock runs, which takes seconds once on a machine."""
     box, zero = Boxes3D.from_array([[0.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]]), np.zeros(1, dtype=np.int64)
     evaluator = Evaluator()
     evaluator.update(GroundTruth(zero, box, zero), Tracks(zero, box, np.zeros((1, 2)), np.ones(1), zero))

@@ -1,6 +1,6 @@
 """The command line: a module for each command."""
 
+from coopsim.cli.arguments import INTERRUPTED
 from coopsim.cli.entry import main
-from coopsim.cli.status import INTERRUPTED
 
 __all__ = ["INTERRUPTED", "main"]

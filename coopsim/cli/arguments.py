@@ -1,4 +1,4 @@
-"""What several commands read from the command line."""
+"""Arguments that several commands share, and exit statuses."""
 
 from __future__ import annotations
 
@@ -11,26 +11,33 @@ from typing import Any, NoReturn
 
 import yaml
 
-from coopsim.cli.status import USER_ERROR
 from coopsim.errors import CoopsimError, InvalidValueError
 
+FAILED = 1
+"""Exit status: the command ended, but some of its cells or policies failed."""
+
+USER_ERROR = 2
+"""Exit status: the user can correct the command, as for argparse's errors."""
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells report it."""
+
 POPULATION = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
-"""Numbers that have a flag."""
+"""Options of a scenario that have a flag."""
 
 
 class Parser(argparse.ArgumentParser):
-    """Suggests the option that was probably meant; takes no abbreviations, which hide typos."""
+    """A parser that suggests the option that was probably meant; it takes no abbreviations, which hide typos."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**(kwargs | {"allow_abbrev": False}))
 
     def error(self, message: str) -> NoReturn:
-        """One line: what was wrong should not be lost below a screen of usage."""
+        """Exit with one line, which a screen of usage would hide."""
         self.exit(USER_ERROR, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        # A sub-command's parser is asked here, never through parse_args. Before argparse, which would rather complain
-        # that the option which was mistyped is missing.
+        # Sub-commands are parsed here, never through parse_args. argparse would report a mistyped option as missing.
         for word in args or () if self._subparsers is None else ():
             option = str(word).split("=")[0]
             if option.startswith("--") and option not in self._option_string_actions:
@@ -42,22 +49,20 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_population(parser: argparse.ArgumentParser) -> None:
-    """Numbers of actors; whichever is not given is the scenario's own."""
+    """Declare the numbers of actors; the default is the scenario's."""
     add = parser.add_argument
-    add("--vehicles", type=count_or_zero, help="default: the scenario's own")
-    add("--connected-cars", type=count_or_zero, help="default: the scenario's own")
-    add("--rsus", type=count_or_zero, help="roadside units (default: the scenario's own)")
-    add("--drones", type=count_or_zero, help="default: the scenario's own")
-    add("--pedestrians", type=count_or_zero, help="default: the scenario's own")
+    for name in POPULATION:
+        unit = "roadside units (default: the scenario's)" if name == "rsus" else "default: the scenario's"
+        add(f"--{name.replace('_', '-')}", type=count_or_zero, help=unit)
 
 
 def population(options: argparse.Namespace) -> dict[str, Any]:
-    """Numbers of the scenario that the user named."""
+    """Return the numbers of actors that were given."""
     return {name: value for name in POPULATION if (value := getattr(options, name)) is not None}
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """A recording set and how its messages travel."""
+    """Declare a set of recordings, its detections, and the latency of messages."""
     add = parser.add_argument
     add("path", type=Path, help="folder with labels/ and detections/<name>/")
     add(
@@ -65,14 +70,14 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
         type=names,
         required=True,
         metavar="A,B",
-        help="every name is one agent, first the one in whose frame the boxes are",
+        help="each name is one agent; boxes are in the frame of the first",
     )
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
     add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Distinct names with commas between them."""
+    """Parse distinct names with commas between them."""
     named = tuple(name.strip() for name in text.split(","))
     if not all(named) or len(set(named)) < len(named):
         raise argparse.ArgumentTypeError(f"must be distinct names with commas between them, got {text!r}")
@@ -80,17 +85,17 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def policy(text: str) -> str:
-    """A policy as `PolicySpec` reads it, in its one spelling."""
+    """Parse a policy. Return its one spelling."""
     from coopsim.bench.policy_spec import PolicySpec
 
     try:
         return PolicySpec.parse(text).text
-    except CoopsimError as error:  # argparse would hide what it says
+    except CoopsimError as error:  # argparse hides the text of other exceptions
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def policies(text: str) -> tuple[str, ...]:
-    """Distinct policies with commas between them; commas in brackets belong to parameters."""
+    """Parse distinct policies with commas between them; commas in brackets belong to parameters."""
     from coopsim.config.spec import split_specs
 
     found = tuple(policy(part) for part in split_specs(text))
@@ -100,7 +105,7 @@ def policies(text: str) -> tuple[str, ...]:
 
 
 def add_options(parser: argparse._ActionsContainer, of: str) -> None:
-    """Whatever has no flag of its own, by `--option name=value`."""
+    """Declare `--option name=value`, for options without a flag."""
     metavar, several = "NAME=VALUE", "may be given several times"
     parser.add_argument(
         "--option", type=named_value, action="append", default=[], metavar=metavar, help=f"{of}; {several}"
@@ -108,14 +113,14 @@ def add_options(parser: argparse._ActionsContainer, of: str) -> None:
 
 
 def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """What was said by `--option`, by name.
+    """Return the options that were given by `--option`.
 
     Args:
-        options: the command's.
-        flags: by what such options are to be said instead, by name.
+        options: of the command.
+        flags: options that must be given by a flag instead, and the flag.
 
     Raises:
-        InvalidValueError: a name is given twice, or is that of a flag.
+        InvalidValueError: an option is given twice, or must be given by a flag.
     """
     given: dict[str, Any] = {}
     for name, value in options.option:
@@ -128,7 +133,7 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Numbers with commas between them."""
+    """Parse numbers with commas between them."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -136,7 +141,7 @@ def numbers(text: str) -> tuple[float, ...]:
 
 
 def seeds(text: str) -> tuple[int, ...]:
-    """Integers >= 0 with commas between them; `0-4` is five of them."""
+    """Parse integers >= 0 with commas between them; `0-4` is five of them."""
     found: list[int] = []
     for part in text.split(","):
         first, _, last = part.partition("-")
@@ -148,7 +153,7 @@ def seeds(text: str) -> tuple[int, ...]:
 
 
 def named_value(text: str) -> tuple[str, Any]:
-    """`name=value`, the value as YAML has it."""
+    """Parse `name=value`, the value as YAML."""
     name, equals, value = text.partition("=")
     try:
         if not (name and equals):
@@ -159,12 +164,12 @@ def named_value(text: str) -> tuple[str, Any]:
 
 
 def count_or_zero(text: str) -> int:
-    """An integer >= 0."""
+    """Parse an integer >= 0."""
     return _integer(text, least=0)
 
 
 def count(text: str) -> int:
-    """An integer >= 1."""
+    """Parse an integer >= 1."""
     return _integer(text, least=1)
 
 
@@ -175,5 +180,5 @@ def _integer(text: str, least: int) -> int:
 
 
 def as_json(content: object) -> str:
-    """Indented, with a newline at the end."""
+    """Format content as indented JSON with a newline at the end."""
     return json.dumps(content, indent=2) + "\n"

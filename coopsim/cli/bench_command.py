@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.cli.arguments import (
+    FAILED,
+    INTERRUPTED,
     add_options,
     count,
     count_or_zero,
@@ -20,7 +22,6 @@ from coopsim.cli.arguments import (
     policy,
     seeds,
 )
-from coopsim.cli.status import FAILED, INTERRUPTED
 from coopsim.errors import CoopsimError
 
 if TYPE_CHECKING:
@@ -30,12 +31,12 @@ if TYPE_CHECKING:
     from coopsim.bench.grid.cell import CellResult, Condition
     from coopsim.bench.grid.grid import Grid
 
-HELP = "policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
+HELP = "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
-    grid = parser.add_argument_group("grid", "what is not given is the preset's or the file's")
+    """Declare the command's arguments."""
+    grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
     add("--preset", metavar="NAME", help="quick, latency, pose, loss or bandwidth")
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
@@ -58,30 +59,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)"
     )
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
-    how.add_argument("--retry-failed", action="store_true", help="run cells again that failed before")
+    how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
     report = parser.add_argument_group("report")
     report.add_argument("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     report.add_argument("--plots", action="store_true", help="write the plots as SVG files, too")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import Engine, benchmark
     from coopsim.bench.grid.grid_file import find_grid
 
     engine = Engine(options.engine, options.workers, options.address)
-    source = find_grid(options.preset, options.grid, more_policies=options.policy, **_beside(options))
+    source = find_grid(options.preset, options.grid, more_policies=options.policy, **_flag_values(options))
     grid = source.grid()
     conditions, finished = list(grid.conditions()), 0
-    # The time left is ours: a bar would take all cells for equally long.
+    # The remaining time is ours: the bar's own assumes that all cells take equally long.
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
     with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
 
         def show(progress: Progress) -> None:
             nonlocal finished
-            finished = progress.stored + progress.done  # the bar does not count where it is not shown
+            finished = progress.stored + progress.done  # a hidden bar does not count
             _show(bar, progress, engine.at_once, conditions)
 
         try:
@@ -103,8 +104,8 @@ def run(options: argparse.Namespace) -> int:
     return _conclude(grid, results, options)
 
 
-def _beside(options: argparse.Namespace) -> dict[str, Any]:
-    """The attributes of a grid that were given as flags."""
+def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the attributes of a grid that were given as flags."""
     from coopsim.bench.grid.grid import Grid
 
     given = {each.name: getattr(options, each.name, None) for each in fields(Grid)}

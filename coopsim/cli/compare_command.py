@@ -10,11 +10,11 @@ from coopsim.cli.arguments import as_json, names
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.files import require_writable, write_whole
 
-HELP = "which differences between two benchmarks, or two policies of one, are significant"
+HELP = "test which differences between two benchmarks, or two policies of one, are significant"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
+    """Declare the command's arguments."""
     add = parser.add_argument
     add("a", metavar="A", help="folder of results, or with --results the name of a policy")
     add("b", metavar="B", help="the same; differences are B - A")
@@ -25,9 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
-    from coopsim.bench.report.paired_text import to_csv, to_dict, to_text
-    from coopsim.bench.results.paired import compare_results
+    """Run the command. Return the exit status."""
+    from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
+    from coopsim.bench.results.comparison import compare_results
 
     paths = [path for path in (options.json, options.csv) if path is not None]
     if len({path.resolve() for path in paths}) < len(paths):
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResult]]:
-    from coopsim.bench.results.paired import as_one_policy
+    from coopsim.bench.results.comparison import as_one_policy
 
     if options.results is None:
         return _results(Path(options.a)), _results(Path(options.b))
@@ -57,22 +57,22 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
 
 
 def _unspaced(policy: str) -> str:
-    """A policy's text as nobody need spell it: a grid writes `late_fusion(delayed=replay, hits=2)`."""
+    """Remove spaces from a policy's text, so that users need not spell it as grids do."""
     return "".join(policy.split())
 
 
 def _results(folder: Path) -> list[CellResult]:
-    """What a benchmark stored there.
+    """Read the results of a benchmark's folder.
 
     Raises:
-        UnknownNameError: there is no such folder of results; the message lists close ones beside it.
-        InvalidValueError: it is empty.
+        UnknownNameError: there is no such folder of results; the message lists close ones next to it.
+        InvalidValueError: the folder has no results.
     """
     from coopsim.bench.store.store import CELLS, Store
 
     if not (folder / CELLS).is_dir():
-        beside = folder.parent.iterdir() if folder.parent.is_dir() else ()
-        known = [path.name for path in beside if (path / CELLS).is_dir()]
+        siblings = folder.parent.iterdir() if folder.parent.is_dir() else ()
+        known = [path.name for path in siblings if (path / CELLS).is_dir()]
         raise UnknownNameError(f"folder of results (policies need --results) in {folder.parent}", folder.name, known)
     results = Store(folder).results()
     if not results:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.cli.arguments import (
+    INTERRUPTED,
     add_options,
     add_population,
     as_json,
@@ -20,7 +21,6 @@ from coopsim.cli.arguments import (
     policies,
     population,
 )
-from coopsim.cli.status import INTERRUPTED
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import require_writable, write_whole
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 HELP = "compare policies in simulated traffic, with a report"
 
 _POLICIES = ("no_fusion", "late_fusion")
-_UNLESS = ", unless an option or the scenario file says so itself"
+_UNLESS = ", unless an option or the scenario file sets it"
 _FLAGS = {
     "latency_s": "--latencies-ms",
     "loss": "--loss",
@@ -41,11 +41,11 @@ _FLAGS = {
     "seed": "--seed",
     "uplink": "--policies, each of which has its own",
 }
-"""By what options are said that are none of `--option`."""
+"""Options that must be given by a flag, and the flag."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
+    """Declare the command's arguments."""
     add = parser.add_argument
     add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from tqdm import tqdm
 
     from coopsim.bench.demo import Demo
@@ -81,10 +81,10 @@ def run(options: argparse.Namespace) -> int:
             demo.run(bar.update)
         except KeyboardInterrupt:
             interrupted = True
-    if demo.runs:  # an interrupt before the first is finished leaves older files as they are
+    if demo.runs:  # an interrupt before the first is finished leaves older files untouched
         rows = [(run.about, evaluation_row(run.evaluation)) for run in demo.runs]
         print(format_table(rows))
-        print("\nWho got returns from an object, recall there, and what the second adds to all recall, in per cent:")
+        print("\nRecall by which agents got returns from an object, and the gain by what only others saw, in per cent:")
         print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
             write_whole(options.json, as_json([{**about, **values} for about, values in rows]))
@@ -106,32 +106,32 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = as_objects(named_options(options, _FLAGS))
-    said = {*given, *_said_by_file(options.environment)}
-    given = {**world, **population(options), **_degradation(options, said), **given}
-    return DemoConfig(options.environment, options.policies, _latencies_s(options, said), frames, seed, given)
+    explicit = {*given, *_options_of_file(options.environment)}
+    given = {**world, **population(options), **_degradation(options, explicit), **given}
+    return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)
 
 
-def _said_by_file(environment: str) -> Collection[str]:
-    """Names of the options that a scenario file sets."""
+def _options_of_file(environment: str) -> Collection[str]:
+    """Return the names of the options that a scenario file sets."""
     from coopsim.catalog import is_scenario_file, scenario_file_options
 
     return scenario_file_options(environment) if is_scenario_file(environment) else ()
 
 
-def _degradation(options: argparse.Namespace, said: Collection[str]) -> dict[str, Any]:
-    """Noise and loss by the flags, and the noise that there is where nothing is said."""
+def _degradation(options: argparse.Namespace, explicit: Collection[str]) -> dict[str, Any]:
+    """Return noise and loss of the flags, and the default noise where no option sets it."""
     position_m, heading_deg = options.position_noise_m, options.heading_noise_deg
-    if "localization" not in said:
-        position_m = 0.2 if position_m is None and "position_noise_m" not in said else position_m
-        heading_deg = 0.2 if heading_deg is None and "heading_noise_rad" not in said else heading_deg
+    if "localization" not in explicit:
+        position_m = 0.2 if position_m is None and "position_noise_m" not in explicit else position_m
+        heading_deg = 0.2 if heading_deg is None and "heading_noise_rad" not in explicit else heading_deg
     heading_rad = None if heading_deg is None else math.radians(heading_deg)
     given = {"position_noise_m": position_m, "heading_noise_rad": heading_rad, "loss": options.loss}
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _latencies_s(options: argparse.Namespace, said: Collection[str]) -> tuple[float | None, ...]:
+def _latencies_s(options: argparse.Namespace, explicit: Collection[str]) -> tuple[float | None, ...]:
     if options.latencies_ms is not None:
-        if "channel" in said:
-            raise InvalidValueError("--latencies-ms must be left out where a channel is given, which says so itself")
+        if "channel" in explicit:
+            raise InvalidValueError("--latencies-ms must be left out where a channel is given, which sets the latency")
         return tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
-    return (None,) if {"channel", "latency_s"} & set(said) else (0.0, 0.3)
+    return (None,) if {"channel", "latency_s"} & set(explicit) else (0.0, 0.3)

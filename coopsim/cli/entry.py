@@ -1,4 +1,4 @@
-"""Where the command line begins: finds the command, runs it, and turns errors into one line and an exit status."""
+"""The entry of the command line: runs a command, and turns errors into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from coopsim.cli import (
     record_command,
     replay_command,
 )
-from coopsim.cli.arguments import Parser
-from coopsim.cli.status import INTERRUPTED, USER_ERROR
+from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.errors import CoopsimError
 
 _COMMANDS = {
@@ -31,11 +30,11 @@ _COMMANDS = {
     "leaderboard": leaderboard_command,
     "list": list_command,
 }
-"""Modules that have a line of `HELP`, `add_arguments` and `run`."""
+"""Modules with `HELP`, `add_arguments` and `run`."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit status (see `coopsim.cli.status`)."""
+    """Run a command. Return its exit status: 0, `FAILED`, `USER_ERROR` or `INTERRUPTED`."""
     typed = sys.argv[1:] if arguments is None else arguments
     options = make_parser().parse_args(typed)
     options.typed = shlex.join(["coopsim", *typed])
@@ -48,20 +47,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("coopsim: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output went away, as `head` does
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (so that the exit does not flush into it again)
+    except BrokenPipeError:  # the reader of our output ended, as `head` does
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (so that the exit does not flush into the pipe)
         return 0
     finally:
         warnings.formatwarning = usual_format
 
 
 def _warning_in_one_line(message: Warning | str, *_: object, **__: object) -> str:
-    """Where in the library it was found says nothing to whoever has typed a command."""
+    """Format a warning without its place in the library, which means nothing to the user of a command."""
     return f"coopsim: warning: {message}\n"
 
 
 def make_parser() -> Parser:
-    """The parser of all commands; what it reads has the `command` to run."""
+    """Make the parser of all commands; a parsed line has its `command` to run."""
     parser = Parser(prog="coopsim", description="The gym for cooperative perception.")
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)

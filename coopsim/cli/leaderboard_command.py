@@ -9,18 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import coopsim
-from coopsim.cli.arguments import add_recordings, policies
-from coopsim.cli.status import FAILED, INTERRUPTED
+from coopsim.cli.arguments import FAILED, INTERRUPTED, add_recordings, policies
 
 if TYPE_CHECKING:
     from coopsim.bench.evaluate import RecordingsEvaluation
     from coopsim.bench.leaderboard import Results
 
-HELP = "every policy on recorded detections, as tables and a picture"
+HELP = "rank policies on recorded detections, as tables and a plot"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
+    """Declare the command's arguments."""
     add_recordings(parser)
     add = parser.add_argument
     add("--policies", type=policies, metavar="A,B(x=1)", help="as in `bench` (default: all, see `list`)")
@@ -28,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from tqdm import tqdm
 
     from coopsim.bench.leaderboard import evaluate_each
@@ -47,13 +46,13 @@ def run(options: argparse.Namespace) -> int:
             for name, result in bar:
                 if isinstance(result, Exception):
                     failed += 1
-                    told = "".join(traceback.format_exception(result))  # no report will show where it was
+                    told = "".join(traceback.format_exception(result))  # no report shows it
                     bar.write(f"coopsim: failed: {name}\n{told}", file=sys.stderr, end="")
                 else:
                     results[name] = result
         except KeyboardInterrupt:
             interrupted = True
-    if results:  # older files stay as they are while nothing is finished
+    if results:  # older files stay untouched while nothing is finished
         _report(results, options)
     if failed:
         print(f"coopsim: {failed} of {len(ranked)} policies failed and are not ranked", file=sys.stderr)

@@ -6,19 +6,20 @@ import argparse
 
 import coopsim
 
-HELP = "names of policies, environments, scenario files, detectors, codecs, camera rigs and presets"
+HELP = "list the names of policies, environments, scenario files, detectors, codecs, camera rigs, metrics, presets"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """It takes nothing."""
+    """Declare no arguments."""
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from coopsim.bench.grid.grid_file import PRESETS
     from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import codecs_of
     from coopsim.detection.detector import DETECTORS
+    from coopsim.metrics.metric import METRICS
     from coopsim.sensors.camera.rig_names import RIG_NAMES
 
     listed = {
@@ -28,6 +29,7 @@ def run(options: argparse.Namespace) -> int:
         "detectors": DETECTORS.names(),
         "codecs": codecs_of("detections"),
         "camera rigs": RIG_NAMES,
+        "metrics": METRICS.names(),
         "presets": PRESETS,
     }
     for kind, names in listed.items():

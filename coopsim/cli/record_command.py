@@ -8,11 +8,11 @@ from pathlib import Path
 import coopsim
 from coopsim.cli.arguments import add_options, add_population, count, count_or_zero, named_options, population
 
-HELP = "simulate traffic and write it to a file that demos can play"
+HELP = "simulate traffic and record it to a file that demos can play back"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
+    """Declare the command's arguments."""
     add = parser.add_argument
     add("scenario", help="as crossing or highway, or path of a scenario file")
     add("--seed", type=count_or_zero, help="default: 0, or the scenario file's own")
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from coopsim.world.recording.episode_file import Episode
 
     given = {**population(options), **named_options(options, {"max_cycles": "--frames", "seed": "--seed"})}

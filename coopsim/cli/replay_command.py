@@ -12,7 +12,7 @@ HELP = "score a policy on recorded detections"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
+    """Declare the command's arguments."""
     add_recordings(parser)
     add = parser.add_argument
     add("--policy", type=policy, default="ab3dmot", metavar="A(x=1)", help="as in `bench` (default: %(default)s)")
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; the exit status."""
+    """Run the command. Return the exit status."""
     from coopsim.bench.evaluate import evaluate_recordings
     from coopsim.bench.report.table import format_table, score_row
 

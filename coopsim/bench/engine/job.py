@@ -1,4 +1,4 @@
-"""One cell as work that any process can do, and what comes of it."""
+"""Jobs, each of which runs one cell in any process, and their outcomes."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from coopsim.bench.store.fingerprint import fingerprint, key_of, package_version
 _POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 ONE_THREAD: Mapping[str, str] = dict.fromkeys(_POOLS, "1")
-"""The environment of a process that does jobs: there are as many as cores, and each uses one."""
+"""Environment variables of a worker process: there are as many workers as cores, so each uses one thread."""
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """A cell, and all that is needed to run it; plain data.
+    """A cell and everything that is needed to run it, as plain data.
 
     Attributes:
-        cell: which one.
-        options: of its environment, beside the condition.
-        policy: the cell's.
-        decided_by: its `fingerprint`.
-        metrics: the registered metrics of its result, beside the built-in ones.
+        cell: the cell.
+        options: of its environment, besides the condition.
+        policy: the cell's policy.
+        decided_by: the cell's `fingerprint`.
+        metrics: the registered metrics of its result, besides the built-in ones.
     """
 
     cell: Cell
@@ -59,18 +59,18 @@ class Job:
 
     @property
     def key(self) -> str:
-        """The job's name in a store."""
+        """Key of the job's result in a store."""
         return key_of(self.decided_by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What came of a job.
+    """The outcome of a job.
 
     Attributes:
-        job: which one.
+        job: the job.
         result: the same in every run.
-        circumstances: what differs between runs: seconds, where, with which versions, and how a process died.
+        circumstances: what differs between runs: seconds, machine, versions, and how a process died.
     """
 
     job: Job
@@ -84,19 +84,19 @@ class Outcome:
 
     @property
     def reason(self) -> str | None:
-        """Why it failed, in one line, and how its process died if it did; None if it did not fail."""
+        """Why the job failed, in one line, and how its process died if it did; None if it did not fail."""
         how = self.circumstances.get("died")
         return self.result.reason if how is None else f"{self.result.reason}: {how}"
 
 
 def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
-    """Run a cell; whatever it raises is its result. `on_frame` is called after every step, to watch."""
+    """Run a cell. An exception becomes its result. `on_frame` is called after every step and must not step."""
     _warm_up(job)
     started = time.perf_counter()
     try:
         result = _evaluate(job, on_frame)
-    except Exception as error:  # a user's policy may raise anything, and the other cells must not suffer
-        result = CellResult(job.cell, traceback=_told(error))
+    except Exception as error:  # a user's policy may raise anything, and the other cells go on
+        result = CellResult(job.cell, traceback=_traceback(error))
     seconds = time.perf_counter() - started
     return Outcome(job, result, {"seconds": seconds, **_circumstances()})
 
@@ -114,7 +114,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
 
 
 def died(job: Job, how: str) -> Outcome:
-    """The outcome of a job whose process is gone; each engine learns another how, so that is no part of the result."""
+    """Return the outcome of a job whose process died. `how` differs between engines, so it is not in the result."""
     return Outcome(job, CellResult(job.cell, traceback="the process that ran this cell died\n"), {"died": how})
 
 
@@ -133,8 +133,8 @@ def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     )
 
 
-def _told(error: Exception) -> str:
-    """The traceback without what differs between runs: who called us, and where objects lie in memory."""
+def _traceback(error: Exception) -> str:
+    """Format a traceback without what differs between runs: our callers, and addresses of objects."""
     return _ADDRESS.sub("0x...", "".join(traceback.format_exception(error)))
 
 
@@ -142,12 +142,12 @@ _warm = False
 
 
 def _warm_up(job: Job) -> None:
-    """Have what is compiled ready before a clock runs: once in a process, by three frames of its first job."""
+    """Compile before a clock runs: once in a process, by three frames of its first job."""
     global _warm
     if _warm:
         return
     _warm = True
-    with contextlib.suppress(Exception):  # the cell itself will tell
+    with contextlib.suppress(Exception):  # the cell itself will report it
         _evaluate(replace(job, cell=replace(job.cell, frames=3)))
 
 

@@ -1,91 +1,86 @@
-"""Jobs by processes on this machine.
+"""The engine "local": jobs in worker processes of this machine.
 
-Processes of our own and not `multiprocessing`'s: those import the caller's script again, which then needs a guard
-around whatever it does, and one that dies takes the whole pool with it.
+The pools of the standard library and joblib do not fit: `multiprocessing`'s import the caller's script again, which
+then needs a guard, and in all of them the death of one process fails every job without telling which one killed it.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
-import selectors
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Generator, Iterator
 from itertools import islice
+from multiprocessing.connection import wait
+from queue import SimpleQueue
 
-from coopsim.bench.engine.job import ONE_THREAD, Job, Outcome, died
+from coopsim.bench.engine.job import ONE_THREAD, Job, Outcome, died, run_job
 
-_PROGRAM = "from coopsim.bench.engine.worker import main; main()"
+_PROGRAM = "from coopsim.bench.engine.local import serve; serve()"
 
 
 def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
-    """Outcomes, in the order in which they come; closing the iterator ends the processes.
+    """Run jobs, and yield outcomes as they come; closing the generator ends the processes.
 
-    A job whose process died is done once more before it counts as failed: it may have been killed from outside, as
-    when memory ran out or everything was killed, and then this process had only not been killed yet.
+    A job whose process died is run once more before it counts as failed: the process may have been killed from outside,
+    as when memory runs out.
 
     Args:
-        jobs: the next is taken when a worker has nothing to do.
-        workers: processes at once.
+        jobs: the next one is taken when a worker is free.
+        workers: number of processes.
     """
-    crew: set[_Worker] = set()
+    crew: list[_Worker] = []
     repeated: set[Job] = set()
     try:
-        with selectors.DefaultSelector() as replies:
-
-            def give(job: Job, worker: _Worker | None = None) -> None:
-                if worker is None:
-                    crew.add(worker := _Worker())
-                    replies.register(worker.replies, selectors.EVENT_READ, worker)
-                worker.give(job)
-
-            for job in islice(jobs, workers):
-                give(job)
-            while replies.get_map():
-                for ready, _ in replies.select():
-                    worker: _Worker = ready.data
-                    outcome = worker.take()
-                    alive = worker.process.returncode is None
-                    if alive or outcome.job in repeated:
-                        yield outcome
-                        following = next(jobs, None)
-                    else:
-                        repeated.add(following := outcome.job)
-                    if not alive or following is None:
-                        replies.unregister(worker.replies)
-                        worker.end()
-                        crew.remove(worker)
-                    if following is not None:
-                        give(following, worker if alive else None)
+        crew += map(_Worker, islice(jobs, workers))
+        while crew:
+            ready = wait([worker.replies.fileno() for worker in crew])
+            for worker in [each for each in crew if each.replies.fileno() in ready]:
+                outcome = worker.take()
+                if worker.alive or outcome.job in repeated:
+                    yield outcome
+                    following = next(jobs, None)
+                else:
+                    repeated.add(following := outcome.job)
+                if worker.alive and following is not None:
+                    worker.give(following)
+                    continue
+                crew.remove(worker)
+                worker.end()
+                if following is not None:
+                    crew.append(_Worker(following))
     finally:
         for worker in crew:
             worker.end()
 
 
 class _Worker:
-    """A process that does one job after another; it ends when we do, however we end (see
-    `coopsim.bench.engine.worker`).
-    """
+    """A process that runs one job after another. It ends when this process does, in any way (see `serve`)."""
 
-    def __init__(self) -> None:
-        # It finds what we find, and does not get our terminal's Ctrl-C: we end it.
+    def __init__(self, job: Job) -> None:
+        # It has our search path, and does not get our terminal's Ctrl-C: we end it.
         path = os.pathsep.join(place or os.getcwd() for place in sys.path)  # "" is where an interpreter was started
-        environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": path}
-        self.process = subprocess.Popen(
+        self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _PROGRAM],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=environment,
+            env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
             start_new_session=True,
         )
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self._orders, self.replies = self.process.stdin, self.process.stdout
-        self._job: Job
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._orders, self.replies = self._process.stdin, self._process.stdout
+        self.give(job)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process had not ended at the last `take`."""
+        return self._process.returncode is None
 
     def give(self, job: Job) -> None:
-        """Have it do a job."""
+        """Hand over a job."""
         self._job = job
         try:
             pickle.dump(job, self._orders)
@@ -94,23 +89,42 @@ class _Worker:
             return
 
     def take(self) -> Outcome:
-        """What came of the job."""
+        """Wait for the outcome of the job."""
         try:
             outcome: Outcome = pickle.load(self.replies)
         except (EOFError, pickle.UnpicklingError):
-            return died(self._job, _how(self.process.wait()))
+            status = self._process.wait()
+            return died(self._job, f"exit status {status}" if status >= 0 else signal.Signals(-status).name)
         return outcome
 
     def end(self) -> None:
-        """End the process, whatever it does."""
-        self.process.kill()
-        self.process.wait()
+        """Kill the process."""
+        self._process.kill()
+        self._process.wait()
         for pipe in (self._orders, self.replies):
             try:
                 pipe.close()
-            except BrokenPipeError:  # of what it had not read
+            except BrokenPipeError:  # of orders that it had not read
                 continue
 
 
-def _how(status: int) -> str:
-    return f"exit status {status}" if status >= 0 else signal.Signals(-status).name
+def serve() -> None:
+    """Be a worker: read jobs from the standard input and write outcomes to the standard output.
+
+    When the parent process is gone the input ends, and this process exits at once, during a job or not.
+    """
+    replies = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # a policy's prints must not get among the outcomes
+    jobs: SimpleQueue[Job] = SimpleQueue()
+    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+    while True:
+        pickle.dump(run_job(jobs.get()), replies)
+        replies.flush()
+
+
+def _listen(jobs: SimpleQueue[Job]) -> None:
+    try:
+        while True:
+            jobs.put(pickle.load(sys.stdin.buffer))
+    except (EOFError, pickle.UnpicklingError):  # between two jobs, or in the middle of one
+        os._exit(0)

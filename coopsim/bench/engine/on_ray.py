@@ -1,4 +1,4 @@
-"""Jobs by Ray, on this machine or a cluster."""
+"""The engine "ray": jobs as Ray tasks, on this machine or a cluster."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _ONE_THREAD = {"env_vars": dict(ONE_THREAD)}
 
 
 def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) -> Generator[Outcome]:
-    """Outcomes, in the order in which they come; closing the iterator cancels what is left.
+    """Run jobs, and yield outcomes as they come; closing the generator cancels the remaining ones.
 
-    A Ray that the caller has started is used, and left running. coopsim, and the packages and scenario files that jobs
-    name, have to be on every machine of a cluster; a policy's file is sent along.
+    A Ray that the caller has started is used, and left running. Every machine of a cluster needs coopsim, and the
+    packages and scenario files that jobs name; a policy's file is sent with the job.
 
     Args:
         jobs: taken a few at a time, as cores become free.
@@ -27,16 +27,16 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
 
     Raises:
         MissingDependencyError: Ray is not installed.
-        InvalidValueError: there is no cluster of that address.
+        InvalidValueError: there is no cluster at the address.
     """
     ray = _import_ray()
     ours = not ray.is_initialized()
     if ours:
         _start(ray, workers, address)
     try:
-        # Ray starts processes before there are tasks; with an environment of the task's own they would be for nothing.
+        # Ray starts processes before there are tasks; a task with its own environment could not use them.
         do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": _ONE_THREAD}))(run_job)
-        # Twice as many as run: the next one is there when a core becomes free, and the order can still be changed.
+        # Twice as many as run, so that a free core has its next job; no more, so that the order can still change.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
         running = {do.remote(job): job for job in islice(jobs, at_once)}
         try:
@@ -61,7 +61,7 @@ def _import_ray() -> Any:
 
 def _start(ray: Any, workers: int | None, address: str | None) -> None:
     address = address or os.environ.get("RAY_ADDRESS") or "local"
-    # Outcomes are small; Ray's own share of the memory would be a third of the machine's.
+    # Outcomes are small, and Ray's default would take a third of the machine's memory.
     here = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
     try:
         ray.init(

@@ -1,4 +1,4 @@
-"""Which job is next: the longest first, so that no worker has a long one left when the others are done."""
+"""The order of jobs: the longest first, so that no worker has a long one left when the others are done."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator
 from coopsim.bench.engine.job import Job, Outcome
 
 _Kind = tuple[str, str]
-"""Policy and scenario, which decide how long a cell of the same number of frames takes."""
+"""Policy and scenario, which decide the duration of a cell of a given number of frames."""
 
 
 class Schedule(Iterator[Job]):
-    """Hands out jobs, and learns from outcomes how long those take that are left."""
+    """Hands out jobs, and learns from outcomes how long the remaining ones take."""
 
     def __init__(self, jobs: Iterable[Job]) -> None:
         self._left: defaultdict[_Kind, deque[Job]] = defaultdict(deque)
@@ -23,7 +23,7 @@ class Schedule(Iterator[Job]):
         self._running: defaultdict[_Kind, int] = defaultdict(int)
 
     def __next__(self) -> Job:
-        """A job of a kind that nobody has begun, else one of the kind that takes longest."""
+        """Return a job of a kind that was not begun yet, else one of the kind that takes longest."""
         waiting = [kind for kind, jobs in self._left.items() if jobs]
         if not waiting:
             raise StopIteration
@@ -32,18 +32,18 @@ class Schedule(Iterator[Job]):
         return self._left[kind].popleft()
 
     def learn(self, outcome: Outcome) -> None:
-        """Note how long a job took."""
+        """Note the duration of a job."""
         kind = _kind(outcome.job)
         self._running[kind] -= 1
         self._seconds[kind].append(outcome.seconds)
 
     def left_s(self) -> float | None:
-        """Seconds of work that is left, for one worker; None before anything is known."""
+        """Estimate the remaining work for one worker, s; None before the first outcome."""
         known = [second for seconds in self._seconds.values() for second in seconds]
         if not known:
             return None
         mean_s = sum(known) / len(known)
-        # Of what is running, half is done.
+        # Half of each running job is done.
         return sum(
             (len(self._left[kind]) + self._running[kind] / 2) * self._expected_s(kind, unknown_s=mean_s)
             for kind in list(self._left)

@@ -1,4 +1,4 @@
-"""What a benchmark varies: its axes, and how their values are called."""
+"""The axes on which a benchmark varies conditions, and labels for their values."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from coopsim.bench.grid.cell import Condition
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A number of a condition.
+    """One number of a condition, as it is shown.
 
     Attributes:
         field: of `Condition`.
-        name: for people.
-        unit: in which it is shown.
-        scale: from the field's unit to that one.
-        along: other axes of which each value belongs to one value of this, so that they vary together.
+        name: in labels.
+        unit: in labels.
+        scale: factor from the field's unit to the shown one.
+        along: other axes that vary together with this one: each of their values belongs to one value of this.
     """
 
     field: str
@@ -30,26 +30,26 @@ class Axis:
 
     @property
     def title(self) -> str:
-        """Its name, and those of axes that vary along with it."""
+        """The name, with the names of axes that vary along."""
         return " and ".join(axis.name for axis in (self, *self.along))
 
     @property
     def label(self) -> str:
-        """Title with unit, to stand under a plot."""
+        """The title with its unit, for plots."""
         return f"{self.name} ({self.unit})" + "".join(f", with {axis.name}" for axis in self.along)
 
     def value(self, condition: Condition) -> float:
-        """In the unit in which it is shown."""
-        # 12 digits, since 0.07 * 100 is not 7.
+        """Return the condition's value in the shown unit."""
+        # 12 digits, because 0.07 * 100 is not 7.
         return float(f"{getattr(condition, self.field) * self.scale:.12g}")
 
     def text(self, condition: Condition) -> str:
-        """Its value and unit, and those of axes that vary along with it."""
+        """Format the condition's value with its unit, and those of axes that vary along."""
         values = [(axis, axis.value(condition)) for axis in (self, *self.along)]
         return " and ".join(f"{value:g} {axis.unit}" if math.isfinite(value) else "no limit" for axis, value in values)
 
     def harm(self, value: float) -> float:
-        """Larger where agents are worse off: less bandwidth, more of anything else."""
+        """Return a number that rises with the harm of a value: less bandwidth, more of anything else."""
         return -value if self.field == "bandwidth_bit_s" else value
 
 
@@ -63,7 +63,7 @@ AXES = (
 
 
 def varying_axes(conditions: Sequence[Condition]) -> tuple[Axis, ...]:
-    """The axes on which the conditions differ; those that only vary together are one."""
+    """Return the axes on which conditions differ; axes that only vary together are one."""
     return _varying(tuple(conditions))
 
 
@@ -85,12 +85,12 @@ def _varying(conditions: tuple[Condition, ...]) -> tuple[Axis, ...]:
 
 
 def label(condition: Condition, conditions: Sequence[Condition]) -> str:
-    """A name for a condition among others: only what differs between them, or its scenario if nothing does."""
+    """Name a condition among others by what differs between them, or by its scenario if nothing does."""
     return _joined(condition, conditions, [f"{axis.title} {axis.text(condition)}" for axis in varying_axes(conditions)])
 
 
 def short_label(condition: Condition, conditions: Sequence[Condition]) -> str:
-    """The same without the axes' titles; each has a unit of its own."""
+    """Name a condition as `label` does, without the axes' titles."""
     return _joined(condition, conditions, [axis.text(condition) for axis in varying_axes(conditions)])
 
 
@@ -100,11 +100,11 @@ def _joined(condition: Condition, conditions: Sequence[Condition], parts: Sequen
 
 
 def mildest_values(conditions: Sequence[Condition]) -> tuple[float, ...]:
-    """The mildest value on each of the `varying_axes`."""
+    """Return the mildest value on each of the `varying_axes`."""
     return tuple(min((axis.value(each) for each in conditions), key=axis.harm) for axis in varying_axes(conditions))
 
 
 def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
-    """Those that are mildest on every axis at once, one per scenario; none where the grid has no such corner."""
+    """Return the conditions that are mildest on every axis, at most one per scenario; a grid may lack that corner."""
     axes, least = varying_axes(conditions), mildest_values(conditions)
     return tuple(each for each in conditions if tuple(axis.value(each) for axis in axes) == least)

@@ -1,4 +1,4 @@
-"""What a benchmark runs and what comes of it, as plain data: one cell is one policy in one condition with one seed."""
+"""Cells and their results, as plain data. A cell is one policy in one condition with one seed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coopsim.support.checks import require_count, require_non_negative, require_
 
 @dataclass(frozen=True, slots=True, order=True)
 class Condition:
-    """What is done to the agents; every policy in it meets the same traffic, noise and losses.
+    """The disturbance of the agents; every policy in a condition meets the same traffic, noise and losses.
 
     Attributes:
         scenario: name of an environment, or path of a scenario file.
@@ -22,7 +22,7 @@ class Condition:
         loss: probability that a message is lost on a link.
         position_noise_m: standard deviation of x and of y of the estimated pose.
         heading_noise_deg: standard deviation of its heading.
-        bandwidth_bit_s: of the medium that all agents share; infinite: sending takes no time.
+        bandwidth_bit_s: of the medium that all agents share; infinite: transmission takes no time.
     """
 
     scenario: str = "crossing"
@@ -45,8 +45,8 @@ class Cell:
     """One run of a benchmark.
 
     Attributes:
-        policy: as it was asked for: a name, or a name with parameters, `late_fusion(delayed=replay)`.
-        condition: what is done to the agents.
+        policy: as in `PolicySpec.text`: a name, or a name with parameters, `late_fusion(delayed=replay)`.
+        condition: the disturbance of the agents.
         seed: decides everything in the run.
         frames: length of the run.
     """
@@ -63,15 +63,15 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellResult:
-    """What came of a cell. It has nothing in it that two runs of the same cell would not agree on.
+    """The result of a cell: only what is the same in every run of it.
 
     Attributes:
-        cell: which one.
-        values: by metric name (see `docs/reference/metrics.md`), the mean over agents; empty for a cell that failed.
-        agents: the same by agent.
+        cell: the cell.
+        values: mean over agents by metric (see `docs/reference/metrics.md`); empty for a failed cell.
+        agents: values of each agent by metric.
         rewards: (F,) mean over agents, per frame.
-        messages: counts of what became of the messages, by the names of `ChannelCounts`.
-        traceback: of what made the cell fail; None if it did not.
+        messages: number of messages sent, lost, ..., by the names of `ChannelCounts`.
+        traceback: of the exception that made the cell fail; None for a finished cell.
     """
 
     cell: Cell
@@ -83,10 +83,10 @@ class CellResult:
 
     @property
     def failed(self) -> bool:
-        """Whether there are no values."""
+        """Whether the cell failed, and so has no values."""
         return self.traceback is not None
 
     @property
     def reason(self) -> str | None:
-        """Why it failed, the traceback's last line; None if it did not."""
+        """The traceback's last line; None for a finished cell."""
         return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])

@@ -21,7 +21,7 @@ from coopsim.support.checks import (
 )
 
 _MOST_SEED = 2**63 - 1
-"""The largest that fits an integer column."""
+"""Largest seed that fits an integer column of the store."""
 
 _NOT_OPTIONS: Mapping[str, str] = {
     "latency_s": "latencies_ms",
@@ -33,12 +33,12 @@ _NOT_OPTIONS: Mapping[str, str] = {
     "uplink": "policies, each of which has its own",
     "threads": "workers",
 }
-"""Options of an environment that are another part of the grid."""
+"""Options of an environment that are set by another part of the grid, and by which."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """What a benchmark runs: the product of its lists.
+    """The cells of a benchmark: the product of its lists.
 
     Attributes:
         policies: as `PolicySpec` reads them; at least one, each once.
@@ -48,7 +48,7 @@ class Grid:
         position_noises_m: standard deviations of x and of y of the estimated pose.
         heading_noises_deg: standard deviations of its heading.
         pose: "product", or "together": the first position noise with the first heading noise, and so on.
-        bandwidths_mbit_s: of the medium that all agents share, in 1e6 bit/s; infinite: sending takes no time.
+        bandwidths_mbit_s: of the medium that all agents share, in 1e6 bit/s; infinite: transmission takes no time.
         seeds: each decides everything in a run.
         frames: length of each run.
         options: further options of the environments, plain data, the same in all cells.
@@ -99,14 +99,14 @@ class Grid:
         return len(self.policies) * len(list(self.conditions())) * len(self.seeds)
 
     def conditions(self) -> Iterator[Condition]:
-        """What is done to the agents; the last list varies fastest."""
+        """Yield the conditions; the last list varies fastest."""
         for scenario, latency_ms, loss, (position_m, heading_deg), rate in itertools.product(
             self.scenarios, self.latencies_ms, self.losses, self._poses(), self.bandwidths_mbit_s
         ):
             yield Condition(scenario, latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6)
 
     def cells(self) -> tuple[Cell, ...]:
-        """All runs, by condition, then policy, then seed."""
+        """Return all cells, by condition, then policy, then seed."""
         return tuple(
             Cell(policy, condition, int(seed), int(self.frames))
             for condition, policy, seed in itertools.product(self.conditions(), self.policies, self.seeds)
@@ -126,7 +126,7 @@ class Grid:
 
 
 LISTS = tuple(each.name for each in fields(Grid) if each.name not in ("pose", "frames", "options"))
-"""Names of what a grid is the product of."""
+"""The attributes that are lists."""
 
 
 def _listed(name: str, given: Any) -> tuple[Any, ...]:
@@ -147,5 +147,5 @@ def _check_each(name: str, values: Sequence[Any], check: Any) -> None:
 
 
 def _require_rate(**values: Any) -> None:
-    # Slower than a bit per second is a slip, and an airtime that might not fit the clock.
+    # Less than a bit per second is a mistake, and its airtime may not fit the clock.
     require_number(">= 1e-6 (inf: no limit)", lambda rate: rate >= 1e-6, **values)

@@ -1,4 +1,4 @@
-"""A benchmark's curves as SVG files, for papers."""
+"""The curves of a benchmark as SVG files, for papers."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 
 def plots(table: ResultTable, metric: str) -> dict[str, str]:
-    """SVG by file name, `sAMOTA_latency.svg`: a metric against every axis that varies, a panel for each scenario.
+    """Plot a metric against every axis that varies, with a panel for each scenario. Return SVG by file name.
 
-    What a plot does not vary is at its mildest. Whiskers are 95 % intervals over seeds.
+    File names are as `sAMOTA_latency.svg`. All other axes are at their mildest value. Whiskers are 95 % intervals over
+    seeds.
 
     Raises:
         UnknownNameError: there is no such metric.
@@ -53,7 +54,7 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
         if condition.scenario == scenario and _others_mild(condition, table, axis)
     )
     known = [value for value, _ in chosen if math.isfinite(value)]
-    # No limit stands to the right of the largest one, on an axis of logarithms.
+    # No limit stands to the right of the largest value, on a logarithmic axis.
     endless = len(known) < len(chosen)
     places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
     for number, policy in enumerate(table.policies):
@@ -61,7 +62,7 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
         means = np.array([each.mean for each in intervals])
         whiskers = np.nan_to_num([each.half_width for each in intervals])
         style, color = line_look(number)
-        # A label that begins with an underscore would be left out.
+        # Matplotlib leaves out labels that begin with an underscore.
         name = f" {policy}" if policy.startswith("_") else policy
         look = {"fmt": f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
         panel.errorbar(places, means, whiskers, label=name, **look)

@@ -1,4 +1,4 @@
-"""What the pages' bird's-eye views draw: frames of a scene as small numbers, ready for JSON."""
+"""Data of the bird's-eye views in pages: frames of a scene as small integers, for JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
 UNIT_M, TURN_RAD = 0.05, 1e-4
-"""What one step means of the integers that store lengths and headings."""
+"""Units of the integers that store lengths and headings."""
 _INT16_MAX, _IDS = 2**15 - 1, 2**31
 
 _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
@@ -35,29 +35,29 @@ DRAWING: Mapping[str, Any] = {
     "saturation": palette.SATURATION,
     "lightness": palette.LIGHTNESS,
 }
-"""How numbers are to be read and ids to be coloured."""
+"""Units of the numbers, and colours."""
 
 
 def thinned(points: Floats, count: int) -> Floats:
-    """About `count` of the points (N, 3): every n-th of the sweeps' order, which runs around the sensor."""
+    """Return about `count` of the points (N, 3): every n-th in the order of the sweep, which runs around the sensor."""
     stride = max(1, -(-len(points) // count))
-    return points[::stride].copy()  # or all of them would be kept
+    return points[::stride].copy()  # a view would keep all of them in memory
 
 
 def home_of(frames: Sequence[BevFrame]) -> Floats:
-    """Where a scene's coordinates begin, (2,) m: amid the agents, at half time."""
+    """Return the origin (2,) m of a scene's coordinates: the middle of the agents at half time."""
     return _middle(frames[len(frames) // 2])
 
 
 def map_data(road_map: RoadMap, home: Floats) -> dict[str, Any]:
-    """Outlines by field of the road map."""
+    """Return the outlines of a road map, by field."""
     return {name: [(polygon - home).round(2).tolist() for polygon in getattr(road_map, name)] for name in palette.MAP}
 
 
 def frame_data(frame: BevFrame, home: Floats) -> dict[str, Any]:
-    """Truth, agents and points of a frame."""
+    """Return truth, agents and points of a frame."""
     middle = _middle(frame)
-    # Points are most of the file: two bytes each, from where the agents are now, reach 1.6 km whatever they drive.
+    # Points are most of the file. Two bytes from the agents' current place reach 1.6 km, however far they have driven.
     points = np.round((frame.points[:, :2] - middle) / UNIT_M)
     return {
         "origin": (middle - home).tolist(),
@@ -71,19 +71,19 @@ def frame_data(frame: BevFrame, home: Floats) -> dict[str, Any]:
 
 
 def tracks_data(tracks: Mapping[str, Tracks], home: Floats) -> dict[str, str]:
-    """Tracks of a frame, by reporting agent."""
+    """Return the tracks of a frame, by reporting agent."""
     return {agent: _boxes(each.id, each.boxes, home) for agent, each in tracks.items()}
 
 
 def _middle(frame: BevFrame) -> Floats:
-    """Where the frame's agents are, m."""
+    """Return the middle of the frame's agents, (2,) m."""
     places = [body.world_SE3_base.translation[:2] for body in frame.agents.values()]
     middle: Floats = np.mean(places or [np.zeros(2)], axis=0)
     return middle.round()
 
 
 def _boxes(ids: Ints, boxes: Boxes3D, home: Floats) -> str:
-    """id, x, y, length, width, yaw by box."""
+    """Encode id, x, y, length, width, yaw of each box."""
     spots = (boxes.center[:, :2] - home) / UNIT_M
     rows = [ids % _IDS, spots, boxes.size[:, :2] / UNIT_M, wrap_angle(boxes.yaw) / TURN_RAD]
     return _base64(np.round(np.column_stack(rows)), "<i4")

@@ -1,4 +1,4 @@
-"""The worst moments as clips: the runs are run again, which gives the same to the bit, and filmed from above."""
+"""Clips of the worst moments: the runs are repeated, which gives the same bits, and recorded from above."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 RunCell = Callable[[Cell, OnFrame], CellResult]
-"""Runs a cell as the benchmark does, and calls back after every frame."""
+"""Runs a cell as the benchmark does, and calls a function after every frame."""
 
 _POINTS_SHOWN = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """A moment, filmed.
+    """A recorded moment.
 
     Attributes:
-        moment: which.
-        agent: whose tracks are in it.
-        start_s: when it begins, since the episode's start.
+        moment: the moment.
+        agent: whose tracks are shown.
+        start_s: first frame, since the episode's start.
         dt_s: between frames.
         road_map: outlines.
         frames: of the window: truth, agents and points.
-        worst: tracks of the agent in each frame, of the run that fell behind.
-        best: the same of the best.
+        worst: the agent's tracks in each frame, of the run that fell behind.
+        best: the agent's tracks in each frame, of the best run.
     """
 
     moment: Moment
@@ -51,7 +51,7 @@ class Clip:
     best: Sequence[Mapping[str, Tracks]]
 
     def data(self) -> dict[str, Any]:
-        """Ready for JSON, as the pages' views from above read it."""
+        """Return plain data for the page's views from above."""
         home = home_of(self.frames)
         moment = self.moment
         return {
@@ -73,19 +73,19 @@ class Clip:
 def film(
     moments: Sequence[Moment], run: RunCell, time_limit_s: float = 120.0, clock: Callable[[], float] = time.monotonic
 ) -> tuple[tuple[Clip, ...], tuple[str, ...]]:
-    """Run the moments' cells again and film them.
+    """Repeat the runs of the moments and record them.
 
-    Each run is run once, up to the end of its last window, whatever number of moments it is in.
+    Each run is repeated once, up to the end of its last window.
 
     Args:
-        moments: at most as many clips.
-        run: as the benchmark runs a cell.
-        time_limit_s: no further moment is begun after that long.
-        clock: seconds; another one for tests.
+        moments: the moments.
+        run: runs a cell as the benchmark does.
+        time_limit_s: no further moment is begun after this time.
+        clock: seconds; tests have their own.
 
     Returns:
-        The clips, and a line for each moment that could not be filmed: its run failed, gave other rewards than it
-        did in the benchmark, so that it would show something else, or time was up.
+        The clips, and a line for each moment that could not be recorded: its run failed, gave other rewards than in the
+        benchmark, or the time was up.
     """
     started = clock()
     ends: dict[Cell, int] = {}
@@ -114,7 +114,7 @@ def film(
 
 
 class _Film:
-    """Every frame of a run, from above."""
+    """The frames of a run, from above."""
 
     def __init__(self) -> None:
         self.frames: list[BevFrame] = []
@@ -122,7 +122,7 @@ class _Film:
         self.road_map: RoadMap
 
     def add(self, env: CooperativeEnv) -> None:
-        """Take a picture."""
+        """Record the current frame."""
         shown = env.bev_frame()
         self.frames.append(replace(shown, points=thinned(shown.points, _POINTS_SHOWN)))
         self.dt_s = next(iter(env.agent_specs.values())).dt_s
@@ -130,13 +130,13 @@ class _Film:
 
 
 def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
-    """The run's first frames, or why there are none."""
+    """Record the run's first frames, or return why that failed."""
     cell, film = result.cell, _Film()
-    again = run(replace(cell, frames=frames), film.add)
+    rerun = run(replace(cell, frames=frames), film.add)
     name = f"{cell.policy}, seed {cell.seed}"
-    if again.failed:
+    if rerun.failed:
         return f"{name}: it failed when it was run again"
-    if not np.array_equal(again.rewards, result.rewards[:frames], equal_nan=True):
+    if not np.array_equal(rerun.rewards, result.rewards[:frames], equal_nan=True):
         return f"{name}: run again it gave other rewards, so something changed since"
     return film
 

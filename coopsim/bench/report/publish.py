@@ -1,4 +1,4 @@
-"""From results to the files that people read."""
+"""The files of a benchmark that people read."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from coopsim.support.checks import require_count, require_non_negative
 from coopsim.support.files import make_folder, write_whole
 
 _UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
-"""By the ends of names."""
+"""Units by the endings of names."""
 
 
 def publish(
@@ -39,24 +39,24 @@ def publish(
     clip_time_s: float = 120.0,
     with_plots: bool = False,
 ) -> tuple[Path, ...]:
-    """Write `report.html`, `report.md` and `results.csv`, and on demand plots as SVG files.
+    """Write `report.html`, `report.md` and `results.csv`, and plots as SVG files if asked for.
 
-    The same results give the same files, unless the time for clips runs out, which the report then says.
+    Equal results give equal files, unless the time for clips runs out, which the report then says.
 
     Args:
-        folder: where to; it is made if need be.
+        folder: of the files; it is made if need be.
         results: of every cell, those of failed ones included.
-        about: what the report says beside them.
-        options: of the environments, as the cells were run with (`Grid.options`), to run the worst moments again.
-        clips: of the worst moments, at most; 0: none, and nothing is run.
-        clip_time_s: after that long no further clip is begun.
+        about: title, command and settings.
+        options: of the cells' environments (`Grid.options`), to repeat the worst moments.
+        clips: largest number of clips of the worst moments; 0: nothing is run.
+        clip_time_s: no further clip is begun after this time.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
 
     Returns:
-        What was written.
+        The paths of the files.
 
     Raises:
-        InvalidValueError: there are no results, or they do not fit together, or a file cannot be written.
+        InvalidValueError: there are no results, they do not fit together, or a file cannot be written.
     """
     require_count(0, clips=clips)
     require_non_negative(clip_time_s=clip_time_s)
@@ -68,19 +68,19 @@ def publish(
     for parent in {path.parent for path in contents}:
         make_folder(parent)
     written = [write_whole(path, text) for path, text in contents.items()]
-    report = write_bench_report(folder / "report.html", table, about)  # there, whatever interrupts the filming
+    report = write_bench_report(folder / "report.html", table, about)  # complete, even if the clips are interrupted
     if clips:
-        shown, notes = film(worst_moments(table, clips), again(options or {}), clip_time_s)
+        shown, notes = film(worst_moments(table, clips), make_rerun(options or {}), clip_time_s)
         write_bench_report(report, table, about, shown, notes)
     return (report, *written)
 
 
 def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
-    """What a report says of a grid: everything that it is made of, and versions.
+    """Describe a grid for its report: its lists and options, and versions.
 
     Args:
-        grid: what was run.
-        command: which runs it again.
+        grid: the grid.
+        command: reproduces the results.
         title: of the report.
     """
     lists = {_with_unit(name): ", ".join(map(_short, getattr(grid, name))) for name in LISTS}
@@ -97,7 +97,7 @@ def about(grid: Grid, command: str, title: str = "coopsim bench") -> About:
 
 
 def _with_unit(name: str) -> str:
-    """A list of the grid as people write it: `latencies_ms` is "latencies (ms)"."""
+    """Spell the name of a list for people: `latencies_ms` becomes "latencies (ms)"."""
     end, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
     return name.removesuffix(end).replace("_", " ") + f" ({unit})" * bool(unit)
 
@@ -108,13 +108,13 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def again(options: Mapping[str, Any]) -> RunCell:
-    """Runs a cell as the benchmark does, and calls back after every frame (see `clips.RunCell`)."""
+def make_rerun(options: Mapping[str, Any]) -> RunCell:
+    """Return a function that runs a cell as the benchmark does, and calls another after every frame."""
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
         try:
             job = Job.of(cell, options, PolicySpec.parse(cell.policy))
-        except CoopsimError as error:  # what the cell was run with is not there any more
+        except CoopsimError as error:  # the cell's policy or files are gone
             return CellResult(cell, traceback=str(error))
         return run_job(job, on_frame).result
 

@@ -1,4 +1,4 @@
-"""Where policies did worst: windows in which one fell far behind the best in the same condition and seed."""
+"""The worst moments of policies: windows in which one fell far behind the best of the same condition and seed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from coopsim.support.checks import require_count
 
 WINDOW_FRAMES = 25
 LEAST_GAP = 0.05
-"""Of mean reward; who is nearer to the best than this had no bad moment."""
+"""Gap in mean reward from which a window is a worst moment."""
 
-_AGAIN = 0.5
-"""What a window counts if its policy, its condition or its traffic was already chosen, once for each."""
+_REPEATED = 0.5
+"""Weight of a window whose policy, condition or traffic was chosen before, once for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,9 +27,9 @@ class Moment:
     Attributes:
         worst: the run that fell behind.
         best: the run with the highest mean reward of that condition and seed.
-        first: frame where the window begins.
-        last: frame before which it ends.
-        gap: the best one's mean reward in the window minus the other's.
+        first: first frame of the window.
+        last: first frame after the window.
+        gap: mean reward of the best run in the window, minus that of the worst.
     """
 
     worst: CellResult
@@ -51,10 +51,10 @@ class Moment:
 
 
 def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FRAMES) -> tuple[Moment, ...]:
-    """At most `count` windows, the worst first, varied in policy, condition and traffic.
+    """Choose at most `count` windows, the worst first, varied in policy, condition and traffic.
 
-    One after another the widest gap is taken; whatever has the same policy, the same condition, or shows the same
-    traffic at the same time then counts half.
+    The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same
+    time then count half.
 
     Raises:
         InvalidValueError: a number is not accepted.
@@ -79,12 +79,12 @@ def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FR
         same_traffic = [each.scenario == table.conditions[condition].scenario for each in table.conditions]
         weights[policy, condition, seed, near] = -1.0
         for chosen in (np.s_[policy], np.s_[:, condition], np.s_[:, np.array(same_traffic), seed, near]):
-            weights[chosen] *= _AGAIN
+            weights[chosen] *= _REPEATED
     return tuple(moments)
 
 
 def _rewards(table: ResultTable) -> tuple[Floats, dict[tuple[int, int, int], CellResult]]:
-    """(P, C, S, F) rewards, NaN for runs that failed, are missing or have other than F; and the runs by place."""
+    """Return rewards (P, C, S, F), NaN for runs that failed or are missing, and the runs by their place in it."""
     rewards = np.full((*table.finished.shape, table.frames), np.nan)
     runs = {}
     for result, place in zip(table.results, table.places, strict=True):

@@ -1,4 +1,4 @@
-"""A benchmark's results as arrays: policies by conditions by seeds, with what failed and what is missing."""
+"""The results of a benchmark as arrays: policies by conditions by seeds, with failed and missing cells."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ResultTable:
         metrics: names of all values in the results: `REPORTED`, then registered metrics, then the others.
         frames: length of each run.
         results: the results themselves, by cell.
-        places: where in the arrays each of them is.
+        places: place of each result in the arrays.
     """
 
     policies: tuple[str, ...]
@@ -45,11 +45,10 @@ class ResultTable:
 
     @classmethod
     def of(cls, results: Sequence[CellResult]) -> ResultTable:
-        """Arrange results.
+        """Sort results into a table.
 
         Raises:
-            InvalidValueError: there is none, or runs of several lengths or two of the same cell, which no mean
-                should mix.
+            InvalidValueError: there are no results, runs have several lengths, or a cell is there twice.
         """
         if not results:
             raise InvalidValueError("there are no results: run a benchmark first")
@@ -78,12 +77,12 @@ class ResultTable:
 
     @property
     def finished(self) -> NDArray[np.bool_]:
-        """(P, C, S) whether the cell was run and did not fail."""
+        """Mask (P, C, S) of the cells that were run and did not fail."""
         finished: NDArray[np.bool_] = self._filled([float(not result.failed) for result in self.results]) == 1
         return finished
 
     def values(self, metric: str) -> Floats:
-        """(P, C, S) values of a metric; NaN where a cell failed, is missing, or has no such finite value.
+        """Return the values (P, C, S) of a metric; NaN where a cell failed, is missing, or has no finite value.
 
         Raises:
             UnknownNameError: no cell has it.
@@ -91,7 +90,7 @@ class ResultTable:
         if metric not in self.metrics:
             raise UnknownNameError("metric", metric, self.metrics)
         values = self._filled([result.values.get(metric, np.nan) for result in self.results])
-        values[np.isinf(values)] = np.nan  # no mean could be of it
+        values[np.isinf(values)] = np.nan  # a mean could not include it
         return values
 
     @property
@@ -103,17 +102,17 @@ class ResultTable:
 
     @property
     def failures(self) -> tuple[CellResult, ...]:
-        """The cells that failed."""
+        """The results of failed cells."""
         return tuple(result for result in self.results if result.failed)
 
     @property
     def scenarios(self) -> tuple[str, ...]:
-        """Names, sorted."""
+        """Names of the scenarios, sorted."""
         return tuple(sorted({condition.scenario for condition in self.conditions}))
 
     @property
     def missing(self) -> int:
-        """How many cells of the full grid were not run."""
+        """Number of cells of the full grid that were not run."""
         return self.finished.size - len(self.results)
 
     def _filled(self, numbers: Sequence[float]) -> Floats:

@@ -1,4 +1,4 @@
-"""Who did best: a place for every policy, with what the worst condition made of it."""
+"""The ranking of policies in one metric, with the worst condition of each."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from coopsim.metrics.built_in import BYTES, less_is_better
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How one policy did in one metric.
+    """One policy in the ranking by one metric.
 
     Attributes:
         policy: its name.
-        rank: from 1; None for a policy without a value in some cell, whose mean is over other cells than the others'.
+        rank: from 1; None for a policy that lacks a value in some cell, as its mean is over other cells than the
+        others'.
         mean: over conditions, with its interval over seeds.
         undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
         worst: mean over seeds in the policy's worst condition.
-        worst_condition: that one; None if there is no value.
+        worst_condition: the policy's worst condition; None without values.
         bytes_per_s: mean over all its cells.
-        failed: how many of its cells failed.
-        missing: how many were not run.
+        failed: number of its failed cells.
+        missing: number of its cells that were not run.
     """
 
     policy: str
@@ -44,7 +45,7 @@ class Standing:
 
 
 def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
-    """Every policy, the best first and those without a place last.
+    """Rank all policies, the best first and those without a rank last.
 
     Raises:
         UnknownNameError: there is no such metric.
@@ -82,8 +83,8 @@ def _standing(table: ResultTable, policy: int, values: Floats, rates: Floats, le
 
 
 def known_mean(values: Floats, axis: int) -> Floats:
-    """Mean of those values that are not NaN, and NaN where there is none."""
+    """Average the values that are not NaN; NaN where all are."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that a mean is of nothing is no surprise here
+        warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
         mean: Floats = np.nanmean(values, axis=axis)
     return mean

@@ -1,4 +1,7 @@
-"""What a few seeds say about a mean: its interval, and whether paired differences could be chance."""
+"""Statistics of a few seeds: intervals of means, and tests of paired differences.
+
+SciPy has no studentised bootstrap, and its `permutation_test` doubles a one-sided p-value, so both are written here.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +18,27 @@ from coopsim.support.checks import require_count
 from coopsim.support.rng import stream
 
 CONFIDENCE, LEVEL = 0.95, 0.05
-"""Of intervals, and from which on a corrected p-value is not significant any more."""
+"""Confidence of intervals, and the largest corrected p-value that is significant."""
 
 RESAMPLES = 2**15
-"""More than flips of signs, so that it is never their number that limits what can be significant."""
+"""More than flips of signs, so that their number never limits what can be significant."""
 
 EXACT_UP_TO = 14
-"""Seeds up to which every flip of signs is tried; beyond, 2 ** 14 random ones."""
+"""Number of seeds up to which every flip of signs is tried; for more, 2 ** 14 random ones."""
 
 _ROUNDING = 1e-12
-"""Below this share of the values' size a spread is rounding, not spread."""
+"""Share of the values' size below which a spread is a rounding error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean over seeds and where the true one is with 95 % confidence.
+    """A mean over seeds with its 95 % confidence interval.
 
     Attributes:
-        mean: NaN if there is no value.
-        low: NaN if the interval is not known, as of one seed.
-        high: the same.
-        count: how many values.
+        mean: NaN without values.
+        low: lower end; NaN if it is not known, as of one seed.
+        high: upper end, alike.
+        count: number of values.
     """
 
     mean: float
@@ -45,15 +48,15 @@ class Interval:
 
     @property
     def half_width(self) -> float:
-        """Half of its length; NaN if it is not known."""
+        """Half of the interval's length; NaN if it is not known."""
         return (self.high - self.low) / 2
 
 
 def mean_interval(values: Floats) -> Interval:
-    """Student's interval of a mean, from independent values (N,), of which those that are NaN are left out.
+    """Compute Student's interval of the mean of independent values (N,); NaNs are left out.
 
-    Student's t and not a bootstrap: benchmarks have few seeds, and resampling three or five values gives
-    intervals that are far too short (Hesterberg 2015, "What Teachers Should Know About the Bootstrap").
+    A bootstrap of three or five values gives intervals that are far too short (Hesterberg 2015, "What Teachers Should
+    Know About the Bootstrap"), and benchmarks have few seeds.
     """
     known = np.asarray(values, dtype=np.float64)
     known = known[~np.isnan(known)]
@@ -73,15 +76,15 @@ def _student_quantile(count: int) -> float:
 
 
 def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tuple[Interval, float]:
-    """Interval of the mean of paired differences (N,), and the p-value of there being none, by a bootstrap over seeds.
+    """Test paired differences (N,) by a bootstrap over seeds. Return the mean's interval, and the p-value of no change.
 
-    It is the symmetric bootstrap-t (Efron and Tibshirani 1993, section 12.5; Hall 1988): seeds are drawn with
-    replacement, and what is looked up is the spread of the *studentised* mean, which for few seeds keeps its level
-    where percentiles of the mean do not. Resamples of one and the same seed have no spread; if they are more than
-    one in twenty, as with three seeds or fewer, there is no such interval, and its ends are infinite. (Differences that
-    are all 0 have one of no length.)
+    This is the symmetric bootstrap-t (Efron and Tibshirani 1993, section 12.5; Hall 1988): seeds are drawn with
+    replacement, and the interval follows from the quantile of the *studentised* mean, which keeps its level for few
+    seeds where percentiles of the mean do not. Resamples of a single seed have no spread; if more than one in twenty is
+    of this kind, as with three seeds or fewer, the ends of the interval are infinite. (Differences that are all 0 have
+    an interval of no length.)
 
-    Seeds are resampled alike for every call with as many of them: all conditions of a seed go together.
+    Calls with equally many seeds resample them alike, so that all conditions of a seed go together.
 
     Raises:
         InvalidValueError: there is no difference, or one is not finite.
@@ -106,7 +109,7 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
 
 @lru_cache(maxsize=16)
 def _resampled_counts(count: int, resamples: int) -> Floats:
-    """(B, N): how often each seed is in each resample."""
+    """Return how often each seed is in each resample, (B, N)."""
     draws = stream(0, "bootstrap over seeds", str(count))
     return draws.multinomial(count, np.full(count, 1 / count), size=resamples).astype(np.float64)
 
@@ -117,16 +120,17 @@ def _standard_error(mean: Floats, variance: Floats, count: int, floor: float) ->
 
 
 def _ratio(means: Floats, errors: Floats) -> Floats:
-    """Studentised means: 0 / 0 is 0, anything else over 0 is infinite."""
+    """Divide means by their errors; 0 / 0 is 0, anything else over 0 is infinite."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio: Floats = np.where(means == 0, 0.0, means / errors)
     return ratio
 
 
 def sign_flip_p_value(differences: Floats) -> float:
-    """Two-sided p-value of paired differences (N,) by flipping their signs (Fisher 1935), exact for symmetric noise.
+    """Compute the two-sided p-value of paired differences (N,) by flipping their signs (Fisher 1935).
 
-    All 2^N flips are tried, or for more than 14 seeds 2^14 random ones. That of one seed is 1, of five at least 0.0625.
+    It is exact for symmetric noise. All 2^N flips are tried, or 2^14 random ones for more than 14 seeds. One seed gives
+    1, five give at least 0.0625.
 
     Raises:
         InvalidValueError: there is no difference, or one is not finite.
@@ -150,21 +154,20 @@ def _signs(count: int) -> Floats:
 
 
 def smallest_p_value(count: int) -> float:
-    """What `count` seeds can show at most: the two-sided chance that all their differences have the same sign."""
+    """Return the smallest p-value of `count` seeds: the two-sided chance that all differences have the same sign."""
     require_count(1, count=count)
     return float(2.0 ** (1 - min(count, EXACT_UP_TO + 1)))
 
 
 def seeds_needed(comparisons: int) -> int | None:
-    """Seeds from which one of so many comparisons could be significant; None if they are too many for any number."""
+    """Return the seeds needed for one of several comparisons to be significant; None if no number suffices."""
     require_count(1, comparisons=comparisons)
     needed = 1 + math.ceil(math.log2(comparisons / LEVEL))
     return needed if needed <= EXACT_UP_TO + 1 else None
 
 
 def holm(p_values: Floats) -> Floats:
-    """P-values (N,) corrected for their number: of all families where nothing differs, a share of at most
-    `LEVEL` has one below it.
+    """Correct p-values (N,) for their number, so that chance alone makes any of them significant in `LEVEL` of cases.
 
     Holm 1979, "A simple sequentially rejective multiple test procedure"; it needs no independence.
     """

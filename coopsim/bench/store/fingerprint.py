@@ -1,4 +1,4 @@
-"""What decides a cell's result, as text: where the text is the same, the result is."""
+"""The fingerprint of a cell: all that decides its result, as text. Equal fingerprints mean equal results."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from coopsim.config.mappings import UNREADABLE, beside
 from coopsim.errors import InvalidValueError
 
 LAYOUT = 1
-"""Raised when the same inputs are to give other results, or another file."""
+"""Raise this number when equal inputs give other results or another file."""
 
 _PACKAGES = ("numpy", "numba", "scipy", "highway-env")
-"""Whose other versions may give other bits."""
+"""Packages whose versions decide bits of a result."""
 
 _CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml")
 
@@ -67,20 +67,20 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
 
 @cache
 def package_versions() -> Mapping[str, str]:
-    """Of the packages that compute what coopsim reports."""
+    """Return the versions of the packages that decide bits of a result."""
     return {name: version(name) for name in _PACKAGES}
 
 
 def key_of(text: str) -> str:
-    """A name for a fingerprint, 32 hexadecimal digits."""
+    """Return the key of a fingerprint, 32 hexadecimal digits."""
     return _digest(text.encode())[:32]
 
 
 def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The same as JSON has it, so that it means the same in every process.
+    """Return options as JSON has them, so that they mean the same in every process.
 
     Raises:
-        InvalidValueError: an option is an object, say of a detector; the message names it.
+        InvalidValueError: an option is an object, such as a detector; the message names it.
     """
     return {name: _plain(name, value) for name, value in options.items()}
 
@@ -100,7 +100,7 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _files(value: Any, folder: str = "") -> Iterator[str]:
-    """Paths of files among the texts in plain data, and in the YAML files that are among them, relative to these."""
+    """Yield the paths of files among the texts in plain data, and in the YAML files among these, relative to them."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, (list, tuple)):
@@ -113,17 +113,17 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
 
 
 def yaml_content(path: str) -> Any:
-    """What a YAML file says, as plain data; None if it is none."""
+    """Read a YAML file as plain data; None if it is not YAML."""
     import yaml
 
     try:
         return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except UNREADABLE:  # no YAML that could name another file
+    except UNREADABLE:  # not YAML, so it names no other file
         return None
 
 
 def _versions(package: str) -> dict[str, str]:
-    """Of the distributions that a package comes in; empty for one that is not installed but found on the path."""
+    """Return the versions of a package's distributions; empty for a package that is on the path but not installed."""
     return {name: version(name) for name in sorted(set(packages_distributions().get(package, [])))}
 
 

@@ -1,4 +1,4 @@
-"""A cell's result as a Parquet file of one row, the same bytes for the same result."""
+"""A cell's result as a Parquet file of one row; equal results give equal bytes."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ _SCHEMA = pa.schema(
 
 
 def encode(result: CellResult, decided_by: str) -> bytes:
-    """The file's content.
+    """Encode a result as the content of a file.
 
     Args:
         result: of the cell.
-        decided_by: its `fingerprint`.
+        decided_by: the cell's `fingerprint`.
     """
     cell = result.cell
     row = {
@@ -65,10 +65,10 @@ def encode(result: CellResult, decided_by: str) -> bytes:
 
 
 def decode(content: bytes) -> tuple[CellResult, str]:
-    """The result, and its `fingerprint`.
+    """Decode the content of a file. Return the result and its cell's `fingerprint`.
 
     Raises:
-        StoreError: the content is none that `encode` made, or was changed since.
+        StoreError: the content was not made by `encode`, or was changed since.
     """
     try:
         row = _row(content)
@@ -91,7 +91,7 @@ def decode(content: bytes) -> tuple[CellResult, str]:
 
 
 def _row(content: bytes) -> dict[str, Any]:
-    """The row as `encode` had it."""
+    """Read the row as `encode` had it."""
     (row,) = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False).to_pylist()
     for name in ("values", "agents", "messages"):
         row[name] = dict(row[name])  # a map comes as pairs
@@ -100,5 +100,5 @@ def _row(content: bytes) -> dict[str, Any]:
 
 
 def _checksum(row: Mapping[str, Any]) -> str:
-    """Parquet's own sums are of its pages, and leave out what says how to read them."""
+    """Digest a row. Parquet's own checksums cover its pages, but not the schema that says how to read them."""
     return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()

@@ -1,8 +1,8 @@
-"""Where a benchmark's results lie: a folder with one Parquet file for each finished cell.
+"""The store of a benchmark: a folder with one Parquet file for each finished cell.
 
-It is a cache: a file's name is made from all that decides its content, so any number of grids, versions and commands
-may share a folder. Results hold nothing that differs between two runs; seconds, versions and the like stand in a JSON
-file beside each.
+It is a cache: the name of a file is a hash of all that decides its content, so any number of grids, versions and
+commands may share a folder. Results hold only what is the same in every run; seconds, versions and the like are in a
+JSON file next to each.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from coopsim.errors import StoreError
 from coopsim.support.files import make_folder, write_durably
 
 CELLS = "cells"
-"""Where in its folder they lie."""
+"""Name of the folder of cells in a store's folder."""
 
 _LEFT_BEHIND_S = 3600.0
-"""Writing takes milliseconds; a file that is unfinished for as long was left by a command that was killed."""
+"""Age from which an unfinished file was left by a killed command; writing takes milliseconds."""
 
 
 class Store:
@@ -40,14 +40,14 @@ class Store:
         self._remove_unfinished()
 
     def path_of(self, key: str) -> Path:
-        """The file of a result."""
+        """Return the path of a result's file."""
         return self._cells / f"{key}.parquet"
 
     def get(self, key: str) -> CellResult | None:
-        """The result of that key; None if it is not there.
+        """Return the result of a key; None if the store does not have it.
 
         Raises:
-            StoreError: the file is broken, or is of another key.
+            StoreError: the file is broken, or has another key.
         """
         path = self.path_of(key)
         try:
@@ -65,12 +65,12 @@ class Store:
         return result
 
     def put(self, result: CellResult, decided_by: str, circumstances: Mapping[str, Any] | None = None) -> None:
-        """Store a result, at once and for good; an older one of the same key is replaced.
+        """Store a result durably; an older one of the same key is replaced.
 
         Args:
-            result: what is stored.
-            decided_by: its `fingerprint`, which makes the key.
-            circumstances: what goes into the JSON file beside it.
+            result: of the cell.
+            decided_by: the cell's `fingerprint`, which makes the key.
+            circumstances: content of the JSON file next to the result.
 
         Raises:
             InvalidValueError: the file cannot be written.
@@ -80,23 +80,23 @@ class Store:
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
 
     def begin(self, keys: Sequence[str]) -> None:
-        """Note what is asked for, so that `results` are of that and not of what else has ever been run here."""
+        """Note the keys of the current grid, so that `results` leaves out those of other grids."""
         write_durably(self._grid, (json.dumps({"cells": list(keys)}, indent=2) + "\n").encode())
 
     def results(self) -> list[CellResult]:
-        """What is there of the grid that was asked for last, in its order; of everything, if none was.
+        """Return the stored results of the latest grid, in its order; without a grid, all results.
 
         Raises:
-            StoreError: names the first file that is broken.
+            StoreError: a file is broken; the message names the first one.
         """
         found = [self.get(key) for key in self._asked()]
         return [result for result in found if result is not None]
 
     def circumstances(self, key: str) -> dict[str, Any]:
-        """What the JSON file beside a result says; empty if it says nothing."""
+        """Read the JSON file next to a result; empty if it is missing or broken."""
         try:
             found = json.loads(self.path_of(key).with_suffix(".json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):  # nothing depends on it
+        except (OSError, ValueError):  # no result depends on it
             return {}
         return found if isinstance(found, dict) else {}
 

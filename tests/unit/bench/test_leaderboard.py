@@ -13,7 +13,7 @@ import pytest
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings
 from coopsim.bench.leaderboard import evaluate_each, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
 from coopsim.cli import main
-from coopsim.cli.status import FAILED, INTERRUPTED, USER_ERROR
+from coopsim.cli.arguments import FAILED, INTERRUPTED, USER_ERROR
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 
 POLICIES = ("no_fusion", "late_fusion")

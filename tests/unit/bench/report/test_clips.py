@@ -16,7 +16,7 @@ from synthetic_results import FRAMES, LATENCIES, failed, result
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.report.bev_data import UNIT_M
 from coopsim.bench.report.clips import film
-from coopsim.bench.report.publish import About, again, publish
+from coopsim.bench.report.publish import About, make_rerun, publish
 from coopsim.bench.results.moments import LEAST_GAP, worst_moments
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import InvalidValueError
@@ -87,7 +87,7 @@ CELLS = [Cell(policy, Condition("crossing", latency_s=0.2), 3, 8) for policy in 
 @pytest.fixture(scope="module")
 def run() -> list[CellResult]:
     """Both cells, run for real, the first one worse."""
-    given = [again(OPTIONS)(cell, lambda env: None) for cell in CELLS]
+    given = [make_rerun(OPTIONS)(cell, lambda env: None) for cell in CELLS]
     assert not any(each.failed for each in given), given[0].traceback
     return given
 
@@ -102,10 +102,10 @@ def moments_of(given: list[CellResult], first: int = 3, last: int = 6) -> Any:
 
 def test_a_clip_shows_the_frames_of_its_window(run: list[CellResult]) -> None:
     (moment,) = moments_of(run)
-    (clip,), notes = film([moment], again(OPTIONS))
+    (clip,), notes = film([moment], make_rerun(OPTIONS))
     assert notes == () and len(clip.frames) == len(clip.worst) == len(clip.best) == 3
     seen: list[Any] = []
-    again(OPTIONS)(moment.worst.cell, lambda env: seen.append(env.bev_frame()))
+    make_rerun(OPTIONS)(moment.worst.cell, lambda env: seen.append(env.bev_frame()))
     for shown, tracks, frame in zip(clip.frames, clip.worst, seen[3:6], strict=True):
         assert shown.time_ns == frame.time_ns and list(tracks) == [clip.agent]
         np.testing.assert_array_equal(shown.actors.boxes.center, frame.actors.boxes.center)
@@ -121,11 +121,11 @@ def test_what_cannot_be_filmed_is_told(run: list[CellResult]) -> None:
     (moment,) = moments_of(run)
     policy = moment.worst.cell.policy
     changed = replace(moment, worst=replace(moment.worst, rewards=moment.worst.rewards + 1e-9))
-    assert film([changed], again(OPTIONS)) == (
+    assert film([changed], make_rerun(OPTIONS)) == (
         (), (f"{policy}, seed 3: run again it gave other rewards, so something changed since",)
     )  # fmt: skip
     lost = replace(moment, worst=replace(moment.worst, cell=replace(moment.worst.cell, policy="nobody:Nothing")))
-    clips, (note,) = film([lost], again(OPTIONS))
+    clips, (note,) = film([lost], make_rerun(OPTIONS))
     assert clips == () and note == "nobody:Nothing, seed 3: it failed when it was run again"
 
 

@@ -1,4 +1,4 @@
-"""Two sides of a benchmark, cell by cell: what differs, and which differences more than chance would explain."""
+"""Comparison of two sets of results, cell by cell: which differences are larger than chance would explain."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from coopsim.metrics.built_in import less_is_better
 from coopsim.support.checks import require_choice
 
 DEFAULT_METRICS = ("sAMOTA", "HOTA")
-"""Few, because every further comparison makes each of them harder to show."""
+"""Few, because every further comparison makes each difference harder to show."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """B against A in one metric, over the seeds that both have.
+    """The difference between B and A in one metric, over the seeds that both have.
 
     Attributes:
         policy: of both sides.
         condition: None for the mean over all conditions of each seed.
         metric: its name.
-        before: A's mean.
-        after: B's mean.
-        change: B - A with its interval; the ends are infinite where there are too few seeds for one.
+        before: mean of A.
+        after: mean of B.
+        change: mean of B - A with its interval; the ends are infinite with too few seeds.
         p_bootstrap: of the paired bootstrap over seeds.
         p_sign_flip: of the exact test, which is valid for any number of seeds.
         p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method.
@@ -54,12 +54,12 @@ class Difference:
 
     @property
     def significant(self) -> bool:
-        """Whether the corrected p-value is small enough."""
+        """Whether the corrected p-value is at most `LEVEL`."""
         return self.p_corrected <= LEVEL
 
     @property
     def verdict(self) -> str:
-        """What there is to say about B."""
+        """The finding about B: "better", "worse", "identical", "too few seeds" or "not significant"."""
         if self.significant:
             return "better" if (self.change.mean > 0) != less_is_better(self.metric) else "worse"
         if self.change.mean == self.change.low == self.change.high == 0:
@@ -74,58 +74,58 @@ class Comparison:
     """All differences between A and B.
 
     Attributes:
-        differences: by policy and metric; first all conditions, then each.
-        pairs: how many cells both sides have values of.
-        unmatched: cells or values that only one side has, or that failed, each with what is the matter.
+        differences: by policy and metric; first over all conditions, then of each condition.
+        matched: number of cells of which both sides have values.
+        unmatched: cells or values that a side lacks, or that failed, each with the reason.
     """
 
     differences: tuple[Difference, ...]
-    pairs: int
+    matched: int
     unmatched: tuple[str, ...]
 
 
 def compare_results(
     before: Sequence[CellResult], after: Sequence[CellResult], metrics: Sequence[str] | None = None
 ) -> Comparison:
-    """Compare two sets of results, paired by policy, condition, seed and length.
+    """Compare two sets of results, whose cells are matched by policy, condition, seed and length.
 
     Args:
         before: A.
         after: B.
-        metrics: names; by default those of `DEFAULT_METRICS` that there are.
+        metrics: names; default: those of `DEFAULT_METRICS` that the results have.
 
     Raises:
-        InvalidValueError: no cell is on both sides with values, or one is there twice on a side.
+        InvalidValueError: no cell has values on both sides, or a cell is twice on a side.
         UnknownNameError: neither side has such a metric.
     """
     sides = _by_cell(before), _by_cell(after)
-    pairs, unmatched = _pairs(*sides)
-    if not pairs:
+    matched, unmatched = _match(*sides)
+    if not matched:
         some = "; ".join(unmatched[:3])
         raise InvalidValueError(f"A and B have no finished cell in common{f': {some}' if some else ''}")
-    known = {name for pair in pairs.values() for result in pair for name in result.values}
+    known = {name for both in matched.values() for result in both for name in result.values}
     for name in metrics or ():
         require_choice("metric", name, known)
     chosen = tuple(metrics or ()) or tuple(name for name in DEFAULT_METRICS if name in known)
     if not chosen:
         raise UnknownNameError("metric", DEFAULT_METRICS[0], known)
     rows: list[Difference] = []
-    for policy in sorted({cell.policy for cell in pairs}):
-        mine = {cell: pair for cell, pair in pairs.items() if cell.policy == policy}
+    for policy in sorted({cell.policy for cell in matched}):
+        mine = {cell: both for cell, both in matched.items() if cell.policy == policy}
         for metric in chosen:
             rows += _differences(policy, metric, mine, unmatched)
     if not rows:
         raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
     corrected = holm(np.array([max(row.p_bootstrap, row.p_sign_flip) for row in rows]))
     differences = tuple(replace(row, p_corrected=float(p)) for row, p in zip(rows, corrected, strict=True))
-    return Comparison(differences, len(pairs), tuple(unmatched))
+    return Comparison(differences, len(matched), tuple(unmatched))
 
 
 def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list[CellResult]:
-    """The results of `policy` alone, as if it were called `name`: so those of two policies can be paired.
+    """Select the results of one policy and rename it, so that two policies can be compared.
 
     Raises:
-        UnknownNameError: there is no result of it.
+        UnknownNameError: there are no results of the policy.
     """
     everything = list(results)
     require_choice("policy of the results", policy, {result.cell.policy for result in everything})
@@ -135,7 +135,7 @@ def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list
 
 
 def name_of(cell: Cell) -> str:
-    """A cell in words."""
+    """Describe a cell in words."""
     where = cell.condition
     return (
         f"{cell.policy}, {where.scenario}, latency {where.latency_s * 1000:g} ms, loss {where.loss:g}, "
@@ -144,7 +144,7 @@ def name_of(cell: Cell) -> str:
     )
 
 
-Pair = tuple[CellResult, CellResult]
+_Both = tuple[CellResult, CellResult]
 
 
 def _by_cell(results: Sequence[CellResult]) -> dict[Cell, CellResult]:
@@ -159,8 +159,8 @@ def _by_cell(results: Sequence[CellResult]) -> dict[Cell, CellResult]:
     return cells
 
 
-def _pairs(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) -> tuple[dict[Cell, Pair], list[str]]:
-    pairs: dict[Cell, Pair] = {}
+def _match(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) -> tuple[dict[Cell, _Both], list[str]]:
+    matched: dict[Cell, _Both] = {}
     unmatched = []
     for cell in sorted({*before, *after}):
         faults = [
@@ -171,16 +171,16 @@ def _pairs(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) 
         if faults:
             unmatched.append(f"{name_of(cell)}: {' and '.join(faults)}")
         else:
-            pairs[cell] = before[cell], after[cell]
-    return pairs, unmatched
+            matched[cell] = before[cell], after[cell]
+    return matched, unmatched
 
 
-def _differences(policy: str, metric: str, pairs: Mapping[Cell, Pair], unmatched: list[str]) -> list[Difference]:
-    """The rows of one metric, not yet corrected; what has no value is added to `unmatched`."""
-    conditions = sorted({cell.condition for cell in pairs})
+def _differences(policy: str, metric: str, matched: Mapping[Cell, _Both], unmatched: list[str]) -> list[Difference]:
+    """Return the rows of one metric, not yet corrected; cells without a value are added to `unmatched`."""
+    conditions = sorted({cell.condition for cell in matched})
     by_seed: dict[int, dict[Condition, tuple[float, float]]] = defaultdict(dict)
-    for cell, pair in pairs.items():
-        values = pair[0].values.get(metric, np.nan), pair[1].values.get(metric, np.nan)
+    for cell, (before, after) in matched.items():
+        values = before.values.get(metric, np.nan), after.values.get(metric, np.nan)
         lacking = [side for side, value in zip("AB", values, strict=True) if not np.isfinite(value)]
         if lacking:
             unmatched.append(f"{name_of(cell)}: no {metric} in {' and '.join(lacking)}")
@@ -201,7 +201,7 @@ def _differences(policy: str, metric: str, pairs: Mapping[Cell, Pair], unmatched
 
 
 def _difference(policy: str, condition: Condition | None, metric: str, both: Floats) -> Difference:
-    """From values (N, 2) of A and B, a row per seed."""
+    """Compute a row from values (N, 2) of A and B, one pair per seed."""
     change = both[:, 1] - both[:, 0]
     interval, p_bootstrap = bootstrap_difference(change)
     p_sign_flip = sign_flip_p_value(change)

@@ -1,4 +1,4 @@
-"""A comparison in words, as a table, as JSON and as CSV."""
+"""A comparison as text, JSON and CSV."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tabulate import tabulate
 from coopsim.bench.grid.axes import label
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.report.formats import to_csv_text
-from coopsim.bench.results.paired import Comparison, Difference
+from coopsim.bench.results.comparison import Comparison, Difference
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 
 _UNMATCHED_SHOWN = 10
@@ -27,7 +27,7 @@ _HEADINGS = ("policy", "condition", "metric", "A", "B", "B - A", "95 % interval"
 
 
 def to_text(comparison: Comparison) -> str:
-    """All of it for a terminal: the findings in words, the table, what has no partner, and how it was done."""
+    """Format a comparison for a terminal: findings in words, the table, unmatched cells, and the method."""
     conditions = _conditions(comparison)
     rows = [
         [
@@ -51,7 +51,7 @@ def to_text(comparison: Comparison) -> str:
 
 
 def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """One flat row per difference, unrounded; an end of an interval that is not known is None."""
+    """Return a flat row per difference, unrounded; unknown ends of an interval are None."""
     return [
         {
             "policy": row.policy,
@@ -74,17 +74,17 @@ def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def to_dict(comparison: Comparison) -> dict[str, Any]:
-    """Ready for JSON; in `differences`, a row whose scenario is null is over all conditions."""
+    """Return plain data for JSON; a row of `differences` whose scenario is None is over all conditions."""
     return {
         "differences": to_rows(comparison),
-        "pairs": comparison.pairs,
+        "pairs": comparison.matched,
         "unmatched": list(comparison.unmatched),
         "level": LEVEL,
     }
 
 
 def to_csv(comparison: Comparison) -> str:
-    """The same rows as CSV; a row without scenario is over all conditions."""
+    """Format the rows as CSV; a row without scenario is over all conditions."""
     return to_csv_text(to_rows(comparison))
 
 
@@ -92,7 +92,7 @@ _FIELDS = tuple(field.name for field in fields(Condition))
 
 
 def _plain(value: str | float) -> str | float | None:
-    """What JSON can hold: no infinity."""
+    """Replace infinity, which JSON does not have, by None."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -105,7 +105,7 @@ def _condition(row: Difference, conditions: Sequence[Condition]) -> str:
 
 
 def _findings(comparison: Comparison) -> list[str]:
-    """A sentence for each policy and metric: over all conditions, and in how many it is significant."""
+    """Write a sentence for each policy and metric: over all conditions, and the number of significant ones."""
     conditions = _conditions(comparison)
     lines = []
     for policy, metric in dict.fromkeys((row.policy, row.metric) for row in comparison.differences):
@@ -139,8 +139,9 @@ def _method(comparison: Comparison) -> list[str]:
     seeds = [row.change.count for row in rows]
     span = f"{seeds[0]}" if len(set(seeds)) == 1 else f"{min(seeds)} to {max(seeds)}"
     lines = [
-        f"{comparison.pairs} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. Intervals: "
-        "bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; corrected by Holm.",
+        f"{comparison.matched} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. "
+        "Intervals: bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; "
+        "corrected by Holm.",
     ]
     fewest, needed = min(seeds), seeds_needed(len(rows))
     if needed is None:

@@ -14,8 +14,8 @@ import pytest
 from synthetic_results import LATENCIES, failed, results
 
 from coopsim.bench.grid.cell import CellResult, Condition
-from coopsim.bench.report.paired_text import to_csv, to_dict, to_text
-from coopsim.bench.results.paired import as_one_policy, compare_results
+from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
+from coopsim.bench.results.comparison import as_one_policy, compare_results
 from coopsim.bench.results.statistics import LEVEL
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.rng import stream
@@ -39,7 +39,7 @@ TEN = results({"a": 50.0}, seeds=range(10))
 
 def test_a_change_is_found_with_its_size_and_sign() -> None:
     comparison = compare_results(TEN, changed(TEN, 2.0), ["sAMOTA", "IDS"])
-    assert comparison.pairs == 30 and comparison.unmatched == ()
+    assert comparison.matched == 30 and comparison.unmatched == ()
     assert [(row.metric, row.condition) for row in comparison.differences] == [
         (metric, condition) for metric in ("sAMOTA", "IDS") for condition in (None, *LATENCIES)
     ]
@@ -97,7 +97,7 @@ def test_what_has_no_partner_is_told() -> None:
     after[11] = replace(after[11], values={**after[11].values, "sAMOTA": math.nan})
     after[20] = replace(after[20], cell=replace(after[20].cell, frames=7))
     comparison = compare_results(TEN, after, ["sAMOTA"])
-    assert comparison.pairs == 27
+    assert comparison.matched == 27
     faults = [line.rsplit(": ", 1) for line in comparison.unmatched]
     assert sorted(fault for _, fault in faults) == ["failed in B", "no sAMOTA in B", "not in A", "not in B", "not in B"]
     assert all("a, crossing, latency" in name and "seed" in name for name, _ in faults)
@@ -118,7 +118,7 @@ def test_two_policies_of_one_benchmark() -> None:
     everything = results({"a": 40.0, "b": 60.0, "c": 50.0}, seeds=range(8))
     sides = [as_one_policy(everything, policy, "b - a") for policy in "ab"]
     comparison = compare_results(sides[0], sides[1], ["sAMOTA"])
-    assert {row.policy for row in comparison.differences} == {"b - a"} and comparison.pairs == 24
+    assert {row.policy for row in comparison.differences} == {"b - a"} and comparison.matched == 24
     assert comparison.differences[0].change.mean == pytest.approx(20, abs=1)
     with pytest.raises(UnknownNameError, match=r"unknown policy of the results 'd'"):
         as_one_policy(everything, "d", "")
