@@ -20,10 +20,9 @@ from coopsim.world.traffic.engine.collisions import collide
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
 from coopsim.world.traffic.engine.lanes import LaneArrays, NumberedNetwork
 from coopsim.world.traffic.engine.neighbours import Scene, list_along_lanes
-from coopsim.world.traffic.engine.right_of_way import GRANTED, Movements, grant, line_ahead
+from coopsim.world.traffic.engine.right_of_way import GRANTED, grant, line_ahead, movements_of
 from coopsim.world.traffic.engine.routes import follow_road, plan_ahead
 from coopsim.world.traffic.engine.vehicle_motion import SPEED_GAIN_1_S, move, steer
-from coopsim.world.traffic.junction_rules import clearances, roles
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -51,13 +50,7 @@ class ArrayEngine:
     ) -> None:
         self._network = network.arrays
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
-        movement_of = np.full(len(network.road_number), -1, dtype=np.int64)
-        for k, road in enumerate(movements):
-            movement_of[network.road_number[road]] = k
-        clear_m = clearances(network.source, movements, clearance_m)
-        role = roles(clear_m, [road in priority for road in movements])
-        exits = self._network.roads["end"][[network.road_number[road] for road in movements]]
-        self._movements = Movements(movement_of, clear_m, role, exits.astype(np.int64))
+        self._movements = movements_of(network, movements, priority, clearance_m)
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
         """Advance a fleet by `dt_s`.

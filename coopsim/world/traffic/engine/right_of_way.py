@@ -5,6 +5,7 @@ A vehicle with a grant keeps it until it has left the junction; one without trea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
+from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, Vehicle
-from coopsim.world.traffic.engine.lanes import LaneArrays, local_coordinates
+from coopsim.world.traffic.engine.lanes import LaneArrays, NumberedNetwork, local_coordinates
 from coopsim.world.traffic.engine.routes import lane_of_route, plan_ahead, start_of_route
 from coopsim.world.traffic.junction_rules import (
     COMMIT_M,
@@ -25,6 +27,8 @@ from coopsim.world.traffic.junction_rules import (
     REQUEST_M,
     SLOW_M_S,
     YIELDS,
+    clearances,
+    roles,
 )
 from coopsim.world.traffic.rules import STANDING_M_S
 
@@ -48,6 +52,18 @@ class Movements(NamedTuple):
     clear_m: Floats
     role: Ints
     exit: Ints
+
+
+def movements_of(
+    network: NumberedNetwork, roads: Sequence[Road], priority: Sequence[Road], clearance_m: float
+) -> Movements:
+    """Return the movements over some roads; others give way to those in `priority`. `clearance_m`: see `Layout`."""
+    numbers = [network.road_number[road] for road in roads]
+    of_road = np.full(len(network.road_number), -1, dtype=np.int64)
+    of_road[numbers] = np.arange(len(numbers))
+    clear_m = clearances(network.source, roads, clearance_m)
+    exits = network.arrays.roads["end"][numbers].astype(np.int64)
+    return Movements(of_road, clear_m, roles(clear_m, [road in priority for road in roads]), exits)
 
 
 @njit(cache=True, nogil=True)

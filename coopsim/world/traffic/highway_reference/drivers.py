@@ -15,7 +15,7 @@ from highway_env.vehicle.objects import RoadObject
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import ROADS_AHEAD
-from coopsim.world.traffic.highway_reference.junction import Junction
+from coopsim.world.places.road_network import Road as RoadIndex
 from coopsim.world.traffic.rules import (
     LONG_M,
     LOOK_AHEAD_M,
@@ -89,11 +89,6 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
             self.route.append((here, ways[draw_turn(self.turn_key, self.turns, len(ways))], None))
             self.turns += 1
 
-    def choose_again(self, place: int) -> None:
-        """Draw other turns from that place in the route on."""
-        self.route = (self.route or [])[:place]
-        self.plan_ahead()
-
     def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
         """Return the route's roads: index, lane, and distance (m) to its start, <= 0 for the present one."""
         self.plan_ahead()
@@ -146,7 +141,9 @@ class TownDriver(Driver):
     in a bend it sees too little.
     """
 
-    junction: Junction | None = None
+    movements: frozenset[RoadIndex] = frozenset()
+    waits = False
+    """Whether it has asked for the next of `movements`, and has no grant."""
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
         self.leader, self.leader_m = self._tail_ahead(*self._look_ahead())
@@ -166,8 +163,8 @@ class TownDriver(Driver):
         accelerations = [np.inf]
         if self.leader is not None:
             accelerations.append(self._behind(self.leader, self.leader_m))
-        line_m = None if self.junction is None else self.junction.line_m(self)
-        if line_m is not None:
+        line_m = next((distance_m for road, _, distance_m in self.upcoming() if road in self.movements), 0.0)
+        if self.waits and line_m > 0:
             accelerations.append(self._behind(_Line(self.road, self.position), line_m))
         return min(accelerations)
 
@@ -247,10 +244,7 @@ class Chauffeured(SizedVehicle, MDPVehicle):  # type: ignore[misc]
 
 
 class Parked(SizedVehicle):
-    """A vehicle that stands, and asks for nothing."""
+    """A vehicle that stands."""
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
         self.action = {"steering": 0.0, "acceleration": 0.0}
-
-    def upcoming(self) -> list[tuple[tuple[str, str], AbstractLane, float]]:
-        return []

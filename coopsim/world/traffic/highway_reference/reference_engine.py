@@ -17,6 +17,7 @@ from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.traffic.engine.lanes import NumberedNetwork
+from coopsim.world.traffic.engine.right_of_way import GRANTED, grant, movements_of
 from coopsim.world.traffic.highway_reference.drivers import (
     Chauffeured,
     Driver,
@@ -25,7 +26,6 @@ from coopsim.world.traffic.highway_reference.drivers import (
     SizedVehicle,
     TownDriver,
 )
-from coopsim.world.traffic.highway_reference.junction import Junction
 
 _DRIVERS: dict[int, type[SizedVehicle]] = {
     HIGHWAY: HighwayDriver,
@@ -57,7 +57,10 @@ class ReferenceEngine:
     ) -> None:
         self._network, self._speeds = network, tuple(speeds_m_s)
         self._road = highway_roads.Road(_as_highway_env(network.source))
-        self._junction = Junction(network.source, movements, priority, clearance_m) if movements else None
+        self._movements, self._over_junctions = (
+            movements_of(network, movements, priority, clearance_m),
+            frozenset(movements),
+        )
         self._ids: list[int] = []
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
@@ -66,9 +69,8 @@ class ReferenceEngine:
         vehicles: list[SizedVehicle] = self._road.vehicles
         for row, maneuver in maneuvers.items():
             vehicles[row].act(MANEUVERS[maneuver].upper())
-        if self._junction is not None:
-            commanded = [vehicle for vehicle in vehicles if isinstance(vehicle, Chauffeured)]
-            self._junction.update(vehicles, commanded)
+        if self._over_junctions:
+            self._grant(fleet)
         self._road.act()
         self._road.step(dt_s)
         self._write(fleet)
@@ -89,6 +91,22 @@ class ReferenceEngine:
             body.position = np.array([row["x"], row["y"]])
             body.heading, body.speed = row["heading"], row["speed"]
 
+    def _grant(self, fleet: Fleet) -> None:
+        """Renew the right of way, which may also change routes."""
+        number = self._network.road_number
+        for row, route, vehicle in zip(fleet.rows, fleet.routes, self._road.vehicles, strict=True):
+            planned = [number[start, end] for start, end, _ in vehicle.route or ()]
+            route[: len(planned), 0], route[: len(planned), 1] = planned, -1
+            row["route_length"], row["turns"] = len(planned), vehicle.turns
+            row["target_lane"] = self._network.lane_number[vehicle.target_lane_index]
+        grant(self._network.arrays, fleet.rows, fleet.routes, self._movements)
+        for row, route, vehicle in zip(fleet.rows, fleet.routes, self._road.vehicles, strict=True):
+            vehicle.route, vehicle.turns = self._named(route[: row["route_length"]]), int(row["turns"])
+            vehicle.waits = row["ticket"] > GRANTED
+
+    def _named(self, route: Ints) -> list[tuple[str, str, int | None]]:
+        return [(*self._network.roads[road], None) for road, _ in route]
+
     def _write(self, fleet: Fleet) -> None:
         for row, vehicle in zip(fleet.rows, self._road.vehicles, strict=True):
             row["x"], row["y"] = vehicle.position
@@ -108,11 +126,11 @@ class ReferenceEngine:
         )
         vehicle.fit(float(row["length"]), float(row["width"]), float(row["axle_m"]), int(row["turn_key"]))
         vehicle.roads_ahead = len(route)
-        vehicle.route = [(*self._network.roads[road], None) for road, _ in route[: row["route_length"]]]
+        vehicle.route = self._named(route[: row["route_length"]])
         if isinstance(vehicle, Driver):
             vehicle.TIME_WANTED = float(row["time_wanted"])
-        if isinstance(vehicle, TownDriver) and self._junction is not None:
-            vehicle.junction = self._junction
+        if isinstance(vehicle, TownDriver):
+            vehicle.movements = self._over_junctions
         if isinstance(vehicle, Chauffeured):
             vehicle.choose_among(self._speeds)
         return vehicle

@@ -1,4 +1,4 @@
-"""Right of way where roads meet, over highway-env's objects; see `coopsim.world.traffic.junction_rules`."""
+"""A second implementation of right of way, over objects, to check the kernels against."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from itertools import combinations
 from typing import Protocol
 
 import numpy as np
-from highway_env.road.lane import AbstractLane
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import CLEARANCE_M
-from coopsim.world.places.road_network import Road, RoadNetwork
+from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 from coopsim.world.traffic.junction_rules import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
@@ -34,7 +33,7 @@ class Traveller(Protocol):
     speed: float
     LENGTH: float
 
-    def upcoming(self) -> list[tuple[Road, AbstractLane, float]]:
+    def upcoming(self) -> list[tuple[Road, Lane, float]]:
         """Return the planned roads: index, lane, and distance (m) from here to its start (<= 0: on it)."""
 
     def choose_again(self, place: int) -> None:
