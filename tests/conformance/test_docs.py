@@ -118,7 +118,6 @@ TO_BE_WRAPPED = (
     "docs/reference/cameras.md",
     "docs/reference/localization.md",
     "docs/reference/metrics.md",
-    "docs/reference/policies.md",
     "docs/reference/scenarios.md",
 )
 
