@@ -71,7 +71,7 @@ class DinoCoDTTracking(PooledBoxes):
         super().__post_init__()
 
     def make_tracker(self) -> TrackersByClass:
-        turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # nobody walks backwards faster
+        turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # people hardly walk backwards
         by_class: dict[tuple[int, ...], Tracker] = {NIMBLE: self._tracker(turning, greedy)}
         if self.motion == "section_4b":
             by_class[Superclass.VEHICLE.classes] = self._tracker(ConstantTurnRateAcceleration(), hungarian)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.fusion.common_objects import ANYTHING, AgentView, CommonObjects, common_objects, consensus
+from coopsim.fusion.common_objects import ANYTHING, CommonObjects, PlacedBoxes, common_objects, consensus
 from coopsim.fusion.pose_error import OwnPose, PoseErrorFilter
 from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
 from coopsim.geometry.se3 import SE3, Floats
@@ -60,7 +60,7 @@ class PoseAlignment:
     min_common: int = 2
     _own: OwnPose | None = None
     _senders: dict[str, PoseErrorFilter] = field(default_factory=dict)
-    _views: dict[int, AgentView] = field(default_factory=dict)
+    _own_boxes: dict[int, PlacedBoxes] = field(default_factory=dict)
     _used_ns: dict[str, int] = field(default_factory=dict)
 
     @classmethod
@@ -104,10 +104,12 @@ class PoseAlignment:
         return self._own.step(observation.pose, observation.odometry)
 
     def _remember(self, observation: Observation, frame: OdometryFrame, own: Detections) -> None:
-        """Remember the receiver's view of now, and forget old views and silent senders."""
+        """Remember the receiver's boxes of now, and forget old ones and silent senders."""
         now_ns = observation.time_ns
-        self._views = {time_ns: view for time_ns, view in self._views.items() if time_ns >= now_ns - _MEMORY_NS}
-        self._views[now_ns] = _view(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
+        self._own_boxes = {
+            time_ns: boxes for time_ns, boxes in self._own_boxes.items() if time_ns >= now_ns - _MEMORY_NS
+        }
+        self._own_boxes[now_ns] = _placed_boxes(own, frame.odom_SE3_base, is_object=self.is_object[self.receiver])
         self._used_ns = {name: used_ns for name, used_ns in self._used_ns.items() if used_ns >= now_ns - _KNOWN_NS}
         self._senders = {name: self._senders[name] for name in self._used_ns}
 
@@ -117,9 +119,11 @@ class PoseAlignment:
         """Return the correction (3,) of each message of one moment: x, y m in the odometry frame and heading rad."""
         news = [captured_ns > self._used_ns.get(each.message.sender, -1) for each in received]
         filters = [self._filter(each.message, captured_ns, observation.pose) for each in received]
-        agents = [self._views[min(self._views, key=lambda known_ns: abs(known_ns - captured_ns))]]
+        agents = [self._own_boxes[min(self._own_boxes, key=lambda known_ns: abs(known_ns - captured_ns))]]
         agents += [
-            _view(each.detections.transform(place), place, is_object=self.is_object.get(each.message.sender, False))
+            _placed_boxes(
+                each.detections.transform(place), place, is_object=self.is_object.get(each.message.sender, False)
+            )
             for each, place in zip(received, stated, strict=True)
         ]
         prior = Corrections(np.array([each.mean for each in filters]), np.array([each.covariance for each in filters]))
@@ -149,33 +153,33 @@ class PoseAlignment:
         return self._senders[name]
 
 
-def _coarse(agents: Sequence[AgentView], prior: Corrections) -> list[Floats]:
+def _coarse(agents: Sequence[PlacedBoxes], prior: Corrections) -> list[Floats]:
     """Return the consensus of each sender with the objects that the receiver and the senders before it saw."""
     known, label = agents[0].position, agents[0].label
     corrections = []
-    for view, mean, covariance in zip(agents[1:], prior.mean, prior.covariance, strict=True):
-        correction = consensus(known, label, view, mean, np.sqrt(np.diagonal(covariance)))
+    for boxes, mean, covariance in zip(agents[1:], prior.mean, prior.covariance, strict=True):
+        correction = consensus(known, label, boxes, mean, np.sqrt(np.diagonal(covariance)))
         corrections.append(correction)
-        known = np.concatenate([known, view.corrected(correction)])
-        label = np.concatenate([label, view.label])
+        known = np.concatenate([known, boxes.corrected(correction)])
+        label = np.concatenate([label, boxes.label])
     return corrections
 
 
-def _graph(agents: Sequence[AgentView], common: CommonObjects) -> PoseGraph:
+def _graph(agents: Sequence[PlacedBoxes], common: CommonObjects) -> PoseGraph:
     """Return the pose graph of the common objects."""
-    origins = np.array([view.origin for view in agents])
-    first = np.cumsum([0, *(len(view) for view in agents)])
-    position = np.concatenate([view.position for view in agents])[first[common.agent] + common.row]
+    origins = np.array([boxes.origin for boxes in agents])
+    first = np.cumsum([0, *(len(boxes) for boxes in agents)])
+    position = np.concatenate([boxes.position for boxes in agents])[first[common.agent] + common.row]
     origin = origins[common.agent]
     return PoseGraph(position - origin, origin, common.agent, common.object)
 
 
-def _view(detections: Detections, odom_SE3_base: SE3, *, is_object: bool) -> AgentView:
+def _placed_boxes(detections: Detections, odom_SE3_base: SE3, *, is_object: bool) -> PlacedBoxes:
     """Return boxes in the odometry frame, and the agent itself where others see it as an object."""
     position, origin = detections.boxes.center[:, :2], odom_SE3_base.translation[:2]
     if not is_object:
-        return AgentView(origin, position, detections.label)
-    return AgentView(origin, np.concatenate([position, origin[None]]), np.append(detections.label, ANYTHING))
+        return PlacedBoxes(origin, position, detections.label)
+    return PlacedBoxes(origin, np.concatenate([position, origin[None]]), np.append(detections.label, ANYTHING))
 
 
 def _variance(pose: PoseEstimate) -> Floats:

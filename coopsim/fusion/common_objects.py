@@ -22,7 +22,7 @@ ANYTHING = -1
 
 _REACH_M = 1.0
 """Boxes farther apart than this do not vote for an error that would bring them together. Detections of one object are
-some decimetres apart, objects beside each other more than a metre."""
+some decimetres apart, neighbouring objects more than a metre."""
 
 _VOTE = 2.0
 """Log likelihood of a pair that lies together, against one that does not: two pairs outweigh an error of 2.8 sigma."""
@@ -33,7 +33,7 @@ _MOST_PAIRS = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AgentView:
+class PlacedBoxes:
     """The boxes that one agent saw at one moment, placed by its stated pose.
 
     Attributes:
@@ -85,7 +85,7 @@ def turned(vectors: Floats, angle_rad: float | Floats) -> Floats:
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
-def consensus(known: Floats, label: Ints, view: AgentView, mean: Floats, sigma: Floats) -> Floats:
+def consensus(known: Floats, label: Ints, placed: PlacedBoxes, mean: Floats, sigma: Floats) -> Floats:
     """Find the correction of an agent's pose under which its boxes lie on known ones, roughly.
 
     Of all corrections that bring a pair of boxes together, with a heading from a coarse grid, the correction with the
@@ -94,14 +94,14 @@ def consensus(known: Floats, label: Ints, view: AgentView, mean: Floats, sigma: 
     Args:
         known: (N, 2) m, positions of objects.
         label: (N,) their classes.
-        view: the agent's boxes.
+        placed: the agent's boxes.
         mean: (3,) the expected correction: x, y m and heading rad.
         sigma: (3,) its standard deviations.
 
     Returns:
         (3,) the correction. Its error is that of a detection and of half a step of heading; see `pose_graph`.
     """
-    gap, offset = _candidates(known, label, view, mean, sigma)
+    gap, offset = _candidates(known, label, placed, mean, sigma)
     steps = np.linspace(-_SIGMAS, _SIGMAS, _HEADINGS) if _turns(offset, sigma[2]) else np.zeros(1)
     heading = mean[2] + sigma[2] * steps
     shift = gap + offset - turned(offset, heading)  # (H, P, 2) that brings each pair together, for each heading
@@ -125,13 +125,13 @@ def _votes(tried: Floats, shift: Floats) -> Floats:
     return summed
 
 
-def _candidates(known: Floats, label: Ints, view: AgentView, mean: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+def _candidates(known: Floats, label: Ints, placed: PlacedBoxes, mean: Floats, sigma: Floats) -> tuple[Floats, Floats]:
     """Return the gaps (P, 2) of pairs within an error of three sigmas, and their offsets (P, 2) from the agent."""
-    gap = known[:, None] - view.position
-    offset = view.position - view.origin
-    away = np.hypot(*(gap - (view.corrected(mean) - view.position)).transpose(2, 0, 1))
+    gap = known[:, None] - placed.position
+    offset = placed.position - placed.origin
+    away = np.hypot(*(gap - (placed.corrected(mean) - placed.position)).transpose(2, 0, 1))
     reach = _SIGMAS * (np.hypot(*sigma[:2]) + sigma[2] * np.hypot(*offset.T)) + _REACH_M
-    near = np.where(compatible(label, view.label), away / reach, np.inf)
+    near = np.where(compatible(label, placed.label), away / reach, np.inf)
     rows, columns = np.nonzero(near <= 1)
     if len(rows) > _MOST_PAIRS:
         nearest = np.argpartition(near[rows, columns], _MOST_PAIRS)[:_MOST_PAIRS]
@@ -145,27 +145,27 @@ def compatible(one: Ints, other: Ints) -> Mask:
     return same
 
 
-def common_objects(agents: Sequence[AgentView], corrections: Sequence[Floats], gate_m: float) -> CommonObjects:
+def common_objects(agents: Sequence[PlacedBoxes], corrections: Sequence[Floats], gate_m: float) -> CommonObjects:
     """Match the agents' boxes, each agent's with the objects of all agents before it (Hungarian, distance).
 
     Args:
-        agents: the view of each agent.
+        agents: the boxes of each agent.
         corrections: (3,) the correction of each agent's pose.
         gate_m: largest distance of two boxes on one object.
     """
     known, label = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
     objects = []
-    for view, correction in zip(agents, corrections, strict=True):
-        where = view.corrected(correction)
-        rows, columns = match(known, label, where, view.label, gate_m)
-        number = np.full(len(view), -1)
+    for placed, correction in zip(agents, corrections, strict=True):
+        where = placed.corrected(correction)
+        rows, columns = match(known, label, where, placed.label, gate_m)
+        number = np.full(len(placed), -1)
         number[columns] = rows
         new = number < 0
         number[new] = len(known) + np.arange(np.count_nonzero(new))
-        known, label = np.concatenate([known, where[new]]), np.concatenate([label, view.label[new]])
+        known, label = np.concatenate([known, where[new]]), np.concatenate([label, placed.label[new]])
         objects.append(number)
-    agent = np.repeat(np.arange(len(agents)), [len(view) for view in agents])
-    row = np.concatenate([np.arange(len(view)) for view in agents])
+    agent = np.repeat(np.arange(len(agents)), [len(placed) for placed in agents])
+    row = np.concatenate([np.arange(len(placed)) for placed in agents])
     return _shared(agent, row, np.concatenate(objects))
 
 

@@ -14,8 +14,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen, require_finite
 
 PULL = 1e-3
-"""Weight of (w - 1/2)^2 beside log det P. It costs at most PULL / 4 = 0.025 % of the determinant, and makes a tie the
-mean: without it rounding would decide between two equally certain estimates, differently in each frame."""
+"""Weight of (w - 1/2)^2 relative to log det P. It costs at most PULL / 4 = 0.025 % of the determinant, and makes a tie
+the mean: without it rounding would decide between two equally certain estimates, differently in each frame."""
 
 _HALVINGS = 45  # of an interval of length 1: as fine as double precision resolves next to 1/2
 

@@ -129,14 +129,14 @@ def _over_union(inter: float, size_a: float, size_b: float) -> float:
 def _in_axes_of(
     dx: float, dy: float, cos_a: float, sin_a: float, cos_b: float, sin_b: float, half_length: float, half_width: float
 ) -> _Rectangle:
-    """The other's footprint, dx and dy from the first in common axes, in the first box's own axes."""
+    """Return the other's footprint, dx and dy from the first in common axes, in the first box's own axes."""
     cos, sin = cos_b * cos_a + sin_b * sin_a, sin_b * cos_a - cos_b * sin_a
     return (dx * cos_a + dy * sin_a, dy * cos_a - dx * sin_a, *_extremes(half_length, half_width, cos, sin))
 
 
 @njit(cache=True, nogil=True)
 def _extremes(half_length: float, half_width: float, cos: float, sin: float) -> tuple[float, float, float, float]:
-    """The rightmost and the topmost corner of a rectangle around the origin; their opposites are the other two.
+    """Return the rightmost and topmost corner of a rectangle around the origin; their opposites are the others.
 
     A rectangle turned by a quarter is one with its sides swapped, so any heading becomes one in [0, 90) degrees,
     where each corner is extreme in one direction.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from coopsim.fusion import pose_graph
-from coopsim.fusion.common_objects import ANYTHING, AgentView, common_objects, consensus, turned
+from coopsim.fusion.common_objects import ANYTHING, PlacedBoxes, common_objects, consensus, turned
 from coopsim.fusion.pose_graph import Corrections, PoseGraph, align
 
 SEEDS = st.integers(0, 10_000)
@@ -23,14 +23,14 @@ def scattered(rng: np.random.Generator, count: int) -> np.ndarray:
     return chosen
 
 
-def displaced(objects: np.ndarray, origin: np.ndarray, error: np.ndarray) -> AgentView:
+def displaced(objects: np.ndarray, origin: np.ndarray, error: np.ndarray) -> PlacedBoxes:
     """Objects as an agent places them that is at `origin`, and believes what `error` corrects."""
     believed = origin - error[:2]
     seen = believed + turned(objects - origin, -float(error[2]))
-    return AgentView(believed, seen, np.zeros(len(objects), dtype=int))
+    return PlacedBoxes(believed, seen, np.zeros(len(objects), dtype=int))
 
 
-def graph_of(agents: list[AgentView], rows: list[np.ndarray]) -> PoseGraph:
+def graph_of(agents: list[PlacedBoxes], rows: list[np.ndarray]) -> PoseGraph:
     """All agents' boxes, where row k of an agent is on object rows[agent][k]."""
     agent = np.repeat(np.arange(len(agents)), [len(seen) for seen in agents])
     number, origin = np.concatenate(rows), np.array([seen.origin for seen in agents])[agent]
@@ -50,7 +50,7 @@ def test_errors_of_a_metre_and_a_degree_are_found_and_taken_back(seed: int, coun
     rng = np.random.default_rng(seed)
     objects, origin = scattered(rng, count), rng.uniform(-30, 30, 2)
     error = rng.uniform(-1, 1, 3) * [1.0, 1.0, np.radians(1)]
-    seen, receiver = displaced(objects, origin, error), AgentView(np.zeros(2), objects, np.zeros(count, dtype=int))
+    seen, receiver = displaced(objects, origin, error), PlacedBoxes(np.zeros(2), objects, np.zeros(count, dtype=int))
     rough = consensus(receiver.position, receiver.label, seen, np.zeros(3), np.sqrt(np.diagonal(UNSURE)))
     common = common_objects([receiver, seen], [np.zeros(3), rough], 2.0)
     assert np.array_equal(common.row[common.agent == 1], common.row[common.agent == 0])
@@ -65,7 +65,7 @@ def test_the_solution_is_that_of_a_general_solver() -> None:
     errors = rng.normal(size=(2, 3)) * [0.3, 0.3, 0.005]
     agents = [displaced(objects, np.zeros(2), np.zeros(3))]
     agents += [displaced(objects, rng.uniform(-20, 20, 2), error) for error in errors]
-    agents = [AgentView(a.origin, a.position + rng.normal(0, 0.05, a.position.shape), a.label) for a in agents]
+    agents = [PlacedBoxes(a.origin, a.position + rng.normal(0, 0.05, a.position.shape), a.label) for a in agents]
     graph, prior = graph_of(agents, [np.arange(9)] * 3), unknown(2)
     mean = prior.mean
     for _ in range(8):  # continued until it is settled
@@ -90,7 +90,7 @@ def test_turning_and_moving_the_world_turns_the_corrections(seed: int, angle: fl
     rng = np.random.default_rng(seed)
     objects, error = scattered(rng, 8), rng.normal(size=3) * [0.4, 0.4, 0.01]
     agents = [displaced(objects, np.zeros(2), np.zeros(3)), displaced(objects, np.array([9.0, -4]), error)]
-    moved = [AgentView(turned(a.origin[None], angle)[0] + 7, turned(a.position, angle) + 7, a.label) for a in agents]
+    moved = [PlacedBoxes(turned(a.origin[None], angle)[0] + 7, turned(a.position, angle) + 7, a.label) for a in agents]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pose_graph, "_SETTLED", 0.0)  # or rounding decides whether one of the two takes a step more
         one, other = (align(graph_of(each, [np.arange(8)] * 2), unknown(1), 0.2).mean[0] for each in (agents, moved))
@@ -104,7 +104,7 @@ def test_a_quarter_of_wrong_pairs_hardly_matters() -> None:
     receiver, seen = displaced(objects, np.zeros(2), np.zeros(3)), displaced(objects, np.array([10.0, 5]), error)
     position = seen.position.copy()
     position[:4] += [1.5, 0.5]
-    wrong = AgentView(seen.origin, position, seen.label)
+    wrong = PlacedBoxes(seen.origin, position, seen.label)
     found = align(graph_of([receiver, wrong], [np.arange(16)] * 2), unknown(1), 0.15).mean[0]
     assert np.abs(found[:2] - error[:2]).max() < 0.1  # the plain mean would be off by a quarter of 1.5 m
     assert abs(found[2] - error[2]) < 0.004
@@ -125,7 +125,7 @@ def test_with_nothing_in_common_the_prior_stays() -> None:
 
 
 def test_one_pair_alone_does_not_outweigh_three_sigmas() -> None:
-    seen = AgentView(np.zeros(2), np.array([[10.0, 0]]), np.zeros(1, dtype=int))
+    seen = PlacedBoxes(np.zeros(2), np.array([[10.0, 0]]), np.zeros(1, dtype=int))
     sigma = np.array([0.5, 0.5, 0.001])
     rough = consensus(np.array([[11.4, 0.0]]), np.zeros(1, dtype=int), seen, np.zeros(3), sigma)
     np.testing.assert_array_equal(rough, np.zeros(3))
@@ -135,8 +135,8 @@ def test_one_pair_alone_does_not_outweigh_three_sigmas() -> None:
 
 def test_classes_do_not_match_each_other_but_an_agent_itself_may_be_anything() -> None:
     where = np.array([[5.0, 0], [15.0, 0]])
-    mine = AgentView(np.zeros(2), where, np.array([0, 3]))
-    theirs = AgentView(np.zeros(2), where, np.array([2, ANYTHING]))
+    mine = PlacedBoxes(np.zeros(2), where, np.array([0, 3]))
+    theirs = PlacedBoxes(np.zeros(2), where, np.array([2, ANYTHING]))
     common = common_objects([mine, theirs], [np.zeros(3)] * 2, 1.0)
     assert common.row.tolist() == [1, 1] and common.agent.tolist() == [0, 1]
 
@@ -154,8 +154,8 @@ def test_what_two_senders_see_helps_although_the_receiver_does_not() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_hardly_any_boxes(count: int) -> None:
-    seen = AgentView(np.zeros(2), np.ones((count, 2)) * np.arange(count)[:, None] * 9, np.zeros(count, dtype=int))
-    none = AgentView(np.zeros(2), np.zeros((0, 2)), np.zeros(0, dtype=int))
+    seen = PlacedBoxes(np.zeros(2), np.ones((count, 2)) * np.arange(count)[:, None] * 9, np.zeros(count, dtype=int))
+    none = PlacedBoxes(np.zeros(2), np.zeros((0, 2)), np.zeros(0, dtype=int))
     sigma = np.ones(3)
     assert np.isfinite(consensus(seen.position, seen.label, seen, np.zeros(3), sigma)).all()
     np.testing.assert_array_equal(consensus(none.position, none.label, seen, np.zeros(3), sigma), np.zeros(3))

@@ -27,6 +27,16 @@ def test_duplicate_raises_and_keeps_the_first(fruit: Registry[int]) -> None:
     assert fruit.get("apple") == 1
 
 
+def test_an_alias_is_found_and_not_listed(fruit: Registry[int]) -> None:
+    fruit.register("pear", alias="nashi")(3)
+    assert fruit.get("nashi") == 3 and "nashi" in fruit
+    assert fruit.names() == tuple(fruit) == ("apple", "banana", "pear")
+    for taken in ("nashi", "pear"):
+        with pytest.raises(DuplicateNameError, match=f"fruit '{taken}' is already registered"):
+            fruit.register("plum", alias=taken)(4)
+    assert "plum" not in fruit
+
+
 def test_unknown_lists_close_and_accepted_names(fruit: Registry[int]) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown fruit 'aple'. Did you mean 'apple'\?.*apple, banana"):
         fruit.get("aple")
