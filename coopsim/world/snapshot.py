@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -59,16 +59,7 @@ class Actors:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Actors:
-        return Actors(
-            self.id[index],
-            self.boxes[index],
-            self.velocity[index],
-            self.label[index],
-            self.model[index],
-            self.color[index],
-            self.accent[index],
-            self.phase[index],
-        )
+        return Actors(*(getattr(self, column.name)[index] for column in fields(self)))
 
     def pose(self, poses: Ints) -> Ints:
         """Return the index (N,) of each actor's pose, where model k has `poses[k]` of them."""
@@ -76,16 +67,8 @@ class Actors:
 
     def transform(self, dst_SE3_src: SE3) -> Actors:
         """Return the actors in another gravity-aligned frame."""
-        return Actors(
-            self.id,
-            self.boxes.transform(dst_SE3_src),
-            dst_SE3_src.rotate_planar(self.velocity),
-            self.label,
-            self.model,
-            self.color,
-            self.accent,
-            self.phase,
-        )
+        boxes, velocity = self.boxes.transform(dst_SE3_src), dst_SE3_src.rotate_planar(self.velocity)
+        return replace(self, boxes=boxes, velocity=velocity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

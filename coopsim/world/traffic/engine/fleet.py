@@ -17,91 +17,49 @@ HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(4)
 
 
 class Vehicle(Protocol):
-    """A row of a fleet.
+    """A row of a fleet."""
 
-    Attributes:
-        id: of the actor.
-        driver: `HIGHWAY`, `TOWN`, `CHAUFFEURED` or `PARKED`.
-        model: index into the world's models.
-        x: of the body's center, m.
-        y: of the body's center, m.
-        heading: rad.
-        speed: along the heading, m/s.
-        length: m.
-        width: m.
-        axle_m: from the center to either axle; half the length, as in highway-env, unless the ends extend beyond them.
-        steering: of the front wheels, rad, in the last step.
-        acceleration: m/s2, in the last step.
-        lane: the closest.
-        target_lane: the one it follows, or is changing to.
-        target_speed: m/s.
-        time_wanted: gap to the vehicle in front, s.
-        lateral_gain: of the lane keeping, 1/s.
-        timer: time since it last considered changing lanes, s.
-        crashed: has touched another body; brakes, and stays.
-        pushed: a collision moves it in the next step, by (push_x, push_y) m.
-        push_x: m.
-        push_y: m.
-        route_length: how many roads of its route are valid.
-        turn_key: decides all its turns.
-        turns: how many it has drawn.
-        movement: over the junction, that it asks for; -1: none.
-        ticket: see `coopsim.world.traffic.engine.right_of_way`.
-    """
-
-    id: int
-    driver: int
-    model: int
-    x: float
-    y: float
-    heading: float
-    speed: float
-    length: float
-    width: float
-    axle_m: float
-    steering: float
-    acceleration: float
-    lane: int
-    target_lane: int
-    target_speed: float
-    time_wanted: float
-    lateral_gain: float
-    timer: float
-    crashed: bool
-    pushed: bool
-    push_x: float
-    push_y: float
-    route_length: int
-    turn_key: int
-    turns: int
-    movement: int
-    ticket: int
+    id: int  # of the actor
+    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED` or `PARKED`
+    model: int  # index into the world's models
+    x: float  # of the body's center, m
+    y: float  # of the body's center, m
+    heading: float  # rad
+    speed: float  # along the heading, m/s
+    length: float  # m
+    width: float  # m
+    axle_m: float  # from the center to either axle; half the length, as in highway-env, except for buses
+    steering: float  # of the front wheels, rad, in the last step
+    acceleration: float  # m/s2, in the last step
+    lane: int  # the closest
+    target_lane: int  # the one it follows, or is changing to
+    target_speed: float  # m/s
+    time_wanted: float  # gap to the vehicle in front, s
+    lateral_gain: float  # of the lane keeping, 1/s
+    timer: float  # time since it last considered changing lanes, s
+    crashed: bool  # has touched another body; brakes, and stays
+    pushed: bool  # a collision moves it in the next step, by (push_x, push_y) m
+    push_x: float  # m
+    push_y: float  # m
+    route_length: int  # how many roads of its route are valid
+    turn_key: int  # decides all its turns
+    turns: int  # how many it has drawn
+    movement: int  # over the junction, that it asks for; -1: none
+    ticket: int  # see `coopsim.world.traffic.engine.right_of_way`
 
 
 class Body(Protocol):
-    """An obstacle: a vehicle or a person.
+    """An obstacle: a vehicle or a person."""
 
-    Attributes:
-        x: m.
-        y: m.
-        heading: rad; of a person the direction of walking.
-        speed: along it, m/s.
-        length: m.
-        width: m.
-        dir_x: of the heading.
-        dir_y: of the heading.
-        crashed: is a wreck.
-    """
-
-    x: float
-    y: float
-    heading: float
-    speed: float
-    length: float
-    width: float
-    dir_x: float
-    dir_y: float
-    crashed: bool
+    x: float  # m
+    y: float  # m
+    heading: float  # rad; of a person the direction of walking
+    speed: float  # along it, m/s
+    length: float  # m
+    width: float  # m
+    dir_x: float  # of the heading
+    dir_y: float  # of the heading
+    crashed: bool  # is a wreck
 
 
 VEHICLE, BODY = dtype_of(Vehicle), dtype_of(Body)

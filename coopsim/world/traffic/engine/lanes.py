@@ -24,69 +24,38 @@ STRAIGHT, CIRCULAR = range(2)
 
 
 class LaneRow(Protocol):
-    """A lane.
+    """A lane."""
 
-    Attributes:
-        kind: `STRAIGHT` or `CIRCULAR`.
-        road: number of its road.
-        number: on its road; 0 is the leftmost.
-        forbidden: no driver may change to it.
-        x: of its start, or of an arc's center, m.
-        y: of its start, or of an arc's center, m.
-        dir_x: direction of a straight lane.
-        dir_y: direction of a straight lane.
-        heading: of a straight lane, rad.
-        length: m.
-        width: m.
-        speed_limit: m/s.
-        radius: of an arc, m.
-        start_phase: of an arc, rad.
-        turn: of an arc, 1 to the left and -1 to the right.
-        low_x: of an upright box around the middle line, m.
-        low_y: of that box, m.
-        high_x: of that box, m.
-        high_y: of that box, m.
-    """
-
-    kind: int
-    road: int
-    number: int
-    forbidden: bool
-    x: float
-    y: float
-    dir_x: float
-    dir_y: float
-    heading: float
-    length: float
-    width: float
-    speed_limit: float
-    radius: float
-    start_phase: float
-    turn: float
-    low_x: float
-    low_y: float
-    high_x: float
-    high_y: float
+    kind: int  # `STRAIGHT` or `CIRCULAR`
+    road: int  # number of its road
+    number: int  # on its road; 0 is the leftmost
+    forbidden: bool  # no driver may change to it
+    x: float  # of its start, or of an arc's center, m
+    y: float  # of its start, or of an arc's center, m
+    dir_x: float  # direction of a straight lane
+    dir_y: float  # direction of a straight lane
+    heading: float  # of a straight lane, rad
+    length: float  # m
+    width: float  # m
+    speed_limit: float  # m/s
+    radius: float  # of an arc, m
+    start_phase: float  # of an arc, rad
+    turn: float  # of an arc, 1 to the left and -1 to the right
+    low_x: float  # of an upright box around the middle line, m
+    low_y: float  # of that box, m
+    high_x: float  # of that box, m
+    high_y: float  # of that box, m
 
 
 class RoadRow(Protocol):
-    """A road: lanes side by side.
+    """A road: lanes side by side."""
 
-    Attributes:
-        start: node it leads from.
-        end: node it leads to.
-        first_lane: number of its first lane; its others follow.
-        lanes: how many lanes it has.
-        first_way: where the roads that continue from its end start in `LaneArrays.ways`.
-        ways: how many roads continue.
-    """
-
-    start: int
-    end: int
-    first_lane: int
-    lanes: int
-    first_way: int
-    ways: int
+    start: int  # node it leads from
+    end: int  # node it leads to
+    first_lane: int  # number of its first lane; its others follow
+    lanes: int  # how many lanes it has
+    first_way: int  # where the roads that continue from its end start in `LaneArrays.ways`
+    ways: int  # how many roads continue
 
 
 LANE, ROAD = dtype_of(LaneRow), dtype_of(RoadRow)
