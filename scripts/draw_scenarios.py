@@ -14,7 +14,7 @@ FRAMES = 40
 
 
 def draw(name: str, folder: Path) -> None:
-    """One picture, in few colours to be small."""
+    """Draw one picture, in few colours to keep the file small."""
     env = coopsim.parallel_env(name if name in SCENARIOS else f"{name}.yaml", drones=1, max_cycles=FRAMES + 1)
     policy = coopsim.make_policy("late_fusion")
     observations, _ = env.reset(seed=3)

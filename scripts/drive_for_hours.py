@@ -1,6 +1,6 @@
 """Drive every scenario's traffic for an hour, sensing nothing: `python scripts/drive_for_hours.py --seeds 4`.
 
-Prints a table: crashes, how many actors there are, who stood still for how long, how fast traffic is, and memory.
+Prints a table: crashes, numbers of actors, longest standstill, speed, and memory.
 """
 
 import argparse
@@ -41,7 +41,7 @@ COLUMNS = (
 
 @dataclass
 class Diary:
-    """What is noted of one episode, frame by frame; `fleet` rows and their ids may be replaced on the way."""
+    """Statistics of one episode, frame by frame; `fleet` rows and their ids may be replaced on the way."""
 
     world: World
     crashed: dict[int, float]
@@ -51,7 +51,7 @@ class Diary:
     longest_s: float = 0.0
 
     def note(self, time_s: float, *, loud: bool) -> None:
-        """Look at the world as it is now."""
+        """Add the present state of the world."""
         rows = self.world._traffic.fleet.rows
         for row in rows[rows["crashed"]]:
             if row["id"] not in self.crashed and loud:
@@ -70,7 +70,7 @@ def _place(row: np.void) -> str:
 
 
 def drive(name_seed: tuple[str, int], *, minutes: float, loud: bool, numbers: dict[str, Any]) -> list[str]:
-    """One episode; a row of the table."""
+    """Drive one episode; return a row of the table."""
     name, seed = name_seed
     world = World(_scenario(name, numbers), seed)
     diary, began_s, grown_mb = Diary(world, {}, [], [], {}), perf_counter(), 0.0
@@ -97,7 +97,7 @@ def drive(name_seed: tuple[str, int], *, minutes: float, loud: bool, numbers: di
 
 
 def _scenario(name: str, numbers: dict[str, Any]) -> Scenario:
-    """A registered scenario, or one from a file."""
+    """Make a registered scenario, or one from a file."""
     if not name.endswith(".yaml"):
         return make_scenario(name, **numbers)
     file = load_scenario_file(name)
@@ -109,7 +109,7 @@ def _memory_mb() -> float:
 
 
 def rows_of(arguments: argparse.Namespace) -> Iterator[list[str]]:
-    """A row for every scenario and seed, as they get done."""
+    """Yield a row for every scenario and seed, as they finish."""
     jobs = [
         (name, seed) for name in arguments.scenarios for seed in range(arguments.seed, arguments.seed + arguments.seeds)
     ]
@@ -126,7 +126,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, help="how many")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--loud", action="store_true", help="say who crashed where")
+    parser.add_argument("--loud", action="store_true", help="print crashes and their places")
     parser.add_argument("--numbers", type=yaml.safe_load, default={}, help="fields of Population: '{buses: 8}'")
     arguments = parser.parse_args()
     print("| " + " | ".join(COLUMNS) + " |")

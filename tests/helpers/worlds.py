@@ -1,4 +1,4 @@
-"""What the tests of the world share: making one, and recording it."""
+"""Worlds for tests, and their state frame by frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def make_world(name: str, seed: int = 0, *, policy_control: bool = False, **numb
 
 
 def frames(world: World, steps: int, maneuvers: Mapping[str, int] | None = None) -> Iterator[Actors]:
-    """The actors now, and after each of `steps` steps."""
+    """Yield the actors now, and after each of `steps` steps."""
     yield world.actors()
     for _ in range(steps):
         world.step(DT_S, maneuvers)
@@ -39,7 +39,7 @@ def people(actors: Actors) -> Actors:
 
 
 def table(actors: Actors) -> NDArray[np.float64]:
-    """Everything about the actors, a row each."""
+    """Return all attributes of the actors, a row each."""
     return np.column_stack(
         [
             actors.id,
@@ -55,7 +55,7 @@ def table(actors: Actors) -> NDArray[np.float64]:
 
 
 def place_of(world: World, agent: str) -> NDArray[np.float64]:
-    """Where an agent is: x and y, m."""
+    """Return an agent's position, x and y, m."""
     return np.asarray(world.agents()[agent].world_SE3_base.translation[:2])
 
 
