@@ -8,11 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.envs.frames import AgentFrame
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import iou_3d
-from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.types import GroundTruth, Ints, Tracks
+from coopsim.types import Tracks
 
 
 class Reward(ABC):
@@ -58,33 +55,14 @@ class Scorer:
 
     def update(self, frame: Mapping[str, AgentFrame], tracks: Mapping[str, Tracks]) -> dict[str, FrameCounts]:
         """Score the tracks that agents report for one frame; each in the agent's base frame."""
-        counts = {}
-        for name, agent in frame.items():
-            counted = agent.truth.counted
-            counts[name] = self.evaluators[name].update(counted, self._relevant(agent.truth, counted, tracks[name]))
-        return counts
+        return {
+            name: self.evaluators[name].update(agent.truth, self._in_region(tracks[name]))
+            for name, agent in frame.items()
+        }
 
-    def _relevant(self, truth: GroundTruth, counted: GroundTruth, tracks: Tracks) -> Tracks:
-        """Leave out tracks outside the region, and tracks on objects that do not count.
-
-        A tracker that carries on an object that no agent sees any more is right to do so, and is neither
-        rewarded nor punished for it.
-        """
-        if not len(tracks):
+    def _in_region(self, tracks: Tracks) -> Tracks:
+        """Leave out tracks outside the region."""
+        if self._region_m is None or not len(tracks):
             return tracks
-        if self._region_m is not None:
-            x, y = np.abs(tracks.boxes.center[:, :2]).T
-            tracks = tracks[(x <= self._region_m[0]) & (y <= self._region_m[1])]
-        if truth.counts is None or not len(tracks) or truth.counts.all():
-            return tracks
-        on_ignored = _best_overlap(tracks, truth.boxes[~truth.counts], truth.label[~truth.counts])
-        on_counted = _best_overlap(tracks, counted.boxes, counted.label)
-        return tracks[(on_ignored < self._match_iou) | (on_counted >= on_ignored)]
-
-
-def _best_overlap(tracks: Tracks, boxes: Boxes3D, label: Ints) -> Floats:
-    """Return each track's largest 3D IoU with a box of its class, (N,)."""
-    overlap = iou_3d(tracks.boxes.array, boxes.array)
-    overlap[tracks.label[:, None] != label] = 0.0
-    best: Floats = overlap.max(axis=1, initial=0.0)
-    return best
+        x, y = np.abs(tracks.boxes.center[:, :2]).T
+        return tracks[(x <= self._region_m[0]) & (y <= self._region_m[1])]

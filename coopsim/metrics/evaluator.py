@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from coopsim.metrics.candidate_pairs import CandidatePairs, find_candidate_pairs
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.arrays import look_up
-from coopsim.types import GroundTruth, Ints, Tracks
+from coopsim.types import GroundTruth, Ints, Mask, Tracks
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS
 
 _SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
@@ -58,6 +58,10 @@ class Evaluator:
     def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
         """Score one frame.
 
+        Objects that do not count (`GroundTruth.counts`) are left out, and so are the tracks that are on them rather
+        than on one that counts: a tracker that carries on an object which no agent sees any more is neither rewarded
+        nor punished for it.
+
         Args:
             truth: the objects.
             tracks: the reported tracks, in the same frame of reference.
@@ -67,13 +71,17 @@ class Evaluator:
         """
         truth.validate()
         tracks.validate()
+        candidates = CandidatePairs.empty()
+        if len(tracks):
+            kinds = _SUPERCLASS[truth.label], _SUPERCLASS[tracks.label]
+            candidates = find_candidate_pairs(truth.boxes, kinds[0], tracks.boxes, kinds[1])
+        if truth.counts is not None and not truth.counts.all():
+            tracks, candidates = self._without_ignored(truth, truth.counts, tracks, candidates)
+            truth = truth.counted
         if not len(tracks):
-            self.log.append(truth, tracks, CandidatePairs.empty())
+            self.log.append(truth, tracks, candidates)
             return FrameCounts(0, 0, len(truth), 0, len(truth))
         frame = len(self.log)
-        candidates = find_candidate_pairs(
-            truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label]
-        )
         self.log.append(truth, tracks, candidates)
         pairs = candidates[truth.label[candidates.truth] == tracks.label[candidates.track]]
         slots = self._slots(truth.id)
@@ -89,6 +97,18 @@ class Evaluator:
         self._last_track[slots], self._last_frame[slots] = track, frame
         tp = int(hit.sum())
         return FrameCounts(tp, len(tracks) - tp, len(truth) - tp, int(switched.sum()), len(truth))
+
+    def _without_ignored(
+        self, truth: GroundTruth, counts: Mask, tracks: Tracks, candidates: CandidatePairs
+    ) -> tuple[Tracks, CandidatePairs]:
+        """Leave out tracks on objects that do not count, and pairs of these; rows of the rest are numbered anew."""
+        pairs = candidates[truth.label[candidates.truth] == tracks.label[candidates.track]]
+        best = np.zeros((2, len(tracks)))  # 3D IoU with objects that do not count, and with those that do
+        np.maximum.at(best, (counts[pairs.truth].astype(np.int64), pairs.track), pairs.iou_3d)
+        kept = (best[0] < self.log.match_iou) | (best[1] >= best[0])
+        rest = candidates[counts[candidates.truth] & kept[candidates.track]]
+        rows, columns = np.cumsum(counts) - 1, np.cumsum(kept) - 1
+        return tracks[kept], replace(rest, truth=rows[rest.truth], track=columns[rest.track])
 
     def _slots(self, ids: Ints) -> Ints:
         """Return the slot (N,) in which each object's last match is kept; new objects get one."""
