@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_count
 from coopsim.types import Detections, Mask
 from coopsim.types.embedding import normalize_embeddings
 
@@ -124,22 +124,16 @@ class EmbeddingMemory:
         added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
         return EmbeddingMemory(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
 
-    def similarity(self, embeddings: ArrayLike, over: str = "best") -> Floats:
+    def similarity(self, embeddings: ArrayLike) -> Floats:
         """Return the cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].
 
-        It is -inf where the track or the detection has no embedding, so that no threshold lets the pair pass.
+        It is the largest over a track's embeddings, as in the paper any one vector may trigger the match, and -inf
+        where the track or the detection has no embedding, so that no threshold lets the pair pass.
 
         Args:
             embeddings: (M, D).
-            over: how a track's embeddings are combined; "best" takes the largest similarity, as in the paper any one
-                vector may trigger the match; "mean" is steadier where single crops are poor.
         """
-        require_choice("over", over, ("best", "mean"))
         unit, present = normalize_embeddings(embeddings, (None, self.dim))
         each = np.clip(self.vectors @ unit.T, -1.0, 1.0)  # (N, W, M)
-        if over == "best":
-            pooled = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)
-        else:
-            # Invalid embeddings are zeros and add nothing to the sum.
-            pooled = each.sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1)[:, None]
-        return np.where(np.logical_and.outer(self.known, present), pooled, -np.inf).astype(np.float64)
+        best = np.where(self.valid[:, :, None], each, -np.inf).max(axis=1)
+        return np.where(np.logical_and.outer(self.known, present), best, -np.inf).astype(np.float64)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import InvalidValueError
 from coopsim.tracking.embedding_memory import EmbeddingMemory
 
 EAST, NORTH, NORTHEAST = [1.0, 0.0], [0.0, 2.0], [3.0, 3.0]
@@ -31,10 +31,9 @@ def test_similarity_is_the_cosine() -> None:
     np.testing.assert_allclose(got, [[1, HALF, -1], [0, HALF, 0]], atol=1e-6)
 
 
-def test_best_is_any_view_and_mean_is_all_of_them() -> None:
+def test_any_view_may_match() -> None:
     memory = remembering([EAST, NORTH], [EAST])
     np.testing.assert_allclose(memory.similarity([EAST]), [[1], [1]], atol=1e-6)
-    np.testing.assert_allclose(memory.similarity([EAST], over="mean"), [[0.5], [1]], atol=1e-6)
 
 
 def test_the_oldest_goes_first() -> None:
@@ -45,9 +44,8 @@ def test_the_oldest_goes_first() -> None:
 
 def test_what_has_no_embedding_is_like_nothing() -> None:
     memory = remembering([EAST], [NONE])
-    for over in ("best", "mean"):
-        got = memory.similarity([EAST, NONE, [0.0, 0.0], [np.inf, 1.0]], over)
-        np.testing.assert_array_equal(np.isneginf(got), [[False, True, True, True], [True] * 4])
+    got = memory.similarity([EAST, NONE, [0.0, 0.0], [np.inf, 1.0]])
+    np.testing.assert_array_equal(np.isneginf(got), [[False, True, True, True], [True] * 4])
     assert np.isneginf(memory.similarity(np.full((3, 2), np.nan))).all()
 
 
@@ -84,8 +82,7 @@ def test_nothing_is_like_nobody() -> None:
     assert len(empty) == 0 and (empty.dim, empty.window) == (4, 3)
     assert empty.similarity(np.ones((5, 4))).shape == (0, 5)
     one = empty.begin(np.ones((1, 4)))
-    for over in ("best", "mean"):
-        assert one.similarity(np.zeros((0, 4)), over).shape == (1, 0)
+    assert one.similarity(np.zeros((0, 4))).shape == (1, 0)
     assert len(one.update(np.zeros(0, dtype=int), np.zeros((0, 4))).join(empty)) == 1
 
 
@@ -105,16 +102,15 @@ def test_it_is_a_table_of_queues(window: int, events: list[tuple[int, bool]], se
         if seen:
             queues[row] = [*queues[row], embedding][-window:]
     asked = rng.normal(size=(4, 5))
-    for over, pool in (("best", np.max), ("mean", np.mean)):
-        got = memory.similarity(asked, over)
-        assert ((got >= -1) & (got <= 1) | np.isneginf(got)).all()
-        for row, queue in enumerate(queues):
-            for column, one in enumerate(asked):
-                cosines = [one @ each / np.linalg.norm(one) / np.linalg.norm(each) for each in queue]
-                assert got[row, column] == pytest.approx(pool(cosines) if queue else -np.inf, abs=1e-5)
+    got = memory.similarity(asked)
+    assert ((got >= -1) & (got <= 1) | np.isneginf(got)).all()
+    for row, queue in enumerate(queues):
+        for column, one in enumerate(asked):
+            cosines = [one @ each / np.linalg.norm(one) / np.linalg.norm(each) for each in queue]
+            assert got[row, column] == pytest.approx(max(cosines, default=-np.inf), abs=1e-5)
 
 
-def test_wrong_shapes_and_names_are_refused() -> None:
+def test_wrong_shapes_are_refused() -> None:
     memory = remembering([EAST])
     with pytest.raises(InvalidValueError, match=r"embeddings must have shape \(N, 2\), got \(1, 3\)"):
         memory.similarity([[1.0, 2.0, 3.0]])
@@ -124,5 +120,3 @@ def test_wrong_shapes_and_names_are_refused() -> None:
         memory.join(EmbeddingMemory.blank(0, 2, 7))
     with pytest.raises(InvalidValueError, match="window must be an integer >= 1, got 0"):
         EmbeddingMemory.blank(0, 2, 0)
-    with pytest.raises(UnknownNameError, match="best"):
-        memory.similarity([EAST], over="bets")
