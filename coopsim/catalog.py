@@ -26,7 +26,7 @@ POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", gro
 """Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
-"""Factories of environments, by versioned name (`crossing-v0`)."""
+"""Factories of environments, by versioned name (`crossing-v1`)."""
 
 
 def make_policy(name: str, /, **parameters: Any) -> Policy:
@@ -43,7 +43,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """Make the environment called `name`.
 
     Args:
-        name: `crossing` (its newest version), `crossing-v0`, the PettingZoo id `coopsim/crossing-v0`, or the path of a
+        name: `crossing` (its newest version), `crossing-v1`, the PettingZoo id `coopsim/crossing-v1`, or the path of a
             scenario file (`.yaml`).
         **options: see `coopsim.envs.options` and the scenario's own numbers.
 
@@ -53,7 +53,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         ScenarioFileError: a scenario file is missing or broken.
     """
     if isinstance(name, Path) or is_scenario_file(name):
-        return ENVIRONMENTS.get("file-v0")(path=name, **options)
+        return ENVIRONMENTS.get(newest("file"))(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
 

@@ -27,6 +27,15 @@ from coopsim.world.scenario import NUMBERS, SCENARIOS, Place, make_scenario
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
+VERSION = 1
+"""Version of all environments; any change of observations, rewards or dynamics raises it.
+
+| version | change |
+|---|---|
+| 0 | first |
+| 1 | the default detector is the one fitted to V2V4Real, and confuses classes; `ground_truth` has all objects |
+"""
+
 
 def simulation_env(
     scenario: str | Place, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
@@ -107,9 +116,9 @@ def replay_env(
 
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
-        **{f"{name}-v0": partial(simulation_env, name) for name in SCENARIOS},
-        "file-v0": file_env,
-        "replay-v0": replay_env,
+        **{f"{name}-v{VERSION}": partial(simulation_env, name) for name in SCENARIOS},
+        f"file-v{VERSION}": file_env,
+        f"replay-v{VERSION}": replay_env,
     }
     for versioned, maker in makers.items():
         full = f"{NAMESPACE}/{versioned}"

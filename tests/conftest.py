@@ -17,7 +17,13 @@ from coopsim.world.scenario import SCENARIOS
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 
-SMALL: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 12}
+SMALL: dict[str, Any] = {
+    "vehicles": 10,
+    "lidar": "VLP-16",
+    "lidar_columns": 256,
+    "max_cycles": 12,
+    "detector": "simulated",
+}
 """Quick to sense, and still with agents that hear each other."""
 
 SIMULATED = SCENARIOS.names()

@@ -22,7 +22,7 @@ from coopsim.errors import UnknownNameError
 FITTED = Path(__file__).parent / "fitted"
 """Folder of the fitted detectors' parameters."""
 
-DEFAULT_DETECTOR = "simulated"
+DEFAULT_DETECTOR = "pointpillars_v2v4real"
 """Name of the detector of environments that are given none."""
 
 _PARTS: Mapping[str, type[Any]] = {

@@ -199,7 +199,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
     ("arguments", "message"),
     [
         (["demo", "--policies", "late_fusoin"], "unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
-        (["demo", "--environment", "crosing"], "Did you mean 'crossing-v0'"),
+        (["demo", "--environment", "crosing"], "Did you mean 'crossing-v1'"),
         (["demo", "--latencies-ms=-5"], "latency_s must be"),
         (["demo", "--loss", "2"], "loss must be in [0, 1]"),
         (["demo", "--report", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
@@ -263,7 +263,7 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    for name in ("late_fusion", "crossing-v0", "village.yaml", "pointpillars_v2v4real", "compact", "quick"):
+    for name in ("late_fusion", "crossing-v1", "village.yaml", "pointpillars_v2v4real", "compact", "quick"):
         assert name in out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,9 +76,24 @@ def test_by_name_in_an_environment_and_the_same_bits_again() -> None:
     assert sum(map(len, first)) > 0
 
 
-def test_the_default_is_the_one_called_simulated() -> None:
-    for one, two in zip(boxes_over(3), boxes_over(3, detector="simulated"), strict=True):
+def test_the_default_is_the_fitted_one() -> None:
+    for one, two in zip(boxes_over(3), boxes_over(3, detector=NAME), strict=True):
         np.testing.assert_array_equal(one, two)
+    assert any(
+        len(one) != len(two) for one, two in zip(boxes_over(3), boxes_over(3, detector="simulated"), strict=True)
+    )
+
+
+def test_a_spec_sets_parameters() -> None:
+    detector = make_detector("simulated(max_recall=0.5, min_points=3)")
+    assert isinstance(detector, SimulatedDetector) and detector.config.max_recall == 0.5
+    quiet = make_detector(f"{NAME}(clutter=None, confusion=None, reach_x_m=50)")
+    assert isinstance(quiet, CorrelatedDetector)
+    assert quiet.config == replace(preset(NAME), clutter=None, confusion=None, reach_x_m=50)
+    with pytest.raises(UnknownNameError, match=r"unknown parameter of detector 'simulated' 'recall'"):
+        make_detector("simulated(recall=1)")
+    with pytest.raises(InvalidValueError, match=r"max_recall must be in \[0, 1\]"):
+        coopsim.parallel_env("highway", detector="simulated(max_recall=2)")
 
 
 def test_another_agent_shifts_nobodys_noise() -> None:
