@@ -23,25 +23,26 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks
-from coopsim.envs.frames import Frame, FrameSource, actor_rows, world_points
+from coopsim.envs.frames import Frame, FrameSource, actor_rows
 from coopsim.envs.options import CommonOptions
+from coopsim.envs.scored_view import ScoredView
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
 from coopsim.envs.truth_infos import truth_infos
-from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
+from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice, require_instance
 from coopsim.support.rng import require_seed
-from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
-from coopsim.viz.bev import BevFrame, BevRenderer
-from coopsim.wire.actions import action_space, unpack_action
+from coopsim.types import NS_PER_S, AgentSpec, CameraImage
+from coopsim.viz.bev import BevFrame
+from coopsim.wire.actions import action_space, unpack_actions
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
 
 
 class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  # pettingzoo is untyped
-    """Agents perceive, talk, and report tracks; the environment scores them.
+    """An environment in which agents perceive, exchange messages and report tracks, and are scored.
 
     Observation (dict, per agent; base frame: x forward, y left, z up, origin on the ground under the agent):
 
@@ -58,6 +59,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | inbox | sender, codec, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
     | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
+    | sensed | 0 or 1 | only with `sense_every` > 1: whether sensors and detector ran in this frame |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and
     `maneuver` (see `MANEUVERS`) for a car that the action drives. `coopsim.Policy` packs and unpacks these.
@@ -93,14 +95,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scorer: Scorer
-        self._shown: tuple[Frame, Mapping[str, Tracks]]
-        self._renderer: BevRenderer | None = None
+        self._view = ScoredView(source.road_map)
 
     @property
     def agent_specs(self) -> Mapping[str, AgentSpec]:
         """What a policy may know before an episode's first frame, for every possible agent.
 
-        Cameras are mounted on cars, which are of another height in another episode: ask after `reset`.
+        Sensors are mounted on cars, which differ in height from episode to episode: ask after `reset`.
         """
         given, specs = self._specified
         if given is not self._source.specs:
@@ -114,29 +115,29 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def sequences(self) -> tuple[str, ...]:
-        """What `reset(options={"sequence": name})` can play, sorted; empty in a simulation."""
+        """Names that `reset(options={"sequence": name})` can play, sorted; empty in a simulation."""
         return self._source.sequences
 
     def observation_space(self, agent: str) -> spaces.Dict:
-        """The space of an agent's observations; always the same object."""
+        """Return the space of an agent's observations; always the same object."""
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Dict:
-        """The space of an agent's actions; always the same object."""
+        """Return the space of an agent's actions; always the same object."""
         return self._action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Packed], dict[str, dict[str, Any]]]:
-        """Begin an episode.
+        """Begin an episode; return observations and infos by agent.
 
         Args:
-            seed: integer >= 0 that decides everything; None takes the option `seed`, or without that a fresh one (it
-                stands in the infos).
-            options: what the source understands (a replay: `{"sequence": "0003"}`); others are warned about.
+            seed: integer >= 0 that decides everything; None takes the option `seed`, or without that a fresh seed (it
+                is in the infos).
+            options: options that the source understands (a replay: `{"sequence": "0003"}`); others raise a warning.
 
         Raises:
-            InvalidValueError: the seed is not one, or options is not a dict. The environment is as it was before.
+            InvalidValueError: the seed or the options have a wrong type or value. The environment is as it was before.
             UnknownNameError: an option's value is unknown. The environment is as it was before.
             RecordingError: the recording to replay is broken. The environment is as it was before.
         """
@@ -162,7 +163,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._source.region_m,
         )
         self.agents = list(self._frame.agents)
-        self._shown = (self._frame, {})
+        self._view.update(self._frame, {})
         observations = self._observe(self._frame)
         truth = self._truths(self._frame)
         infos = {name: {"seed": seed, **truth.get(name, {})} for name in self.agents}
@@ -179,7 +180,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Score what is reported for this frame, go to the next one.
+        """Score the tracks reported for this frame, and go to the next frame.
 
         Args:
             actions: one action for every agent in `agents`, no more and no less.
@@ -190,10 +191,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             InvalidActionError: names the agent and what is wrong. The environment is as it was before.
         """
         frame = self._running()
-        tracks, maneuvers = self._check(actions)
+        drivers = [name for name, spec in self.agent_specs.items() if spec.drives]
+        tracks, maneuvers = unpack_actions(self.agents, actions, drivers)
         self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
-        self._shown = (frame, tracks)
+        self._view.update(frame, tracks)
         self._frame = frame = self._source.advance(maneuvers)
         observations = self._observe(frame)
         reported = self.agents
@@ -207,7 +209,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         return observations, rewards, dict.fromkeys(reported, False), over, infos
 
     def score(self) -> Score:
-        """The episode's score so far: each agent's and their mean."""
+        """Return the episode's score so far: each agent's and their mean."""
         logs = self.logs
         if not any(len(log) for log in logs.values()):
             raise EpisodeStateError("nothing has been scored yet: call reset, then step")
@@ -224,7 +226,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def logs(self) -> dict[str, TrackLog]:
-        """What was reported and what was true, by agent; scores of many episodes pool these."""
+        """Reported tracks and ground truth, by agent; scores of many episodes pool these."""
         self._current()
         return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
 
@@ -240,67 +242,56 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def channel_counts(self) -> ChannelCounts:
-        """What became of this episode's messages, each counted for every other agent."""
+        """Numbers of this episode's messages that were sent, delivered and lost, each counted for every other agent."""
         self._current()
         return self._exchange.channel.counts
 
     @property
     def link_counts(self) -> Mapping[tuple[str, str], ChannelCounts]:
-        """The same by link: sender and receiver. A link on which nothing has been sent yet is not there."""
+        """The same by link: sender and receiver. A link without a message so far is absent."""
         self._current()
         return self._exchange.channel.link_counts
 
     def bytes_per_s(self, agent: str) -> float:
-        """What an agent has broadcast per second of simulated time, envelope included."""
+        """Return the bytes that an agent has broadcast per second of simulated time, envelopes included."""
         time_ns = self._current().time_ns
         dt_s = self.agent_specs[agent].dt_s
         return self._exchange.channel.broadcast_bytes(agent) / (time_ns / NS_PER_S + dt_s)
 
     def state(self) -> NDArray[np.float64]:
-        """All actors in the world frame, (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy.
+        """Return all actors in the world frame, (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy.
 
         For centralised training; rows beyond the last actor are zero.
         """
         return actor_rows(self._current().actors, self._source.capacity)
 
     def bev_frame(self, *, points: bool = True) -> BevFrame:
-        """The frame that was scored last, with the tracks reported for it, in the world frame.
+        """Return the frame that was scored last, with the tracks reported for it, in the world frame.
 
         Args:
-            points: those of all sweeps, too, which takes longer than the rest.
+            points: include the points of all sweeps, which takes longer than the rest.
         """
         self._current()
-        frame, tracks = self._shown
-        bodies = {name: agent.body for name, agent in frame.agents.items()}
-        placed = {name: tracks[name].transform(bodies[name].world_SE3_base) for name in tracks}
-        return BevFrame(
-            frame.time_ns, frame.actors, bodies, world_points(frame) if points else np.zeros((0, 3)), placed
-        )
+        return self._view.bev_frame(points=points)
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
-        """The current frame through every agent's cameras, also where `cameras` is off; for pictures.
+        """Photograph the current frame through every agent's cameras, also where `cameras` is off; for pictures.
 
         By agent and camera; empty where there is nothing to photograph (a replay).
         """
         return self._current().probe.photograph()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A bird's-eye picture of `bev_frame()`: (H, W, 3) uint8 as "rgb_array", a window as "human"."""
+        """Draw `bev_frame()` from above: (H, W, 3) uint8 for "rgb_array", a window for "human"."""
         if self.render_mode is None:
             warnings.warn("render() does nothing: the environment was made without a render_mode", stacklevel=2)
             return None
-        if self._renderer is None:
-            self._renderer = BevRenderer(self._source.road_map)
-        if self.render_mode == "human":
-            self._renderer.show(self.bev_frame())
-            return None
-        return self._renderer.draw(self.bev_frame())
+        self._current()
+        return self._view.render(self.render_mode)
 
     def close(self) -> None:
         """Close the window and release the sensors' resources."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._view.close()
         self._source.close()
 
     def _current(self) -> Frame:
@@ -315,23 +306,6 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if not self.agents:
             raise EpisodeStateError("the episode is over: call reset to begin another")
         return frame
-
-    def _check(self, actions: object) -> tuple[dict[str, Tracks], dict[str, int]]:
-        if not isinstance(actions, Mapping):
-            raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
-        unknown, missing = set(actions) - set(self.agents), set(self.agents) - set(actions)
-        if unknown or missing:
-            wrong = [f"unknown: {sorted(map(str, unknown))}"] * bool(unknown)
-            wrong += [f"missing: {sorted(missing)}"] * bool(missing)
-            raise InvalidActionError(f"actions need exactly the agents {self.agents}; {', '.join(wrong)}")
-        tracks: dict[str, Tracks] = {}
-        maneuvers: dict[str, int] = {}
-        for name in self.agents:
-            drives = self.agent_specs[name].drives
-            tracks[name], maneuver = unpack_action(name, actions[name], drives=drives)
-            if drives:
-                maneuvers[name] = maneuver
-        return tracks, maneuvers
 
     def _observe(self, frame: Frame) -> dict[str, Packed]:
         """Exchange messages, and return every agent's packed observation."""
@@ -350,5 +324,5 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
 
 def fresh_seed() -> int:
-    """A seed that nobody chose."""
+    """Return a random seed."""
     return int(np.random.SeedSequence().generate_state(1)[0])

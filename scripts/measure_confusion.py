@@ -2,8 +2,8 @@
 
     python scripts/measure_confusion.py DATA [--score 0]
 
-DATA has kitti with labels/ and detections/. Each labelled object takes the class of its surest detection within 2 m (1 m
-for people and cyclists) of which it is the nearest object. The detections know cars, pedestrians and cyclists only.
+DATA has kitti with labels/ and detections/. Each labelled object takes the class of its surest detection within 2 m
+(1 m for people and cyclists) of which it is the nearest object. Detections are of cars, pedestrians and cyclists only.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,35 @@ def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, 
         names = ", ".join(f"{number} {name}" for number, name in enumerate(MANEUVERS))
         raise InvalidActionError(f"{agent}: maneuver must be one of {names}; got {maneuver!r}")
     return tracks, int(maneuver)
+
+
+def unpack_actions(
+    agents: Sequence[str], actions: object, drivers: Collection[str]
+) -> tuple[dict[str, Tracks], dict[str, int]]:
+    """Return the tracks and the maneuvers in the actions of all agents, checked and copied.
+
+    Args:
+        agents: the agents that must act.
+        actions: by agent.
+        drivers: the agents whose actions must have a maneuver.
+
+    Raises:
+        InvalidActionError: an agent is unknown or missing, or its action is malformed.
+    """
+    if not isinstance(actions, Mapping):
+        raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
+    unknown, missing = set(actions) - set(agents), set(agents) - set(actions)
+    if unknown or missing:
+        wrong = [f"unknown: {sorted(map(str, unknown))}"] * bool(unknown)
+        wrong += [f"missing: {sorted(missing)}"] * bool(missing)
+        raise InvalidActionError(f"actions need exactly the agents {list(agents)}; {', '.join(wrong)}")
+    tracks: dict[str, Tracks] = {}
+    maneuvers: dict[str, int] = {}
+    for name in agents:
+        tracks[name], maneuver = unpack_action(name, actions[name], drives=name in drivers)
+        if name in drivers:
+            maneuvers[name] = maneuver
+    return tracks, maneuvers
 
 
 def _unpack_tracks(packed: object) -> Tracks:

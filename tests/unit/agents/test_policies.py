@@ -231,7 +231,7 @@ class Recogniser(SimulatedDetector):
 
 
 def test_embeddings_go_from_the_detector_to_the_tracker_and_over_the_air() -> None:
-    env = coopsim.parallel_env("crossing", **SMALL, detector=Recogniser(), latency_s=0.1)
+    env = coopsim.parallel_env("crossing", **(SMALL | {"detector": Recogniser()}), latency_s=0.1)
     policy = coopsim.make_policy("dino_codt_tracking")
     observations, _ = env.reset(seed=1)
     policy.reset(env.agent_specs, seed=1)
