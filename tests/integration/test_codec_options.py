@@ -68,7 +68,7 @@ class Wild(SimulatedDetector):
 @pytest.mark.parametrize("codec", codecs_of("detections"))
 def test_what_cannot_be_sent_is_left_out(codec: str) -> None:
     plain = coopsim.evaluate("late_fusion", seed=3, codec=codec, **SHORT)
-    wild = coopsim.evaluate("late_fusion", seed=3, codec=codec, detector=Wild(), **SHORT)
+    wild = coopsim.evaluate("late_fusion", seed=3, codec=codec, **(SHORT | {"detector": Wild()}))
     assert wild.score.values == plain.score.values
     assert wild.messages.rejected == 0
 

@@ -14,7 +14,7 @@ from coopsim.bench.grid.conditions import environment_options
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Observation, Tracks
 
-OPTIONS: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256}
+OPTIONS: dict[str, Any] = {"vehicles": 10, "lidar": "VLP-16", "lidar_columns": 256, "detector": "simulated"}
 
 
 class Witness(coopsim.Policy):
