@@ -48,8 +48,8 @@ class SimulationOptions:
         dt_s: time between two frames, in [1e-06, 3600]. Traffic is stepped in tenths of a second at most, so large
             values work, and make frames that differ (1 s apart, say) for training.
         sense_every: sensors, cameras and detector run in every n-th frame only, beginning with the first. In the other
-            frames there are no points, images or detections; poses, messages, truth and scores go on, and the objects
-            that count are those that were visible when last sensed.
+            frames there are no points, images or detections, and nothing is sent; poses, arriving messages, truth and
+            scores go on, and the objects that count are those that were visible when last sensed.
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
             returns to expect (see `coopsim.sensors.lidar.expected_returns`).
