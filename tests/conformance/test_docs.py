@@ -49,7 +49,7 @@ def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     """In a process of its own where a page registers something, which would be there in all tests after it."""
     code = "\n".join(["import coopsim", *blocks(page, "python")])
     monkeypatch.chdir(tmp_path)
-    if "register(" in code:
+    if "register" in code:
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
         subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
     else:

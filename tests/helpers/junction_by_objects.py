@@ -11,7 +11,8 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
-from coopsim.world.traffic.junction_rules import (
+from coopsim.world.traffic.rules.driving import STANDING_M_S
+from coopsim.world.traffic.rules.junctions import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
     EXIT_SPACE_M,
@@ -23,7 +24,6 @@ from coopsim.world.traffic.junction_rules import (
     clearances,
     roles,
 )
-from coopsim.world.traffic.rules import STANDING_M_S
 
 
 class Traveller(Protocol):

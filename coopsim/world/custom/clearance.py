@@ -15,7 +15,7 @@ from coopsim.world.custom.conflicts import middle_line
 from coopsim.world.custom.roads import Roads
 from coopsim.world.models import make_models
 from coopsim.world.places.layout import Bay, StartSlot
-from coopsim.world.traffic.rules import PARKED_ASIDE_M
+from coopsim.world.traffic.rules.driving import PARKED_ASIDE_M
 
 _PASSING_M = 1.7  # from the middle of a lane to the side of a parked vehicle: a bus passes without stopping
 _SAMPLE_M = 1.0  # along an outline; no lane is so narrow

@@ -15,7 +15,7 @@ from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.places.layout import LANE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, add_straight, turning_loop
-from coopsim.world.traffic.rules import LOOK_AHEAD_M
+from coopsim.world.traffic.rules.driving import LOOK_AHEAD_M
 
 SHORTEST_M = 5.0
 """Least length of a piece: drivers leave it when the middle of a usual car is half its length from the end."""

@@ -14,7 +14,7 @@ from coopsim.world.population import Population
 from coopsim.world.traffic.engine.array_engine import closest_speed
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
 from coopsim.world.traffic.engine.lanes import NumberedNetwork
-from coopsim.world.traffic.rules import PARKED_ASIDE_M
+from coopsim.world.traffic.rules.driving import PARKED_ASIDE_M
 
 _BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
 _GAP_M = 0.5  # left when it has braked

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from coopsim.world.traffic.engine.fleet import Body, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneRow, local_coordinates
 from coopsim.world.traffic.engine.neighbours import LaneLists, Scene, behind, in_front
-from coopsim.world.traffic.rules import COMFORT_ACC_MAX, MERGE_M, VEHICLE_LENGTH_M, extra_gap, not_zero
+from coopsim.world.traffic.rules.driving import COMFORT_ACC_MAX, MERGE_M, VEHICLE_LENGTH_M, extra_gap, not_zero
 
 ACC_MAX = 6.0  # m/s2; limit of braking and accelerating
 COMFORT_ACC_MIN = -5.0

@@ -18,7 +18,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.types import Ints
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
 from coopsim.world.traffic.engine.records import dtype_of
-from coopsim.world.traffic.rules import wrap
+from coopsim.world.traffic.rules.driving import wrap
 
 STRAIGHT, CIRCULAR = range(2)
 

@@ -12,7 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import Body
 from coopsim.world.traffic.engine.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates
-from coopsim.world.traffic.rules import NEAR_M, VEHICLE_LENGTH_M
+from coopsim.world.traffic.rules.driving import NEAR_M, VEHICLE_LENGTH_M
 
 _ON_LANE_M = 1.0  # bodies up to this far outside a lane are on it
 

@@ -1,4 +1,4 @@
-"""Right of way at junctions as kernels over arrays; see `coopsim.world.traffic.junction_rules`.
+"""Right of way at junctions as kernels over arrays; see `coopsim.world.traffic.rules.junctions`.
 
 A vehicle with a grant keeps it until it has left the junction; one without treats the stop line as an obstacle.
 """
@@ -18,7 +18,8 @@ from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneArrays, NumberedNetwork, local_coordinates
 from coopsim.world.traffic.engine.routes import lane_of_route, plan_ahead, start_of_route
-from coopsim.world.traffic.junction_rules import (
+from coopsim.world.traffic.rules.driving import STANDING_M_S
+from coopsim.world.traffic.rules.junctions import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
     EXIT_SPACE_M,
@@ -30,7 +31,6 @@ from coopsim.world.traffic.junction_rules import (
     clearances,
     roles,
 )
-from coopsim.world.traffic.rules import STANDING_M_S
 
 GRANTED = 0
 """Ticket of a vehicle that may go. A waiting one has a ticket > 0, in the order of asking; -1: does not ask."""
@@ -43,7 +43,7 @@ class Movements(NamedTuple):
 
     Attributes:
         of_road: (R,) number of the movement that a road is, -1: none.
-        clear_m: (K, K) clearances, see `coopsim.world.traffic.junction_rules.clearances`.
+        clear_m: (K, K) clearances, see `coopsim.world.traffic.rules.junctions.clearances`.
         role: (K,) `FIRST`, `USUAL` or `YIELDS`.
         exit: (K,) node that a movement leads to.
     """

@@ -8,7 +8,7 @@ from numba import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import Vehicle
 from coopsim.world.traffic.engine.lanes import LaneArrays, RoadRow, distance_to, local_coordinates, position_at
-from coopsim.world.traffic.rules import VEHICLE_LENGTH_M, draw_turn
+from coopsim.world.traffic.rules.driving import VEHICLE_LENGTH_M, draw_turn
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,6 @@
 """Driving on short, bent roads: along the planned route, slower in bends, behind obstacles, and by the junction.
 
-The rules are those of `coopsim.world.traffic.rules`, which the highway-env engine's `TownDriver` follows, too.
+The rules are those of `coopsim.world.traffic.rules.driving`, which the highway-env engine's `TownDriver` follows, too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from coopsim.world.traffic.engine.fleet import Body, Vehicle
 from coopsim.world.traffic.engine.lanes import CIRCULAR, LaneRow, distance_to_box, heading_at, local_coordinates
 from coopsim.world.traffic.engine.neighbours import Scene, first_from
 from coopsim.world.traffic.engine.routes import lane_of_route, start_of_route
-from coopsim.world.traffic.rules import (
+from coopsim.world.traffic.rules.driving import (
     LONG_M,
     LOOK_AHEAD_M,
     STANDING_M_S,

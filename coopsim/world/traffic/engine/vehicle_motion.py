@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneRow, closest_lane, heading_at, local_coordinates
-from coopsim.world.traffic.rules import (
+from coopsim.world.traffic.rules.driving import (
     STEERING_MAX_RAD,
     angle_to_lane,
     not_zero,

@@ -1,6 +1,6 @@
 """Drivers of highway-env: its IDM and MOBIL on the highway, with a look along the route in town, or a policy.
 
-The rules that are not highway-env's are those of `coopsim.world.traffic.rules`.
+The rules that are not highway-env's are those of `coopsim.world.traffic.rules.driving`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from highway_env.vehicle.objects import RoadObject
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import ROADS_AHEAD
 from coopsim.world.places.road_network import Road as RoadIndex
-from coopsim.world.traffic.rules import (
+from coopsim.world.traffic.rules.driving import (
     LONG_M,
     LOOK_AHEAD_M,
     MERGE_M,

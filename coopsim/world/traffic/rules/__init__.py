@@ -1,0 +1,1 @@
+"""Rules of traffic that both engines share."""
