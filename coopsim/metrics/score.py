@@ -162,7 +162,9 @@ def summarize(
 
 def _score(pool: LogPool, whole: bool = False) -> Score:
     values = {name: metric.value(pool) for name, metric in all_metrics().items() if whole or not metric.whole_only}
-    known = {name: float(value) for name, value in values.items() if value is not None}
+    known = {
+        name: value if isinstance(value, int) else float(value) for name, value in values.items() if value is not None
+    }
     return Score(known, clear_values(pool.sweep.all_tracks), "count", sweep=pool.sweep)
 
 

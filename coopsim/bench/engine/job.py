@@ -106,11 +106,15 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
     score = evaluation.score
     return CellResult(
         cell,
-        values=score.values,
-        agents={name: agent.values for name, agent in score.agents.items()},
+        values=_as_floats(score.values),
+        agents={name: _as_floats(agent.values) for name, agent in score.agents.items()},
         rewards=np.asarray(evaluation.rewards, np.float64),
         messages=asdict(evaluation.messages),
     )
+
+
+def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items()}
 
 
 def died(job: Job, how: str) -> Outcome:
