@@ -113,12 +113,10 @@ MOST_COLUMNS = 100
 
 TO_BE_WRAPPED = (
     "docs/learn/reading_the_report.md",
-    "docs/reference/actors.md",
     "docs/reference/benchmark.md",
     "docs/reference/cameras.md",
     "docs/reference/localization.md",
     "docs/reference/metrics.md",
-    "docs/reference/scenarios.md",
 )
 
 
