@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import coopsim
 from coopsim.comms.codecs.codec import codecs_of
+from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.testing import check_policy
 from coopsim.tracking.delayed import DELAYED
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
@@ -61,6 +64,11 @@ def play(policy: coopsim.Policy, *observations: Observation) -> list[Tracks]:
     for tracks in reports:
         tracks.validate()
     return reports
+
+
+@EVERY
+def test_policy(name: str) -> None:
+    check_policy(name)
 
 
 @EVERY
@@ -314,3 +322,124 @@ def test_a_sender_with_a_wrong_pose_is_put_right_where_the_policy_aligns(name: s
         center = play(policy, *frames)[-1].boxes.center[:, :2]
         off[align] = np.hypot(*(center - hidden[0]).T).min()
     assert off[False] > 0.5 and off[True] < 0.15
+
+
+class Copy(coopsim.Policy):
+    """A sound policy: reports what it detects, numbered as it was first seen."""
+
+    needs = coopsim.Needs(uplink="none")
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        self.count = 0
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        found = observation.detections
+        self.count += len(found)
+        still = np.zeros((len(found), 2))
+        return Tracks(np.arange(len(found)), found.boxes, still, found.score, found.label)
+
+
+class Reader(Copy):
+    """Sound, too: adds what others report."""
+
+    needs = coopsim.Needs()
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        heard = self.read(agent, observation.inbox, decode_detections)
+        found = Detections.concatenate([observation.detections, *(each for _, each in heard)])
+        return super().track(agent, replace(observation, detections=found))
+
+
+class ReadsOnlyWhatIsWhole(Reader):
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        for message in observation.inbox:
+            decode_detections(message)
+        return super().track(agent, observation)
+
+
+class NotFinite(Copy):
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        return replace(tracks, velocity=np.full((len(tracks), 2), np.nan))
+
+
+class SameIds(Copy):
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        return replace(tracks, id=np.zeros(len(tracks), dtype=int))
+
+
+class NoTracks(Copy):
+    def track(self, agent: str, observation: Observation) -> Any:
+        return observation.detections
+
+
+class Remembering(Copy):
+    """Does not forget the last episode."""
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        if not hasattr(self, "count"):
+            super().begin(spec, rng)
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        return replace(tracks, id=tracks.id + self.count)
+
+
+class Dice(Copy):
+    """Draws from no stream of its own."""
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        return replace(tracks, score=np.random.default_rng().random(len(tracks)))
+
+
+class InTurn(Copy):
+    """One count for all agents, so that it matters who is asked first."""
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        return replace(tracks, id=tracks.id + self.count)
+
+
+class Meddling(Copy):
+    def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+        actions = super().act(observations)
+        for packed in observations.values():
+            packed["detections"]["box"][...] += 1
+        return actions
+
+
+class Alone(Reader):
+    """Takes it for granted that somebody sends."""
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        assert observation.inbox
+        return super().track(agent, observation)
+
+
+def test_sound_policies_pass() -> None:
+    for policy in (Copy, Copy(), Reader, "late_fusion(delayed=replay)"):
+        check_policy(policy)
+    check_policy(Copy, "highway", lidar=None)
+    with pytest.raises(coopsim.errors.UnknownNameError, match="Did you mean 'late_fusion'"):
+        check_policy("late_fusoin")
+
+
+@pytest.mark.parametrize(
+    ("policy", "match"),
+    [
+        (ReadsOnlyWhatIsWhole, "ReadsOnlyWhatIsWhole must report tracks, got CodecError"),
+        (NotFinite, "NotFinite must report valid tracks: .*velocity must be finite"),
+        (SameIds, "SameIds must report valid tracks: .*ids must be unique"),
+        (NoTracks, "NoTracks must report tracks, got InvalidActionError"),
+        (Remembering, "Remembering must report the same again after reset"),
+        (Dice, "Dice must report the same again after reset"),
+        (InTurn, "InTurn must not depend on the order in which agents are asked"),
+        (Meddling, "Meddling must leave its observations as they are|read-only"),
+        (Alone, "Alone must report tracks, got AssertionError"),
+    ],
+)
+def test_what_is_wrong_is_found(policy: type[coopsim.Policy], match: str) -> None:
+    with pytest.raises(AssertionError, match=match):
+        check_policy(policy)

@@ -1,0 +1,128 @@
+"""The conformance check of a policy."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.bench.evaluate import listening_env
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.comms.channel.channel_config import ChannelConfig
+from coopsim.comms.channel.latency import GaussianLatency
+from coopsim.comms.channel.loss import BernoulliLoss
+from coopsim.errors import CoopsimError
+from coopsim.testing.sensor_frames import digest
+from coopsim.types import Tracks
+from coopsim.wire.actions import unpack_action
+
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
+
+_SMALL: dict[str, Any] = {"vehicles": 10, "lidar_columns": 256, "max_cycles": 6}
+_ROUGH = ChannelConfig(GaussianLatency(0.15, 0.1), BernoulliLoss(0.3), duplication=0.3)
+
+Episode = list[dict[str, Tracks]]
+
+
+def check_policy(policy: str | Policy | Callable[[], Policy], environment: str = "crossing", **options: Any) -> None:
+    """Check that a policy keeps what environments rely on.
+
+    It must report valid tracks for every agent: over an ideal channel, over one with losses, delays and duplicates,
+    alone, and among messages that nobody can read. Observations must stay as they are. The same seed must give the
+    same tracks again after `reset`, whatever episodes were before, and whatever the order in which agents are asked.
+
+    Args:
+        policy: a registered name or spec, an object, or a class or function that makes one.
+        environment: name of the environment.
+        **options: of the environment.
+
+    Raises:
+        AssertionError: says what is wrong.
+        CoopsimError: there is no such policy, or the environment cannot give what it needs.
+    """
+    made, name = _make(policy), _name(policy)
+    given = {**_SMALL, "lidar": "VLP-16" if made.needs.lidar else None, **options}
+    first = _play(made, name, environment, given)
+    _play(made, name, environment, {**given, "channel": _ROUGH})
+    _play(made, name, environment, {**given, "communication_range_m": 0.0})
+    _play(made, name, environment, given, spoil=True)
+    _require_same(first, _play(made, name, environment, given), f"{name} must report the same again after reset")
+    fresh = made if not (isinstance(policy, str) or callable(policy)) else _make(policy)
+    _require_same(first, _play(fresh, name, environment, given), f"{name} must report the same with the same seed")
+    backwards = _play(made, name, environment, given, backwards=True)
+    _require_same(first, backwards, f"{name} must not depend on the order in which agents are asked")
+
+
+def _make(policy: str | Policy | Callable[[], Policy]) -> Policy:
+    if isinstance(policy, str):
+        return PolicySpec.parse(policy).make()
+    made: Any = policy() if inspect.isclass(policy) or inspect.isroutine(policy) else policy
+    assert hasattr(made, "act") and hasattr(made, "needs"), f"a policy must be a coopsim.Policy, got {made!r}"
+    return made  # type: ignore[no-any-return]
+
+
+def _name(policy: object) -> str:
+    return policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
+
+
+def _play(
+    policy: Policy,
+    name: str,
+    environment: str,
+    options: Mapping[str, Any],
+    *,
+    spoil: bool = False,
+    backwards: bool = False,
+) -> Episode:
+    """Run one episode, and check every report."""
+    env = listening_env(environment, policy, options)
+    episode: Episode = []
+    try:
+        observations, _ = env.reset(seed=5)
+        policy.reset(env.agent_specs, seed=5)
+        while env.agents:
+            given = {agent: _spoiled(each) for agent, each in observations.items()} if spoil else observations
+            asked = dict(reversed(list(given.items()))) if backwards else given
+            before = digest(asked)
+            actions = _act(policy, name, asked)
+            assert digest(asked) == before, f"{name} must leave its observations as they are"
+            assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
+            episode.append(_reports(name, actions, {agent: env.agent_specs[agent].drives for agent in asked}))
+            observations, *_ = env.step(actions)
+    finally:
+        env.close()
+    return episode
+
+
+def _act(policy: Policy, name: str, observations: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        return policy.act(observations)
+    except Exception as error:
+        raise AssertionError(f"{name} must report tracks, got {type(error).__name__}: {error}") from error
+
+
+def _reports(name: str, actions: Mapping[str, Any], drives: Mapping[str, bool]) -> dict[str, Tracks]:
+    try:
+        return {agent: unpack_action(agent, action, drives=drives[agent])[0] for agent, action in actions.items()}
+    except CoopsimError as error:
+        raise AssertionError(f"{name} must report valid tracks: {error}") from error
+
+
+def _spoiled(packed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an observation in whose inbox every payload has lost its last byte."""
+    inbox = dict(packed["inbox"])
+    sizes, heap = inbox["payload_bytes"], packed["inbox_payload"]
+    ends = np.cumsum(sizes)
+    kept = np.ones(len(heap), dtype=np.bool_)
+    kept[ends[sizes > 0] - 1] = False
+    inbox["payload_bytes"] = np.maximum(sizes - 1, 0)
+    return {**packed, "inbox": inbox, "inbox_payload": heap[kept]}
+
+
+def _require_same(first: Episode, other: Episode, what: str) -> None:
+    for number, (one, two) in enumerate(zip(first, other, strict=True)):
+        for agent in one:
+            assert digest(one[agent]) == digest(two[agent]), f"{what}: the tracks of {agent} differ in frame {number}"
