@@ -112,11 +112,8 @@ def test_links_lead_somewhere() -> None:
 MOST_COLUMNS = 100
 
 TO_BE_WRAPPED = (
-    "docs/learn/reading_the_report.md",
-    "docs/reference/benchmark.md",
     "docs/reference/cameras.md",
     "docs/reference/localization.md",
-    "docs/reference/metrics.md",
 )
 
 
