@@ -8,10 +8,21 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
 
 
 class CoopsimError(Exception):
     """Root of all coopsim errors."""
+
+    place: str | None = None
+    """"file:line" of what is wrong, if that is known; the message then begins with it."""
+
+    def at(self, place: str | None) -> Self:
+        """Set the place of an error that has none yet, and return the error."""
+        if self.place is None and place is not None:
+            self.place = place
+            self.args = (f"{place}: {self}",)
+        return self
 
 
 class InvalidValueError(CoopsimError, ValueError):

@@ -85,7 +85,7 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
             said = {key: value for key, value in said.items() if key not in NUMBERS}
         return simulation_env(file.scenario, name, **{**said, **options})
     except CoopsimError as error:
-        raise file.blame(error, beside=options) from error
+        raise file.blame(error, overridden=options) from error
 
 
 def replay_env(

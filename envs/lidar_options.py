@@ -1,12 +1,11 @@
-"""Which LiDARs agents carry, from whatever the user wrote."""
+"""The option `lidar`: the LiDARs that agents carry."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
-from coopsim.config.mappings import make
+from coopsim.config.load import has_parameters, load
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import MOST_COLUMNS, LidarConfig
 from coopsim.sensors.lidar.pattern_files import SUFFIXES
@@ -20,22 +19,20 @@ LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[st
 LIDAR = "lidar"
 """Name of the only LiDAR."""
 
-LIDAR_FIELDS = tuple(field.name for field in fields(LidarConfig))
-
 
 def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str, LidarConfig]:
-    """The LiDARs of each agent, by name; none for None.
+    """Return the LiDARs of each agent, by name; no LiDAR for None.
 
     Args:
         lidar: a beam table, by name (see `coopsim.sensors.lidar.patterns`), path or as an object; a `LidarConfig`, or a
-            mapping of its fields; or several of these by name (which is none of these fields): `{"roof": "OS1-128",
+            mapping of its fields; or several of these by name (not a name like that of a field): `{"roof": "OS1-128",
             "bumper": LidarConfig("VLP-16", x_m=2.9, above_m=-0.9)}`.
         columns: firings per turn, of beam tables.
         range_m: farthest return, of beam tables.
 
     Raises:
-        UnknownNameError: no beam table, or no field, of this name.
-        InvalidValueError: says what was wrong.
+        UnknownNameError: there is no beam table, or no field, of this name.
+        InvalidValueError: a value is not accepted.
     """
     usual = LidarConfig()
     require_count(1, MOST_COLUMNS, lidar_columns=columns)
@@ -58,14 +55,14 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
 def _by_name(lidar: Mapping[str, Any]) -> dict[str, OneLidar]:
     if not lidar:
         raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
-    if not set(LIDAR_FIELDS).isdisjoint(lidar):
-        return {LIDAR: make("lidar", LidarConfig, lidar)}
+    if has_parameters(LidarConfig, lidar):
+        return {LIDAR: load(LidarConfig, lidar, "lidar")}
     named: dict[str, OneLidar] = {}
     for name, one in lidar.items():
         if not (isinstance(name, str) and name):
             raise InvalidValueError(f"lidar must have a name for each, got {name!r}")
         what = f"lidar {name!r}"
-        named[name] = make(what, LidarConfig, one) if isinstance(one, Mapping) else one
+        named[name] = load(LidarConfig, one, what) if isinstance(one, Mapping) else one
         _require_lidar(what, named[name], " or a mapping of its fields")
     return named
 

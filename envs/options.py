@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from coopsim.comms.channel.channel_config import ChannelConfig
-from coopsim.comms.channel.channel_files import channel_config
+from coopsim.comms.channel.channel_config import ChannelConfig, channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.comms.uplinks.selection import SELECTIONS

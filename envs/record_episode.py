@@ -37,4 +37,4 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
     try:
         return recorded_world.record(file.scenario, path, **{**drop_overridden(keywords, options), **options})
     except CoopsimError as error:
-        raise file.blame(error, beside={"path", *options}) from error
+        raise file.blame(error, overridden={"path", *options}) from error

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from coopsim.config.mappings import make
+from coopsim.config.load import load
 from coopsim.detection.detector import Detector, DetectorBase
 from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
@@ -16,8 +16,7 @@ from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
 from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.envs.options import refuse_overridden
 from coopsim.errors import InvalidValueError
-from coopsim.localization.localization_files import localization_config
-from coopsim.localization.localizer import LocalizationConfig
+from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
 from coopsim.sensors.camera.picture import require_modes
@@ -124,7 +123,7 @@ class SimulationOptions:
         check_rig(self.cameras)
         require_modes(self.camera_modes)
         if isinstance(self.weather, Mapping):
-            object.__setattr__(self, "weather", make("weather", Weather, self.weather))
+            object.__setattr__(self, "weather", load(Weather, self.weather, "weather"))
         if not (self.weather is None or isinstance(self.weather, Weather)):
             accepted = "a Weather, a mapping of its fields, or None"
             raise InvalidValueError(f"weather must be {accepted}, got {self.weather!r}")

@@ -96,7 +96,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _config(options: argparse.Namespace) -> DemoConfig:
     from coopsim.bench.demo import DemoConfig
-    from coopsim.bench.grid.conditions import as_objects
     from coopsim.catalog import usual_seed
     from coopsim.world.recording.episode_file import Episode
 
@@ -105,7 +104,7 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     usual = usual_seed(options.environment) if played is None else played.header.seed
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
-    given = as_objects(named_options(options, _FLAGS))
+    given = named_options(options, _FLAGS)
     explicit = {*given, *_options_of_file(options.environment)}
     given = {**world, **population(options), **_degradation(options, explicit), **given}
     return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)

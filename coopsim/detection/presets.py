@@ -8,14 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from coopsim.config.mappings import make, read_mapping, require_mapping
+from coopsim.config.load import load, read_mapping
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.detection.detector import DETECTORS, DetectorBase
-from coopsim.detection.simulated.clutter import ClutterConfig
-from coopsim.detection.simulated.confusion import ClassConfusion
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
-from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
-from coopsim.detection.simulated.persistence import Persistence
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.errors import UnknownNameError
 
@@ -24,18 +20,6 @@ FITTED = Path(__file__).parent / "fitted"
 
 DEFAULT_DETECTOR = "pointpillars_v2v4real"
 """Name of the detector of environments that are given none."""
-
-_PARTS: Mapping[str, type[Any]] = {
-    "detection": DetectionModel,
-    "score": ScoreModel,
-    "clutter": ClutterConfig,
-    "confusion": ClassConfusion,
-    "probability": Curve,
-    "logit": Curve,
-    "spread": Curve,
-    "median": Curve,
-    "persistence": Persistence,
-}
 
 
 def make_detector(spec: str) -> DetectorBase:
@@ -71,7 +55,7 @@ def read_config(path: Path) -> CorrelatedDetectorConfig:
         UnknownNameError: a key is not a field.
     """
     content = read_mapping("detector", "a CorrelatedDetectorConfig", path)
-    config: CorrelatedDetectorConfig = _build(CorrelatedDetectorConfig, content)
+    config: CorrelatedDetectorConfig = load(CorrelatedDetectorConfig, content, "detector")
     return config
 
 
@@ -81,16 +65,6 @@ def to_yaml(config: CorrelatedDetectorConfig) -> str:
 
     text: str = yaml.safe_dump(_plain(asdict(config)), default_flow_style=None, sort_keys=False, width=120)
     return text
-
-
-def _build(kind: type[Any], given: Any) -> Any:
-    parts = {
-        name: _build(_PARTS[name], part) if name in _PARTS and part is not None else part
-        for name, part in require_mapping(kind.__name__, given).items()
-    }
-    if kind is CorrelatedDetectorConfig and isinstance(parts.get("errors"), Mapping):
-        parts["errors"] = {name: _build(ErrorModel, part) for name, part in parts["errors"].items()}
-    return make(kind.__name__, kind, parts)
 
 
 def _plain(value: Any) -> Any:

@@ -6,10 +6,14 @@ are drawn whatever their size, so that two runs that differ only in the size of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from coopsim.config.load import load, read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.localization.pose_covariance import PoseCovariance
@@ -52,6 +56,28 @@ class LocalizationConfig:
         )
         if self.covariance_scale is not None:
             require_positive(covariance_scale=self.covariance_scale)
+
+
+def localization_config(
+    given: LocalizationConfig | Mapping[str, Any] | str | Path,
+) -> LocalizationConfig | Mapping[str, LocalizationConfig]:
+    """Make a localization for all agents, or one by agent, from a mapping or the path of a YAML file with that.
+
+    The mapping has the fields of `LocalizationConfig`, or agents, as `cav_0`, each with such a mapping.
+
+    Raises:
+        InvalidValueError: the file cannot be read, or a value is not accepted.
+        UnknownNameError: there is no such field.
+    """
+    if isinstance(given, LocalizationConfig):
+        return given
+    mapping = read_mapping("localization", "a LocalizationConfig", given)
+    if not mapping:
+        raise InvalidValueError("localization has nothing in it: leave it out for the options that it replaces")
+    config: LocalizationConfig | Mapping[str, LocalizationConfig] = load(
+        LocalizationConfig | Mapping[str, LocalizationConfig], mapping, "localization"
+    )
+    return config
 
 
 class Localizer:

@@ -16,8 +16,8 @@ import pytest
 
 import coopsim
 from coopsim.cli.entry import make_parser
-from coopsim.comms.channel.channel_files import channel_config
-from coopsim.localization.localization_files import localization_config
+from coopsim.comms.channel.channel_config import channel_config
+from coopsim.localization.localizer import localization_config
 
 ROOT = Path(__file__).parents[2]
 PAGES = {

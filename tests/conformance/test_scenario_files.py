@@ -111,7 +111,7 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ("scenario: crossing\n\nplaces: 3\n", r"own.yaml:3: unknown key 'places'"),
         (
             "scenario: crossing\npopulation:\n  vehicels: 3\n",
-            r"own.yaml:3: unknown key 'vehicels'. Did you mean 'vehicles'",
+            r"own.yaml:3: unknown key in population 'vehicels'. Did you mean 'vehicles'",
         ),
         (
             "scenario: crossing\npopulation:\n  vehicles: many\n",
@@ -121,12 +121,18 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ("scenario: crossing\noptions: {seed: 1}\n", r"own.yaml:2: seed belongs to the top of the file"),
         ("scenario: crossing\ndensity: -1\n", r"own.yaml:2: density must be a finite number >= 0, got -1"),
         ("scenario: crossing\npopulation: 3\n", "own.yaml:2: population: expected keys and values"),
-        ("scenario: crossing\noptions:\n  weather: {rain: 3}\n", r"own.yaml:3: unknown key 'rain'"),
-        ("scenario: crossing\noptions:\n  weather: {wetness: 3}\n", r"own.yaml:3: wetness must be in \[0, 1\]"),
-        ("scenario: crossing\noptions:\n  lidar: {patern: VLP-16}\n", r"own.yaml:3: unknown key in lidar 'patern'"),
+        (
+            "scenario: crossing\noptions:\n  weather: {rain: 3}\n",
+            r"own.yaml:3: unknown weather option 'rain'. Did you mean 'rain_mm_h'",
+        ),
+        (
+            "scenario: crossing\noptions:\n  weather: {wetness: 3}\n",
+            r"own.yaml:3: weather: wetness must be in \[0, 1\]",
+        ),
+        ("scenario: crossing\noptions:\n  lidar: {patern: VLP-16}\n", r"own.yaml:3: unknown lidar option 'patern'"),
         (
             "scenario: crossing\noptions:\n  lidar:\n    roof: OS1-128\n    front:\n      colums: 64\n",
-            r"own.yaml:6: unknown key in front 'colums'. Did you mean 'columns'",
+            r"own.yaml:6: unknown lidar 'front' option 'colums'. Did you mean 'columns'",
         ),
         (
             "scenario: crossing\noptions:\n  lidar: {front: {columns: 0}}\n",

@@ -12,7 +12,7 @@ import yaml
 import coopsim
 from coopsim.comms.channel.bandwidth import Bandwidth
 from coopsim.comms.channel.channel import ChannelConfig, ChannelCounts
-from coopsim.comms.channel.channel_files import channel_config
+from coopsim.comms.channel.channel_config import channel_config
 from coopsim.comms.channel.clock import AgentClock
 from coopsim.comms.channel.latency import EmpiricalLatency, GammaLatency, GaussianLatency
 from coopsim.comms.channel.link_config import LinkConfig
@@ -21,7 +21,7 @@ from coopsim.comms.radio.radio_config import Radio
 from coopsim.envs import exchange
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
-from coopsim.localization.localization_files import localization_config
+from coopsim.localization.localizer import localization_config
 from coopsim.metrics.score import Score
 from coopsim.types import Message
 

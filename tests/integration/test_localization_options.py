@@ -11,8 +11,7 @@ import coopsim
 from coopsim.comms.channel.channel import ChannelConfig
 from coopsim.comms.channel.clock import AgentClock
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
-from coopsim.localization.localization_files import localization_config
-from coopsim.localization.localizer import LocalizationConfig
+from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise
 from coopsim.wire.observation_format import ObservationFormat
 

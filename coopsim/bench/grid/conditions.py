@@ -8,18 +8,14 @@ from typing import Any
 
 from coopsim.bench.grid.cell import Cell
 from coopsim.catalog import is_scenario_file, scenario_file_options
-from coopsim.config.mappings import make, read_mapping
+from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.weather import Weather
 
 _ONE_THREAD = {"threads": 1}
 """As many cells at once as there are cores; each on one of them."""
 
 _JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
 """Options that say what a whole channel says itself, and their defaults, which say nothing beside one."""
-
-_OBJECTS = {"weather": Weather}
-"""Options that may be written down as a mapping of the fields of these."""
 
 
 def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -33,7 +29,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
         InvalidValueError: an option is not accepted, or decides what is the condition's.
     """
     condition = cell.condition
-    made = {name: value for name, value in as_objects(options).items() if name != "channel"}
+    made = {name: value for name, value in options.items() if name != "channel"}
     limited = math.isfinite(condition.bandwidth_bit_s)
     if limited or options.get("channel") is not None:
         made["channel"] = _channel(cell, options)
@@ -54,21 +50,6 @@ def scenario_options(scenario: str) -> Mapping[str, Any]:
         ScenarioFileError: the file is missing or broken.
     """
     return scenario_file_options(scenario) if is_scenario_file(scenario) else {}
-
-
-def as_objects(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of an environment from plain data: some may be written down as mappings of an object's fields.
-
-    Raises:
-        InvalidValueError: such a mapping is not accepted.
-    """
-    return {name: _as_object(name, value) for name, value in options.items()}
-
-
-def _as_object(name: str, value: Any) -> Any:
-    if not (isinstance(value, Mapping) and name in _OBJECTS):
-        return value
-    return make(name, _OBJECTS[name], value)
 
 
 def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:

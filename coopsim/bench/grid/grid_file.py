@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.grid import Grid
-from coopsim.config.keyed_yaml import KeyedYaml, Known, read_keyed_yaml
+from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice
 
@@ -20,8 +20,6 @@ _PRESETS = Path(__file__).parent / "presets"
 
 PRESETS = tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 """Names of the grids that come along."""
-
-_KNOWN: Known = {field.name: ... if field.name == "options" else None for field in fields(Grid)}
 
 _ABOUT = {
     "policies": r"(unknown )?(parameter of )?policy\b",
@@ -39,7 +37,7 @@ class GridSource:
         beside: attributes of `Grid` that go before the file's; `options` are merged, by name.
     """
 
-    file: KeyedYaml | None
+    file: Section | None
     beside: Mapping[str, Any]
 
     def grid(self) -> Grid:
@@ -49,7 +47,7 @@ class GridSource:
             GridFileError: a value in the file is not accepted; names the line.
             InvalidValueError: a value given beside it is not.
         """
-        content = {} if self.file is None else dict(self.file.content)
+        content = {} if self.file is None else dict(self.file)
         given = {**content, **self.beside}
         if content.get("options") is not None and "options" in self.beside:
             given["options"] = {**content["options"], **self.beside["options"]}
@@ -64,12 +62,11 @@ class GridSource:
     def blame(self, error: CoopsimError) -> CoopsimError:
         """The error, with file and line where it is the file's fault."""
         beside = {*self.beside, *self.beside.get("options", ())}
-        if self.file is None:
+        if self.file is None or error.place is not None:
             return error
-        for key, begins in _ABOUT.items():
-            if key in self.file.content and key not in beside and re.match(begins, str(error)):
-                return self.file.wrong(str(error), key)
-        return self.file.blame(error, beside) or error
+        about = [key for key, begins in _ABOUT.items() if key not in beside and re.match(begins, str(error))]
+        place = self.file.place(about[0]) if about and about[0] in self.file else self.file.blame(error, beside)
+        return error if place is None else GridFileError(str(error)).at(place)
 
 
 def find_grid(
@@ -93,9 +90,16 @@ def find_grid(
     if preset is not None:
         require_choice("preset", preset, PRESETS)
         path = _PRESETS / f"{preset}.yaml"
-    file = None if path is None else read_keyed_yaml(Path(path), _KNOWN, GridFileError)
+    file = None if path is None else _read(Path(path))
     if more_policies:
-        named = beside.get("policies") or (file.content.get("policies") if file is not None else None) or ()
+        named = beside.get("policies") or (file.get("policies") if file is not None else None) or ()
         if isinstance(named, (list, tuple)):  # of anything else `Grid` says that it must be a list
             beside["policies"] = (*named, *more_policies)
     return GridSource(file, beside)
+
+
+def _read(path: Path) -> Section:
+    root = read_yaml(path, GridFileError)
+    root.fields((), [field.name for field in fields(Grid)])
+    content: Section = root.value
+    return content

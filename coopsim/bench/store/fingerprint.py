@@ -18,7 +18,7 @@ from coopsim.bench.grid.cell import Cell
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
-from coopsim.config.mappings import UNREADABLE, beside
+from coopsim.config.yaml_file import UNREADABLE, path_from
 from coopsim.errors import InvalidValueError
 
 LAYOUT = 1
@@ -106,7 +106,7 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
     if isinstance(value, (list, tuple)):
         for part in value:
             yield from _files(part, folder)
-    elif isinstance(value, str) and os.path.isfile(path := beside(folder, value)):
+    elif isinstance(value, str) and os.path.isfile(path := path_from(folder, value)):
         yield path
         if path.lower().endswith(SCENARIO_SUFFIXES):
             yield from _files(yaml_content(path), os.path.dirname(path))

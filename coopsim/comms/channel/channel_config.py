@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from coopsim.comms.channel.bandwidth import Bandwidth
 from coopsim.comms.channel.clock import AgentClock
-from coopsim.comms.channel.latency import MOST_S, GaussianLatency, Latency
+from coopsim.comms.channel.latency import LATENCIES, MOST_S, GaussianLatency, Latency
 from coopsim.comms.channel.link_config import LinkConfig, agents_in, link_of, require_links
-from coopsim.comms.channel.loss import BernoulliLoss, Loss
+from coopsim.comms.channel.loss import LOSSES, BernoulliLoss, Loss
 from coopsim.comms.radio.radio_config import Radio
+from coopsim.config.load import load, read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_between, require_instance, require_number, require_probability
 
@@ -102,3 +105,19 @@ class ChannelConfig:
     def clock(self, agent: str) -> AgentClock:
         """An agent's clock."""
         return self.clocks if isinstance(self.clocks, AgentClock) else self.clocks.get(agent, _EVERY_FRAME)
+
+
+def channel_config(given: ChannelConfig | Mapping[str, Any] | str | Path) -> ChannelConfig:
+    """Make a channel from a mapping of its fields, or from the path of a YAML file with that.
+
+    `latency` and `loss` are mappings with a `model` (see `LATENCIES` and `LOSSES`) and its parameters.
+
+    Raises:
+        InvalidValueError: the file cannot be read, or a value is not accepted.
+        UnknownNameError: there is no such field or model.
+    """
+    if isinstance(given, ChannelConfig):
+        return given
+    mapping = read_mapping("channel", "a ChannelConfig", given)
+    config: ChannelConfig = load(ChannelConfig, mapping, "channel", {Latency: LATENCIES, Loss: LOSSES})
+    return config

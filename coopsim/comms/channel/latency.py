@@ -11,6 +11,7 @@ import csv
 import math
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -160,6 +161,24 @@ class EmpiricalLatency(Latency):
     def delay_s(self, normal: float) -> float:
         place = int(ndtr(normal) * len(self._sorted_s))
         return float(self._sorted_s[min(place, len(self._sorted_s) - 1)])
+
+
+def empirical_latency(
+    path: str | Path | None = None, samples_s: Sequence[float] | float | None = None
+) -> EmpiricalLatency:
+    """Make an empirical latency from a file (see `EmpiricalLatency.from_csv`) or from delays, never from both."""
+    if (path is None) == (samples_s is None):
+        raise InvalidValueError(f"an empirical latency has either path or samples_s, got {path!r} and {samples_s!r}")
+    return EmpiricalLatency(samples_s) if path is None else EmpiricalLatency.from_csv(path)  # type: ignore[arg-type]
+
+
+LATENCIES: Mapping[str, Callable[..., Latency]] = {
+    "gaussian": GaussianLatency,
+    "log_normal": LogNormalLatency,
+    "gamma": GammaLatency,
+    "empirical": empirical_latency,
+}
+"""Latencies by the names that files have for them."""
 
 
 def _rows(path: str | Path) -> list[list[str]]:

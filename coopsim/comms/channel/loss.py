@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,3 +80,7 @@ class GilbertElliottLoss(Loss):
         else:
             burst = bool(to_bad < (1 - self.end if burst else self.begin))
         return bool(to_lost < (self.loss_bad if burst else self.loss_good)), burst
+
+
+LOSSES: Mapping[str, type[Loss]] = {"bernoulli": BernoulliLoss, "gilbert_elliott": GilbertElliottLoss}
+"""Losses by the names that files have for them."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coopsim.config.keyed_yaml import read_keyed_yaml
+from coopsim.config.yaml_file import read_yaml
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.support.checks import require_between, require_number
@@ -88,6 +88,5 @@ def _degrees(at: str, key: str, cell: str) -> float:
 
 
 def _from_yaml(path: Path) -> dict[str, list[float]]:
-    file = read_keyed_yaml(path, dict.fromkeys(_CHECKS), InvalidValueError)
-    fields = file.root.fields([ELEVATION], [AZIMUTH])
+    fields = read_yaml(path, InvalidValueError).fields([ELEVATION], [AZIMUTH])
     return {key: [float(item.checked(_CHECKS[key])) for item in entry.entries()] for key, entry in fields.items()}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.config.located_yaml import Entry
+from coopsim.config.yaml_file import Entry
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats

@@ -29,7 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from coopsim.config.located_yaml import Entry
+from coopsim.config.yaml_file import Entry
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count, require_finite_number
 from coopsim.types.taxonomy import ObjectClass

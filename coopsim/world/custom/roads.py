@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coopsim.config.located_yaml import Entry
+from coopsim.config.yaml_file import Entry
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.custom.conflicts import conflicting_roads
