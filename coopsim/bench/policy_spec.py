@@ -99,7 +99,7 @@ class PolicySpec:
         except CoopsimError:
             raise
         except Exception as error:  # a user's class may raise anything
-            raise InvalidValueError(f"policy {self.text!r} cannot be made: {_told(error)}") from error
+            raise InvalidValueError(f"policy {self.text!r} cannot be made: {_describe(error)}") from error
 
 
 def _is_file(target: str) -> bool:
@@ -122,10 +122,10 @@ def _import(name: str) -> ModuleType:
         missing = str(error.name)
         close = difflib.get_close_matches(missing, _modules_beside(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        told = f"policy module {name!r}: there is no module {missing!r}.{hint}"
-        raise InvalidValueError(f"{told} Accepted: what is installed or on PYTHONPATH") from error
+        message = f"policy module {name!r}: there is no module {missing!r}.{hint}"
+        raise InvalidValueError(f"{message} Accepted: what is installed or on PYTHONPATH") from error
     except Exception as error:  # a user's module may raise anything when it is imported
-        raise InvalidValueError(f"policy module {name!r} cannot be imported: {_told(error)}") from error
+        raise InvalidValueError(f"policy module {name!r} cannot be imported: {_describe(error)}") from error
 
 
 def _modules_beside(name: str) -> list[str]:
@@ -151,11 +151,11 @@ def load_source(path: str, source: str) -> ModuleType:
     except CoopsimError:
         raise
     except Exception as error:  # a user's file may raise anything
-        raise InvalidValueError(f"policy file {path} cannot be loaded: {_told(error)}") from error
+        raise InvalidValueError(f"policy file {path} cannot be loaded: {_describe(error)}") from error
     return module
 
 
-def _told(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 

@@ -125,9 +125,9 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
     given: dict[str, Any] = {}
     for name, value in options.option:
         if name in given or (name in POPULATION and getattr(options, name, None) is not None):
-            raise InvalidValueError(f"{name} must be given once, got --option {name}={value} beside another")
+            raise InvalidValueError(f"{name} must be given once, got --option {name}={value} and another")
         if name in (flags or {}):
-            raise InvalidValueError(f"{name} is none of the options: say it by {(flags or {})[name]}")
+            raise InvalidValueError(f"{name} is not an option here: use {(flags or {})[name]}")
         given[name] = value
     return given
 

@@ -46,8 +46,8 @@ def run(options: argparse.Namespace) -> int:
             for name, result in bar:
                 if isinstance(result, Exception):
                     failed += 1
-                    told = "".join(traceback.format_exception(result))  # no report shows it
-                    bar.write(f"coopsim: failed: {name}\n{told}", file=sys.stderr, end="")
+                    text = "".join(traceback.format_exception(result))  # no report shows it
+                    bar.write(f"coopsim: failed: {name}\n{text}", file=sys.stderr, end="")
                 else:
                     results[name] = result
         except KeyboardInterrupt:

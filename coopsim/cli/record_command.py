@@ -17,7 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("scenario", help="as crossing or highway, or path of a scenario file")
     add("--seed", type=count_or_zero, help="default: 0, or the scenario file's own")
     add("--frames", type=count, default=600, help="steps (default: %(default)s)")
-    add("--out", type=Path, required=True, metavar="FILE", help="an older one is replaced; Ctrl-C leaves what is there")
+    add(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="an older file is replaced; Ctrl-C keeps the frames so far",
+    )
     add_population(parser)
     add_options(parser, "of the scenario, as density=2 or bicycles=3")
 

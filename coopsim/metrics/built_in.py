@@ -33,9 +33,7 @@ class _PoolMetric(Metric):
 
 
 @dataclass(frozen=True)
-class _RecallMetric(SweepMetric):
-    """A mean over levels of recall."""
-
+class _SweepMetric(SweepMetric):
     of: Callable[[RecallSweep], float]
     meaning: str
 
@@ -50,52 +48,50 @@ class _ClearMetric(SweepMetric):
     of: Callable[[Clear], float]
     meaning: str
     unit: str = "%"
-    form: str = ".1f"
     less_is_better: bool = False
 
     def of_sweep(self, sweep: RecallSweep) -> float:
         return self.of(sweep.best)
 
 
-def _count(of: Callable[[Clear], float], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ClearMetric(of, meaning, "", less_is_better=less)
+def _ratio(of: Callable[[Clear], float], meaning: str, less: bool = False) -> _ClearMetric:
+    return _ClearMetric(lambda clear: 100 * of(clear), meaning, "%", less)
+
+
+def _share(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
+    return _ClearMetric(lambda clear: 100 * of(clear) / max(clear.objects, 1), meaning, "%", less)
+
+
+def _count(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
+    return _ClearMetric(of, meaning, "", less)
+
+
+def _whole(of: Callable[[LogPool], float], meaning: str) -> _PoolMetric:
+    return _PoolMetric(lambda pool: 100 * of(pool), meaning)
 
 
 _RECALL_AVERAGES = {
-    "sAMOTA": _RecallMetric(
+    "sAMOTA": _SweepMetric(
         lambda sweep: sweep.samota,
         "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
     ),
-    "AMOTA": _RecallMetric(lambda sweep: sweep.amota, "MOTA averaged over 40 levels of recall (Weng 2020)"),
-    "AMOTP": _RecallMetric(lambda sweep: sweep.amotp, "mean 3D IoU of matches, averaged over 40 levels of recall"),
+    "AMOTA": _SweepMetric(lambda sweep: sweep.amota, "MOTA averaged over 40 levels of recall (Weng 2020)"),
+    "AMOTP": _SweepMetric(lambda sweep: sweep.amotp, "mean 3D IoU of matches, averaged over 40 levels of recall"),
 }
 
 _CLEAR = {
-    "MOTA": _ClearMetric(
-        lambda clear: 100 * clear.mota,
+    "MOTA": _ratio(
+        lambda clear: clear.mota,
         "1 - (false positives + misses + identity switches) / ground truth, at the best level of recall",
     ),
-    "MOTP": _ClearMetric(lambda clear: 100 * clear.motp, "mean 3D IoU of matches, at the same level"),
-    "sMOTA": _ClearMetric(lambda clear: 100 * clear.smota, "MOTA in which a match counts its 3D IoU"),
-    "MODA": _ClearMetric(lambda clear: 100 * clear.moda, "MOTA without identity switches"),
-    "recall": _ClearMetric(
-        lambda clear: 100 * clear.recall, "share of objects' boxes with a track, at the best level of recall"
-    ),
-    "precision": _ClearMetric(
-        lambda clear: 100 * clear.precision, "share of reported boxes with an object, at the same level"
-    ),
-    "MT": _ClearMetric(
-        lambda clear: 100 * clear.mostly_tracked / max(clear.objects, 1), "objects tracked in > 80 % of their frames"
-    ),
-    "PT": _ClearMetric(
-        lambda clear: 100 * clear.partly_tracked / max(clear.objects, 1),
-        "objects tracked in 20-80 % of their frames",
-    ),
-    "ML": _ClearMetric(
-        lambda clear: 100 * clear.mostly_lost / max(clear.objects, 1),
-        "objects tracked in < 20 % of their frames",
-        less_is_better=True,
-    ),
+    "MOTP": _ratio(lambda clear: clear.motp, "mean 3D IoU of matches, at the same level"),
+    "sMOTA": _ratio(lambda clear: clear.smota, "MOTA in which a match counts its 3D IoU"),
+    "MODA": _ratio(lambda clear: clear.moda, "MOTA without identity switches"),
+    "recall": _ratio(lambda clear: clear.recall, "share of objects' boxes with a track, at the best level of recall"),
+    "precision": _ratio(lambda clear: clear.precision, "share of reported boxes with an object, at the same level"),
+    "MT": _share(lambda clear: clear.mostly_tracked, "objects tracked in > 80 % of their frames"),
+    "PT": _share(lambda clear: clear.partly_tracked, "objects tracked in 20-80 % of their frames"),
+    "ML": _share(lambda clear: clear.mostly_lost, "objects tracked in < 20 % of their frames", less=True),
     "IDS": _count(lambda clear: clear.ids, "identity switches, at the same level", less=True),
     "FRAG": _count(lambda clear: clear.frag, "interruptions of an object's track, at the same level", less=True),
     "TP": _count(lambda clear: clear.tp, "matched boxes, at the same level"),
@@ -105,31 +101,26 @@ _CLEAR = {
     "objects": _count(lambda clear: clear.objects, "objects"),
 }
 
-
-def _ratio(of: Callable[[LogPool], float], meaning: str) -> _PoolMetric:
-    return _PoolMetric(lambda pool: 100 * of(pool), meaning)
-
-
-_WHOLE = {
-    "HOTA": _ratio(
+_OVERLAP = {
+    "HOTA": _whole(
         lambda pool: pool.hota.hota, "root of detection times association accuracy, over 19 thresholds of IoU"
     ),
-    "DetA": _ratio(lambda pool: pool.hota.det_a, "share of boxes that are matched"),
-    "AssA": _ratio(
+    "DetA": _whole(lambda pool: pool.hota.det_a, "share of boxes that are matched"),
+    "AssA": _whole(
         lambda pool: pool.hota.ass_a, "share of their lives that matched tracks have in common with their objects"
     ),
-    "LocA": _ratio(lambda pool: pool.hota.loc_a, "mean 3D IoU of matches, over 19 thresholds of IoU"),
-    "IDF1": _ratio(lambda pool: pool.identity.f1, "F1 of boxes when each object has one right track"),
-    "IDP": _ratio(lambda pool: pool.identity.precision, "precision of boxes when each object has one right track"),
-    "IDR": _ratio(lambda pool: pool.identity.recall, "recall of boxes when each object has one right track"),
+    "LocA": _whole(lambda pool: pool.hota.loc_a, "mean 3D IoU of matches, over 19 thresholds of IoU"),
+    "IDF1": _whole(lambda pool: pool.identity.f1, "F1 of boxes when each object has one right track"),
+    "IDP": _whole(lambda pool: pool.identity.precision, "precision of boxes when each object has one right track"),
+    "IDR": _whole(lambda pool: pool.identity.recall, "recall of boxes when each object has one right track"),
 }
 
 _NEAR = {
-    "HOTA": _ratio(lambda pool: pool.hota_near.hota, "HOTA with matches by distance on the ground"),
-    "DetA": _ratio(lambda pool: pool.hota_near.det_a, "DetA with matches by distance on the ground"),
-    "AssA": _ratio(lambda pool: pool.hota_near.ass_a, "AssA with matches by distance on the ground"),
-    "LocA": _ratio(lambda pool: pool.hota_near.loc_a, "LocA with matches by distance on the ground"),
-    "AMOTA": _ratio(lambda pool: pool.near_sweep.amota, "nuScenes' AMOTA: matches are centres less than 2 m apart"),
+    "HOTA": _whole(lambda pool: pool.hota_near.hota, "HOTA with matches by distance on the ground"),
+    "DetA": _whole(lambda pool: pool.hota_near.det_a, "DetA with matches by distance on the ground"),
+    "AssA": _whole(lambda pool: pool.hota_near.ass_a, "AssA with matches by distance on the ground"),
+    "LocA": _whole(lambda pool: pool.hota_near.loc_a, "LocA with matches by distance on the ground"),
+    "AMOTA": _whole(lambda pool: pool.near_sweep.amota, "nuScenes' AMOTA: matches are centres less than 2 m apart"),
     "AMOTP": _PoolMetric(
         lambda pool: pool.near_sweep.amotp, "nuScenes' AMOTP: mean distance of matches", "m", ".2f", less_is_better=True
     ),
@@ -171,7 +162,7 @@ def _mean_precision(kind: tuple[str, float], parts: str, pool: LogPool) -> float
 BUILT_IN: Mapping[str, Metric] = {
     **_RECALL_AVERAGES,
     **_CLEAR,
-    **_WHOLE,
+    **_OVERLAP,
     **{f"{name}@{NEAR_M:g}m": metric for name, metric in _NEAR.items()},
     **_precisions(),
     BYTES: _PoolMetric(

@@ -46,7 +46,7 @@ class Score:
         sweep: CLEAR at every level of recall; None for a mean over agents.
         superclasses: the score of each superclass ("Vehicle", "Pedestrian", "Truck") of which there was an object; in
             it, a track may be on an object of another class of the superclass.
-        visibility: recall by who saw an object, as "others only", pooled over agents; empty where that is not known.
+        visibility: recall by which agents saw an object ("others only", ...), pooled; empty where that is not known.
     """
 
     values: Mapping[str, float]

@@ -17,21 +17,10 @@ from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceM
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Tracks
 
-_COLUMNS = {
-    "truth_id": "q",
-    "truth_label": "b",
-    "truth_range_m": "f",
-    "truth_seen_by": "b",
-    "track_id": "q",
-    "track_label": "b",
-    "track_range_m": "f",
-    "score": "d",
-    "pair_truth": "i",
-    "pair_track": "i",
-    "iou_3d": "d",
-    "iou_bev": "d",
-    "distance_m": "d",
-}
+_TRUTH = {"truth_id": "q", "truth_label": "b", "truth_range_m": "f", "truth_seen_by": "b"}
+_TRACK = {"track_id": "q", "track_label": "b", "track_range_m": "f", "score": "d"}
+_PAIR = {"pair_truth": "i", "pair_track": "i", "iou_3d": "d", "iou_bev": "d", "distance_m": "d"}
+_COLUMNS = {**_TRUTH, **_TRACK, **_PAIR}
 """The logged columns, with the type codes of `array` and numpy."""
 
 _WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.float64}
@@ -138,8 +127,7 @@ class FlatLog:
         """Return the log without pairs of an object of one class and a track of another."""
         truth_row, track_row = self._pair_rows
         kept = self.truth_label[truth_row] == self.track_label[track_row]
-        columns = ("pair_truth", "pair_track", "iou_3d", "iou_bev", "distance_m")
-        pairs = {name: getattr(self, name)[kept] for name in columns}
+        pairs = {name: getattr(self, name)[kept] for name in _PAIR}
         return replace(self, pair_start=_starts(_per_frame(kept, self.pair_start)), **pairs)
 
     def only(self, *labels: int) -> FlatLog:
@@ -193,25 +181,13 @@ class FlatLog:
         """Return the part with the masked truth boxes (G,) and reported boxes (T,), and the pairs of both."""
         truth_row, track_row = self._pair_rows
         pair = truth[truth_row] & track[track_row]
-        return FlatLog(
-            truth_start=_starts(_per_frame(truth, self.truth_start)),
-            track_start=_starts(_per_frame(track, self.track_start)),
-            pair_start=_starts(_per_frame(pair, self.pair_start)),
-            truth_id=self.truth_id[truth],
-            truth_label=self.truth_label[truth],
-            truth_range_m=self.truth_range_m[truth],
-            truth_seen_by=self.truth_seen_by[truth],
-            track_id=self.track_id[track],
-            track_label=self.track_label[track],
-            track_range_m=self.track_range_m[track],
-            score=self.score[track],
-            pair_truth=_rows_after(truth, self.truth_start)[truth_row][pair],
-            pair_track=_rows_after(track, self.track_start)[track_row][pair],
-            iou_3d=self.iou_3d[pair],
-            iou_bev=self.iou_bev[pair],
-            distance_m=self.distance_m[pair],
-            match_iou=self.match_iou,
-        )
+        masks = {**dict.fromkeys(_TRUTH, truth), **dict.fromkeys(_TRACK, track), **dict.fromkeys(_PAIR, pair)}
+        columns: dict[str, Any] = {name: getattr(self, name)[mask] for name, mask in masks.items()}
+        columns["pair_truth"] = _rows_after(truth, self.truth_start)[truth_row][pair]
+        columns["pair_track"] = _rows_after(track, self.track_start)[track_row][pair]
+        starts = (("truth_start", truth), ("track_start", track), ("pair_start", pair))
+        columns |= {name: _starts(_per_frame(mask, getattr(self, name))) for name, mask in starts}
+        return FlatLog(**columns, match_iou=self.match_iou)
 
 
 def _range_m(boxes: Boxes3D) -> Floats:

@@ -213,7 +213,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
         (["demo", "--option", "codec=compat"], "Did you mean 'compact'"),
         (["demo", "--option", "detector=a", "--option", "detector=b"], "detector must be given once"),
         (["demo", "--option", "vehicles=8", "--vehicles", "9"], "vehicles must be given once"),
-        (["demo", "--option", "loss=0.5"], "say it by --loss"),
+        (["demo", "--option", "loss=0.5"], "loss is not an option here: use --loss"),
         (["record", "vilage.yaml", "--out", "{recordings}/run"], "or one of delivery_street.yaml"),
         (["record", "crossing", "--out", "{recordings}/run", "--option", "bycicles=2"], "Did you mean 'bicycles'"),
         (

@@ -121,7 +121,7 @@ class Grid:
             raise InvalidValueError(f"options must be names and values, got {self.options!r}")
         for name, instead in _NOT_OPTIONS.items():
             if name in self.options:
-                raise InvalidValueError(f"{name} is none of the options: say it by {instead}")
+                raise InvalidValueError(f"{name} is not an option here: use {instead}")
         object.__setattr__(self, "options", plain_options(self.options))
 
 

@@ -27,7 +27,7 @@ outlined in grey, tracks have the colour of their id. The agent is the one whose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class About:
-    """What a report says about a benchmark beside its results.
+    """Texts of a report besides the results.
 
     Attributes:
         title: of the report.

@@ -23,7 +23,7 @@ const held = (condition, free) => condition.at.every((value, axis) => axis === f
 const whereText = (condition) =>
   data.axes.map((axis, k) => `${axis.title} ${axis.texts[condition.at[k]]}`).join(", ");
 
-function told(output, point) {
+function describe(output, point) {
   const { policy, condition, mean, low, high, rate } = point;
   const interval = low === null ? "" : ` (${+low.toPrecision(3)} to ${+high.toPrecision(3)})`;
   const parts = [data.policies[policy], whereText(data.conditions[condition]), rate === undefined ? "" : `${Math.round(rate)} bytes/s`];
@@ -44,7 +44,7 @@ function panelsOf(title, pointsOf, draw) {
     const caption = figure.appendChild(make("figcaption"));
     caption.append(make("b", {}, alone ? title : data.scenarios[scenario]));
     const output = caption.appendChild(make("output"));
-    if (points.length) figure.append(draw(points, vertical, (point) => told(output, point), data.scenarios[scenario]));
+    if (points.length) figure.append(draw(points, vertical, (point) => describe(output, point), data.scenarios[scenario]));
     else caption.append(make("span", { className: "dim" }, "no such cell"));
   });
 }

@@ -59,7 +59,7 @@ def test_position_and_heading_go_together_or_not() -> None:
         ({"frames": 0}, "frames must be an integer"),
         ({"pose": "together", "position_noises_m": (0, 1)}, "pose must be 'product'"),
         ({"position_noises_m": (1, 1)}, "must be distinct"),
-        ({"options": {"latency_s": 1}}, "latency_s is none of the options: say it by latencies_ms"),
+        ({"options": {"latency_s": 1}}, "latency_s is not an option here: use latencies_ms"),
         ({"options": {"detector": object()}}, "detector must be plain data"),
         ({"options": [1]}, "options must be names and values"),
     ],
