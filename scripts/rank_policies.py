@@ -3,7 +3,7 @@
     python scripts/rank_policies.py DATA [--seeds 8] [--frames 100] [--workers 2] [--csv scores.csv]
 
 DATA has v2v4real/val: six recordings of two connected cars. The simulation has two connected cars, no people, no noise
-and no latency, and is run with the default detector and with the one fitted to V2V4Real, without LiDARs (expected
+and no latency, and is run with the simulated detector and with the one fitted to V2V4Real, without LiDARs (expected
 returns). A policy's score is the mean over recordings, or over simulated episodes; the bootstrap draws both with
 replacement. False positives count.
 """
@@ -31,7 +31,7 @@ from coopsim.metrics.score import summarize
 from coopsim.support.rng import stream
 
 SCENARIOS = ("highway", "crossing", "urban_grid")
-DETECTORS = ("simulated", "pointpillars_v2v4real")
+DETECTORS = ("simulated", "pointpillars_v2v4real(confusion=None)")  # the recordings have a single class
 METRICS = ("sAMOTA", "AMOTA")
 AGENTS = ("ego", "1")
 DRAWS = 2000
