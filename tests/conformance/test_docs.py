@@ -36,6 +36,8 @@ EXAMPLES = (
     ("docs/learn/first_metric.md", "08_your_own_metric.py"),
     ("docs/learn/first_detector.md", "09_your_own_detector.py"),
     ("docs/learn/first_detector.md", "10_your_own_embedder.py"),
+    ("docs/learn/first_uplink.md", "11_your_own_uplink.py"),
+    ("docs/learn/first_codec.md", "12_your_own_codec.py"),
 )
 """Pages that teach by an example; CI runs all examples."""
 
