@@ -36,6 +36,9 @@ def test_delivery_by_distance(scene: str) -> None:
                 reached = []
                 for distance_m in DISTANCES_M:
                     around = between(state, distance_m)
-                    chances = [Air(radio, seed).chances({"a": size}, around)["a", "b"] for seed in range(EPISODES)]
+                    chances = [
+                        Air(radio, seed).reception_probabilities({"a": size}, around)["a", "b"]
+                        for seed in range(EPISODES)
+                    ]
                     reached.append(100 * float(np.mean(chances)))
                 print(f"{state} mcs {mcs} {size} bytes: {' '.join(f'{share:.0f}' for share in reached)}")

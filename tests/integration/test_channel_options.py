@@ -177,7 +177,7 @@ def test_everything_at_once_runs_and_is_the_same_again() -> None:
             InvalidValueError,
             "either path or samples_s",
         ),
-        ({"latency": {"model": "empirical", "path": 5}}, InvalidValueError, "must be a text or a Path, got 5"),
+        ({"latency": {"model": "empirical", "path": 5}}, InvalidValueError, "must be a str or a Path, got 5"),
         (
             {"latency": {"model": "empirical", "samples_s": -1}},
             InvalidValueError,

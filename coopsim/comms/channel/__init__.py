@@ -1,1 +1,1 @@
-"""The channel: latency, loss, bandwidth, clocks."""
+"""Channel: latency, loss, bandwidth and clocks."""

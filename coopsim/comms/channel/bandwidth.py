@@ -1,4 +1,4 @@
-"""The time that bytes take on the air, and the queue in front of it."""
+"""Bandwidth: airtime of messages, and the queue in front of a medium."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
-    """What can be sent per second.
+    """Bandwidth of the channel.
 
     Attributes:
         rate_bit_s: bits per second, above the envelope: a message of B bytes takes `8 B / rate_bit_s`.
         medium: "shared" (all agents send one after another, and a broadcast is sent once), or "link" (each sender to
             each receiver has the rate for itself).
-        order: which waiting message is sent next: "in_order" (what has waited longest), or "newest_first" (the newest
-            of the sender whose turn was longest ago, so that nobody starves).
-        max_wait_s: a message that has waited longer when its turn comes is dropped, and counted as lost; inf: none is.
+        order: which waiting message is sent next: "in_order" (the one that has waited longest), or "newest_first" (the
+            newest of the sender whose turn was longest ago, so that no sender starves).
+        max_wait_s: a message that has waited longer at its turn is dropped and counted as lost; inf: no limit.
     """
 
     rate_bit_s: float
@@ -36,14 +36,14 @@ class Bandwidth:
 
     def __post_init__(self) -> None:
         require_positive(rate_bit_s=self.rate_bit_s)
-        # Slower than a bit per second is a slip, and an airtime that might not fit the clock.
+        # A rate below a bit per second is a slip, and its airtimes might not fit the clock.
         require_number(">= 1", lambda rate: rate >= 1, rate_bit_s=self.rate_bit_s)
         require_choice("medium", self.medium, ("shared", "link"))
         require_choice("order", self.order, ("in_order", "newest_first"))
         require_number(">= 0 (inf: no limit)", lambda wait: wait >= 0, max_wait_s=self.max_wait_s)
 
     def airtime_ns(self, size_bytes: int) -> int:
-        """How long a message of that size occupies the medium, ns."""
+        """Return the time for which a message of that size occupies the medium, ns."""
         return round(8 * size_bytes / self.rate_bit_s * NS_PER_S)
 
 
@@ -58,11 +58,11 @@ class _Waiting(Generic[T]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Departure(Generic[T]):
-    """What left a queue.
+    """Content that left the queue of a medium.
 
     Attributes:
-        content: what was put in.
-        sent_ns: when its last bit was on the air; None: it was dropped.
+        content: as it was put in.
+        sent_ns: time at which its last bit was on the air; None: it was dropped.
     """
 
     content: T
@@ -72,26 +72,26 @@ class Departure(Generic[T]):
 class Medium(Generic[T]):
     """One server and its queue; a message that is being sent is never interrupted.
 
-    What is put in may come in any order of its times, but none before a moment that `departures` was asked for.
+    Contents may be put in in any order of `since_ns`, but none before the latest `before_ns` given to `departures`.
     """
 
     def __init__(self, bandwidth: Bandwidth) -> None:
         self._bandwidth = bandwidth
         self._max_wait_ns = seconds_to_ns(min(bandwidth.max_wait_s, 1e9))
         self._coming: list[_Waiting[T]] = []
-        self._queues: dict[str, deque[_Waiting[T]]] = {}  # of each sender that has anything, the oldest first
-        self._turns: dict[str, int] = {}  # when each sender was last sent, in numbers of turns
+        self._queues: dict[str, deque[_Waiting[T]]] = {}  # by sender, oldest first; never empty
+        self._turns: dict[str, int] = {}  # number of each sender's latest turn
         self._free_ns = 0
         self._number = 0
 
     def put(self, content: T, size_bytes: int, since_ns: int, sender: str = "") -> None:
-        """Something wants to be sent from that moment on, by somebody."""
+        """Queue content of `size_bytes` of a sender, ready to be sent from `since_ns` on."""
         self._number += 1
         waiting = _Waiting(since_ns, self._number, sender, self._bandwidth.airtime_ns(size_bytes), content)
         heapq.heappush(self._coming, waiting)
 
     def departures(self, before_ns: int) -> Iterator[Departure[T]]:
-        """Whose turn comes before that moment: take it out, sent or dropped."""
+        """Take out all contents whose turn comes before that moment, in order of turns."""
         while self._queues or self._coming:
             oldest = min(queue[0] for queue in self._queues.values()) if self._queues else self._coming[0]
             start_ns = max(self._free_ns, oldest.since_ns)
@@ -110,11 +110,11 @@ class Medium(Generic[T]):
 
     @property
     def waiting(self) -> Iterator[T]:
-        """What has not been sent yet."""
+        """Contents that have not been sent yet."""
         return (waiting.content for queue in (*self._queues.values(), self._coming) for waiting in queue)
 
     def _next(self) -> tuple[str, int]:
-        """Whose turn it is, and which end of the sender's queue."""
+        """Return the sender whose turn it is, and the end of its queue to take from: 0 oldest, -1 newest."""
         turns = {sender: self._turns.get(sender, 0) for sender in self._queues}
         if self._bandwidth.order == "newest_first":
             return min(turns, key=lambda sender: (turns[sender], self._queues[sender][-1].number)), -1

@@ -1,7 +1,7 @@
-"""The radio channel: an event queue in integer nanoseconds.
+"""Channel between agents: an event queue in integer nanoseconds.
 
-Every message is offered to every other agent. Per link it is lost, or delivered when it has been sent and its delay has
-passed, and nothing else: sent = delivered + lost + pending at all times.
+Every message goes to every other agent. On each link it is either lost, or delivered after it has been sent and its
+delay has passed: sent = delivered + lost + pending at all times.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from coopsim.types import Message, seconds_to_ns
 __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
 
 _ROUNDING_NS = 2
-"""Frames' times and delays are rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
+"""Tolerance for times and delays rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelCounts:
-    """Messages since the episode's start; `sent == delivered + lost + pending`.
+    """Numbers of messages since the episode's start; `sent == delivered + lost + pending`.
 
     Attributes:
-        sent: each message once for every receiver it was meant for.
-        delivered: how many of them arrived.
-        lost: how many never will.
-        pending: how many wait for the medium, or are on their way.
-        corrupted: how many of the lost arrived with a wrong checksum.
-        stale: how many of the lost waited too long for the medium.
-        duplicates: second copies that arrived; they are in none of the other counts.
-        rejected: how many of those that arrived a policy could not read (`Policy.rejected`). The channel does not read
-            them: it is 0 in the channel's own counts.
+        sent: messages, each counted once per receiver.
+        delivered: messages that arrived.
+        lost: messages that never arrive.
+        pending: messages that wait for the medium or are on their way.
+        corrupted: lost messages that arrived with a wrong checksum.
+        stale: lost messages that waited too long for the medium.
+        duplicates: second copies that arrived; they are in no other count.
+        rejected: delivered messages that a policy could not read (`Policy.rejected`). The channel does not read
+            payloads: it is 0 in the channel's counts.
     """
 
     sent: int = 0
@@ -59,17 +59,17 @@ class ChannelCounts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Transmission:
-    """A message on one link that is not lost on the way, unless it waits too long."""
+    """Message on one link that is delivered unless it waits too long for the medium."""
 
     number: int
     link: LinkName
     wire: bytes
-    delays_ns: tuple[int, ...]  # of the message and, where there is one, of its duplicate
+    delays_ns: tuple[int, ...]  # of the message, and of its duplicate if any
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class _Arrival:
-    """Messages that are due at the same moment arrive in the order of sending."""
+    """Arrival of a message; those due at the same moment are in the order of sending."""
 
     due_ns: int
     number: int
@@ -79,10 +79,10 @@ class _Arrival:
 
 
 class Channel:
-    """One episode's channel between named agents.
+    """Channel of one episode between named agents.
 
-    Each link (sender, receiver) has its own random streams, one for each purpose, and takes the same draws for each
-    message whatever the parameters, so that a run with more loss loses the same messages and more.
+    Each link (sender, receiver) has its own random streams, one per purpose, and takes the same draws for each message
+    whatever the parameters: a run with more loss loses the same messages and more.
     """
 
     def __init__(self, config: ChannelConfig, seed: int) -> None:
@@ -106,22 +106,22 @@ class Channel:
         positions: Mapping[str, Floats],
         around: Surroundings | None = None,
     ) -> None:
-        """Broadcast the messages of one moment, but for those whose sender's clock says that it is not time to.
+        """Broadcast the messages of one moment, except for those of senders whose clocks have not ticked.
 
-        Time must not go back.
+        Calls must be in order of time.
 
         Args:
-            messages: what is said, at most one by each agent; they are stamped by their senders' clocks.
-            now_ns: when they are there.
+            messages: at most one per agent; their capture times are replaced by the stamps of the senders' clocks.
+            now_ns: true time.
             positions: true positions (3,) m of all agents, in one frame.
-            around: where antennas and obstacles are, if the channel has a radio; None: all links are free.
+            around: antennas and obstacles, used if the channel has a radio; None: all links are free.
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
-        chances = self._chances(wires, around or Surroundings(positions))
+        probabilities = self._reception_probabilities(wires, around or Surroundings(positions))
         for sender, wire in wires.items():
             self._broadcast_bytes[sender] += len(wire)
             transmissions = [
-                self._transmit((sender, receiver), wire, positions, chances.get((sender, receiver), 1.0))
+                self._transmit((sender, receiver), wire, positions, probabilities.get((sender, receiver), 1.0))
                 for receiver in positions
                 if receiver != sender
             ]
@@ -131,12 +131,12 @@ class Channel:
         """Take out every message that is due, by receiver, in order of arrival."""
         self._advance(now_ns + _ROUNDING_NS + 1)
         inboxes: dict[str, list[Message]] = {}
-        read: dict[bytes, Message | None] = {}  # a broadcast is decoded once, not by each receiver
+        decoded: dict[bytes, Message | None] = {}  # a broadcast is decoded once, not by each receiver
         while self._arrivals and self._arrivals[0].due_ns <= now_ns + _ROUNDING_NS:
             arrival = heapq.heappop(self._arrivals)
-            if arrival.wire not in read:
-                read[arrival.wire] = _readable(arrival.wire)
-            message = read[arrival.wire]
+            if arrival.wire not in decoded:
+                decoded[arrival.wire] = _decode_intact(arrival.wire)
+            message = decoded[arrival.wire]
             if message is None:
                 if not arrival.copy:
                     self._count(arrival.link, "lost", "corrupted")
@@ -147,13 +147,13 @@ class Channel:
 
     @property
     def counts(self) -> ChannelCounts:
-        """What became of the messages so far, on all links together."""
+        """Counts of all messages so far, on all links together."""
         counted = {name: counter.total() for name, counter in self._counted.items()}
         return ChannelCounts(**counted, pending=self._pending().total())
 
     @property
     def link_counts(self) -> Mapping[LinkName, ChannelCounts]:
-        """What became of the messages so far, by sender and receiver."""
+        """Counts of all messages so far, by sender and receiver."""
         pending = self._pending()
         return {
             link: ChannelCounts(
@@ -163,7 +163,7 @@ class Channel:
         }
 
     def broadcast_bytes(self, agent: str) -> int:
-        """Bytes that an agent has put on the air, or in the queue for it, each broadcast counted once."""
+        """Return the bytes that an agent has sent or queued, each broadcast counted once."""
         return self._broadcast_bytes[agent]
 
     def _ticks(self, sender: str, now_ns: int) -> bool:
@@ -176,7 +176,7 @@ class Channel:
 
     def _clock(self, agent: str) -> AgentClock:
         if agent not in self._clocks:
-            self._clocks[agent] = self._config.clock(agent).drawn(stream(self._seed, "clock", agent))
+            self._clocks[agent] = self._config.clock(agent).sample(stream(self._seed, "clock", agent))
         return self._clocks[agent]
 
     def _link(self, sender: str, receiver: str) -> Link:
@@ -184,8 +184,8 @@ class Channel:
             self._links[sender, receiver] = Link(self._config, self._seed, (sender, receiver))
         return self._links[sender, receiver]
 
-    def _chances(self, wires: Mapping[str, bytes], around: Surroundings) -> Mapping[LinkName, float]:
-        """What the radio makes of messages, by link; whoever has no link but by cable is not on the air."""
+    def _reception_probabilities(self, wires: Mapping[str, bytes], around: Surroundings) -> Mapping[LinkName, float]:
+        """Return the radio's reception probabilities by link; senders with wired links only are not on the air."""
         if self._air is None:
             return {}
         on_air = {
@@ -193,20 +193,20 @@ class Channel:
             for sender, wire in wires.items()
             if not all(self._link(sender, other).wired for other in around.antennas if other != sender)
         }
-        return self._air.chances(on_air, around)
+        return self._air.reception_probabilities(on_air, around)
 
     def _transmit(
-        self, name: LinkName, wire: bytes, positions: Mapping[str, Floats], chance: float
+        self, name: LinkName, wire: bytes, positions: Mapping[str, Floats], reception: float
     ) -> tuple[LinkName, _Transmission | None]:
-        """A message on one link, None where it is lost on the way."""
+        """Draw the fate of a message on one link: return its transmission, None if it is lost."""
         link = self._link(*name)
         self._count(name, "sent")
         self._number += 1
         if link.wired:
-            chance = 1.0
+            reception = 1.0
         elif float(np.linalg.norm(positions[name[1]] - positions[name[0]])) > self._config.range_m:
-            chance = 0.0
-        fate = link.draw(wire, chance)
+            reception = 0.0
+        fate = link.draw(wire, reception)
         if fate is None:
             self._count(name, "lost")
             return name, None
@@ -215,7 +215,7 @@ class Channel:
     def _queue(
         self, sender: str, links: list[tuple[LinkName, _Transmission | None]], size_bytes: int, now_ns: int
     ) -> None:
-        """Hand transmissions to the medium; those that will be lost take their time on it, too."""
+        """Hand transmissions to the medium; those that will be lost take their airtime, too."""
         ready_ns = now_ns + seconds_to_ns(self._config.processing_of(sender))
         bandwidth = self._config.bandwidth
         by_cable = [each for name, each in links if bandwidth is None or self._links[name].wired]
@@ -232,7 +232,7 @@ class Channel:
             self._media.setdefault(name, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns, sender)
 
     def _advance(self, before_ns: int) -> None:
-        """Let the media send what they begin to send before that moment."""
+        """Let the media begin all sending that begins before that moment."""
         for medium in self._media.values():
             for departure in medium.departures(before_ns):
                 if departure.sent_ns is not None:
@@ -258,8 +258,8 @@ class Channel:
         return on_the_way
 
 
-def _readable(wire: bytes) -> Message | None:
-    """The message, or None where its bytes were damaged on the way."""
+def _decode_intact(wire: bytes) -> Message | None:
+    """Decode a message; return None if its bytes were corrupted on the way."""
     try:
         return decode_message(wire)
     except CodecError:

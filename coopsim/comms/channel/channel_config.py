@@ -1,4 +1,4 @@
-"""What a channel does to messages, as plain data."""
+"""Configuration of a channel, as plain data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _EVERY_FRAME = AgentClock()
 
 @dataclass(frozen=True, slots=True)
 class ChannelConfig:
-    """What the channel does to messages; the default is ideal.
+    """Configuration of the channel; the default is ideal.
 
     A message is made at a tick of its sender's clock, is ready after `processing_s`, waits for the medium and is sent
     (`bandwidth`), and arrives after `latency`, unless it is lost (`loss`), too far away (`range_m`), not received
@@ -33,16 +33,16 @@ class ChannelConfig:
     Attributes:
         latency: delay of each message on each link.
         loss: loss of each message on each link.
-        range_m: farther apart than this, nothing arrives.
-        processing_s: from the sensors' measurement until the message is ready to be sent, in [0, 3600]; one for all
-            agents, or by agent (0 for whoever is not named).
+        range_m: the largest distance between sender and receiver at which messages arrive.
+        processing_s: time from the sensors' measurement until the message is ready to be sent, in [0, 3600]; one for
+            all agents, or by agent (0 for agents that are not named).
         bandwidth: None: sending takes no time.
         radio: None: distance and obstacles do not matter within `range_m`.
-        duplication: probability that a message that arrives comes a second time, after a delay of its own.
+        duplication: probability that a delivered message arrives a second time, after another delay.
         bit_error_rate: probability that a bit is flipped, in [0, 0.5]. The checksum finds it, and the message is lost.
-        clocks: one for all agents, or by agent; whoever is not named speaks in every frame, with exact stamps.
-        links: what is different on some links, by "sender > receiver", either of which may be "*"; of several that
-            fit, what names both goes before what names the sender, and that before what names the receiver.
+        clocks: one for all agents, or by agent; agents that are not named send in every frame, with exact stamps.
+        links: overrides for links by "sender > receiver", either of which may be "*". If several match a link, the
+            one that names both agents applies, else the one that names the sender, else the receiver.
     """
 
     latency: Latency = field(default_factory=GaussianLatency)
@@ -86,24 +86,24 @@ class ChannelConfig:
         require_between(0, MOST_S, **delays)
 
     def processing_of(self, agent: str) -> float:
-        """How long an agent's messages take until they are ready, s."""
+        """Return the processing time of an agent's messages, s."""
         if isinstance(self.processing_s, Mapping):
             return self.processing_s.get(agent, 0.0)
         return self.processing_s
 
     @property
     def agents_by_option(self) -> Mapping[str, Collection[str]]:
-        """Whom each option names, so that who has the agents can tell whether they are there."""
+        """Names of agents in each option, for the environment to check."""
         by_agent = {"clocks": self.clocks, "processing_s": self.processing_s}
         named = {option: list(each) for option, each in by_agent.items() if isinstance(each, Mapping)}
         return {**named, "links": sorted(agents_in(self.links))}
 
     def link(self, sender: str, receiver: str) -> LinkConfig:
-        """What is different between two agents."""
+        """Return the overrides of the link between two agents."""
         return link_of(self.links, sender, receiver)
 
     def clock(self, agent: str) -> AgentClock:
-        """An agent's clock."""
+        """Return an agent's clock."""
         return self.clocks if isinstance(self.clocks, AgentClock) else self.clocks.get(agent, _EVERY_FRAME)
 
 

@@ -1,4 +1,4 @@
-"""When an agent speaks, and what time it believes it is."""
+"""Clocks of agents: times of sending, and errors of time stamps."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from coopsim.support.checks import require_between, require_number
 from coopsim.types import NS_PER_S, seconds_to_ns
 
 _MOST_PPM = 1e4
-_LATEST_NS = 2**62 - 1  # the last that fits an observation's space
+_LATEST_NS = 2**62 - 1  # the largest that fits an observation's space
 _ROUNDING_NS = 2  # frames' times are rounded: a tick that falls on a frame belongs to it
 
 
 @dataclass(frozen=True, slots=True)
 class AgentClock:
-    """One agent's clock.
+    """Clock of an agent.
 
-    Sensors are read in frames, so an agent that ticks between two frames sends what it senses in the second of them,
-    and one that ticks twice between them sends once.
+    Sensors are read in frames: after a tick between two frames an agent sends the content of the second frame, and
+    after several ticks between them it sends once.
 
     Attributes:
         rate_hz: ticks, and so messages, per second; None: one in each frame.
-        phase_s: when the first of them is, since the episode's start.
-        offset_s: how far its stamps are ahead of true time, in [-3600, 3600].
-        drift_ppm: by how many microseconds per second they gain, in [-1e4, 1e4].
-        offset_noise_s: standard deviation of what is added to `offset_s`, drawn for each episode, in [0, 3600].
-        drift_noise_ppm: likewise of what is added to `drift_ppm`, in [0, 1e4].
+        phase_s: time of the first tick since the episode's start.
+        offset_s: time by which stamps are ahead of true time, in [-3600, 3600].
+        drift_ppm: microseconds per second that stamps gain, in [-1e4, 1e4].
+        offset_noise_s: standard deviation of the noise on `offset_s`, drawn for each episode, in [0, 3600].
+        drift_noise_ppm: standard deviation of the noise on `drift_ppm`, drawn for each episode, in [0, 1e4].
     """
 
     rate_hz: float | None = None
@@ -47,8 +47,8 @@ class AgentClock:
         require_between(0, MOST_S, offset_noise_s=self.offset_noise_s)
         require_between(0, _MOST_PPM, drift_noise_ppm=self.drift_noise_ppm)
 
-    def drawn(self, rng: np.random.Generator) -> AgentClock:
-        """The clock of one episode, whose errors are known. Takes two normals from `rng`, whatever the parameters."""
+    def sample(self, rng: np.random.Generator) -> AgentClock:
+        """Draw the clock of one episode, without noise. Takes two normals from `rng`, whatever the parameters."""
         ahead, gain = rng.standard_normal(2)
         offset_s = self.offset_s + float(ahead) * self.offset_noise_s
         drift_ppm = self.drift_ppm + float(gain) * self.drift_noise_ppm
@@ -60,16 +60,16 @@ class AgentClock:
         )
 
     def ticks(self, before_ns: int | None, now_ns: int) -> bool:
-        """Whether it ticks after `before_ns` (the frame before; None: there was none), and not after `now_ns`."""
+        """Return whether it ticks in (`before_ns`, `now_ns`]: since the previous frame, None if there is none."""
         return self._count(now_ns) > (0 if before_ns is None else self._count(before_ns))
 
     def stamp_ns(self, true_ns: int) -> int:
-        """What it reads at a true time, never less than 0."""
+        """Return the clock's reading at a true time, at least 0."""
         ahead = self.offset_s + self.drift_ppm * 1e-6 * true_ns / NS_PER_S
         return min(max(0, true_ns + seconds_to_ns(ahead)), _LATEST_NS)
 
     def _count(self, now_ns: int) -> int:
-        """How often it has ticked by then."""
+        """Return the number of ticks until then."""
         since_ns = now_ns + _ROUNDING_NS - seconds_to_ns(self.phase_s)
         if since_ns < 0:
             return 0

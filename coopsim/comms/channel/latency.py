@@ -1,8 +1,7 @@
-"""How long a message is on the way, by itself: what waiting for the medium adds is in
-`coopsim.comms.channel.bandwidth`.
+"""Models of a message's delay on a link. Waiting for the medium comes on top: `coopsim.comms.channel.bandwidth`.
 
-Every model turns one standard normal number into a delay that grows with it. So two runs that differ only in the model
-have their long delays at the same messages, and a longer delay takes no more draws than a short one.
+Every model maps one standard normal number to a delay that grows with it. So two runs that differ only in the model
+delay the same messages longest, and every delay takes one draw.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from coopsim.support.checks import require_between
 from coopsim.types import seconds_to_ns
 
 MOST_S = 3600.0
-"""The longest delay; what is longer than any episode is a slip, and might not fit the clock."""
+"""The longest delay: more than any episode is a slip, and might not fit the clock."""
 
 _LEAST_S = 1e-9
 _MOST_USUAL_S = 10.0
@@ -33,24 +32,24 @@ _MILLISECONDS = re.compile(r"(^|[^a-z])ms[^a-z0-9]*$", re.IGNORECASE)
 
 
 class Latency(ABC):
-    """A distribution of delays."""
+    """Distribution of delays."""
 
     @abstractmethod
     def delay_s(self, normal: float) -> float:
-        """The delay at a standard normal number: its quantile, s; never falls as `normal` grows."""
+        """Return the delay (s) at the quantile of a standard normal number; it never falls as `normal` grows."""
 
     def draw_ns(self, rng: np.random.Generator) -> int:
-        """One message's delay, ns, in [0, `MOST_S`]. Takes one normal from `rng`, whatever the parameters."""
+        """Draw one message's delay, ns, in [0, `MOST_S`]. Takes one normal from `rng`, whatever the parameters."""
         return seconds_to_ns(min(max(0.0, self.delay_s(float(rng.standard_normal()))), MOST_S))
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianLatency(Latency):
-    """A fixed delay with Gaussian jitter, cut off at zero; any value, not only multiples of a frame.
+    """Gaussian delay, cut off at zero; any value, not only multiples of a frame.
 
     Attributes:
-        mean_s: the delay, at most `MOST_S`.
-        jitter_s: its standard deviation, at most `MOST_S`; 0 makes it fixed.
+        mean_s: mean delay, at most `MOST_S`.
+        jitter_s: standard deviation, at most `MOST_S`; 0: a fixed delay.
     """
 
     mean_s: float = 0.0
@@ -65,11 +64,11 @@ class GaussianLatency(Latency):
 
 @dataclass(frozen=True, slots=True)
 class _ByMoments(Latency):
-    """A positive delay that two numbers describe.
+    """Positive delay by mean and standard deviation.
 
     Attributes:
-        mean_s: its mean, in [1e-9, `MOST_S`].
-        jitter_s: its standard deviation, in [0, `MOST_S`].
+        mean_s: mean, in [1e-9, `MOST_S`].
+        jitter_s: standard deviation, in [0, `MOST_S`].
     """
 
     mean_s: float
@@ -82,7 +81,7 @@ class _ByMoments(Latency):
 
 @dataclass(frozen=True, slots=True)
 class LogNormalLatency(_ByMoments):
-    """A log-normal delay, by its mean (s) and standard deviation (s): never negative, with a long tail."""
+    """Log-normal delay by mean (s) and standard deviation (s): never negative, with a long tail."""
 
     def delay_s(self, normal: float) -> float:
         variance = 2 * math.log(math.hypot(1.0, self.jitter_s / self.mean_s))  # of the logarithm
@@ -92,9 +91,7 @@ class LogNormalLatency(_ByMoments):
 
 @dataclass(frozen=True, slots=True)
 class GammaLatency(_ByMoments):
-    """A gamma-distributed delay, by its mean (s) and standard deviation (s): never negative, with a lighter tail than
-    `LogNormalLatency`.
-    """
+    """Gamma-distributed delay by mean (s) and standard deviation (s): never negative, lighter tail than log-normal."""
 
     def delay_s(self, normal: float) -> float:
         ratio = self.jitter_s / self.mean_s
@@ -105,10 +102,10 @@ class GammaLatency(_ByMoments):
 
 @dataclass(frozen=True, slots=True)
 class EmpiricalLatency(Latency):
-    """Delays drawn, with equal chances, from measured ones.
+    """Delays drawn with equal probability from measured ones.
 
     Attributes:
-        samples_s: at least one, each in [0, `MOST_S`], in any order.
+        samples_s: at least one delay, each in [0, `MOST_S`], in any order.
     """
 
     samples_s: tuple[float, ...]
@@ -126,13 +123,13 @@ class EmpiricalLatency(Latency):
 
     @classmethod
     def from_csv(cls, path: str | Path) -> EmpiricalLatency:
-        """Read delays: a file with one column, a number in each line; a first line may be a heading.
+        """Read delays from a file with one column, a number in each line; the first line may be a heading.
 
-        They are seconds, or milliseconds if the heading ends in "ms", as "latency_ms" and "delay [ms]" do. What looks
-        like milliseconds without saying so, with a median above 10 s, is refused.
+        They are seconds, or milliseconds if the heading ends in "ms" ("latency_ms", "delay [ms]"). Seconds with a
+        median above 10 s are refused: they look like milliseconds.
 
         Raises:
-            InvalidValueError: names the file, the line and what is wrong.
+            InvalidValueError: the file cannot be read; the message names file, line and cause.
         """
         heading, samples, unit_s = "", [], 1.0
         for number, row in enumerate(_rows(path), start=1):
@@ -159,8 +156,8 @@ class EmpiricalLatency(Latency):
         return cls(tuple(samples))
 
     def delay_s(self, normal: float) -> float:
-        place = int(ndtr(normal) * len(self._sorted_s))
-        return float(self._sorted_s[min(place, len(self._sorted_s) - 1)])
+        rank = int(ndtr(normal) * len(self._sorted_s))
+        return float(self._sorted_s[min(rank, len(self._sorted_s) - 1)])
 
 
 def empirical_latency(
@@ -183,7 +180,7 @@ LATENCIES: Mapping[str, Callable[..., Latency]] = {
 
 def _rows(path: str | Path) -> list[list[str]]:
     if not isinstance(path, (str, Path)):
-        raise InvalidValueError(f"the path of the delays' file must be a text or a Path, got {path!r}")
+        raise InvalidValueError(f"the path of a file of delays must be a str or a Path, got {path!r}")
     try:
         return list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

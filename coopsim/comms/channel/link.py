@@ -1,4 +1,4 @@
-"""What happens to messages on one link, apart from where its ends are and what else is on the air."""
+"""One link: loss, delay, duplication and corruption, whatever the positions of its ends."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from coopsim.support.rng import stream
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fate:
-    """A message that arrives.
+    """Fate of a message that arrives.
 
     Attributes:
-        wire: its bytes, some of them wrong where the link corrupts.
-        delays_ns: of the message and, where it comes twice, of the second copy.
+        wire: its bytes as they arrive, possibly corrupted.
+        delays_ns: of the message, and of its second copy if any.
     """
 
     wire: bytes
@@ -24,37 +24,37 @@ class Fate:
 
 
 class Link:
-    """One link from a sender to a receiver, with its own random streams.
+    """Link from a sender to a receiver, with its own random streams.
 
     Attributes:
-        wired: by cable: neither range nor radio nor bandwidth concern it.
+        wired: a cable, without limits of range, radio or bandwidth.
     """
 
     def __init__(self, config: ChannelConfig, seed: int, link: tuple[str, str]) -> None:
-        own = config.link(*link)
-        self.wired = own.wired
+        override = config.link(*link)
+        self.wired = override.wired
         self._config = config
-        self._loss_model = own.loss or config.loss
-        self._latency_model = own.latency or config.latency
+        self._loss_model = override.loss or config.loss
+        self._latency_model = override.latency or config.latency
         self._loss, self._reception, self._latency, self._duplication, self._bits = (
             stream(seed, purpose, *link) for purpose in ("loss", "reception", "latency", "duplication", "corruption")
         )
         self._burst: bool | None = None
 
     def draw(self, wire: bytes, reception: float) -> Fate | None:
-        """What becomes of the next message, which the radio brings over with a chance in [0, 1]; None: it is lost."""
+        """Draw the fate of the next message, given the radio's reception probability; None: it is lost."""
         lost, self._burst = self._loss_model.draw(self._loss, self._burst)
         faded = self._reception.random() >= reception
         delay_ns = self._latency_model.draw_ns(self._latency)
-        twice = self._duplication.random() < self._config.duplication
+        duplicated = self._duplication.random() < self._config.duplication
         second_ns = self._latency_model.draw_ns(self._duplication)
         wire = self._corrupt(wire)
         if lost or faded:
             return None
-        return Fate(wire, (delay_ns, second_ns) if twice else (delay_ns,))
+        return Fate(wire, (delay_ns, second_ns) if duplicated else (delay_ns,))
 
     def _corrupt(self, wire: bytes) -> bytes:
-        """Each bit is flipped independently."""
+        """Flip each bit independently with the bit error rate."""
         rate = self._config.bit_error_rate
         flipped = int(self._bits.binomial(8 * len(wire), rate)) if rate else 0
         if not flipped:

@@ -1,4 +1,4 @@
-"""Links that are not as the others: a roadside unit by cable, a bad modem, one direction that fails."""
+"""Overrides for single links: a roadside unit by cable, a bad modem, one direction that fails."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ANYONE = "*"
 
 @dataclass(frozen=True, slots=True)
 class LinkConfig:
-    """What is different on some links.
+    """Overrides of the channel on some links.
 
     Attributes:
-        latency: in the place of the channel's; None: as the channel's.
-        loss: likewise.
-        wired: by cable: neither range nor radio nor bandwidth concern it.
+        latency: replaces the channel's; None: the channel's.
+        loss: replaces the channel's; None: the channel's.
+        wired: a cable, without limits of range, radio or bandwidth.
     """
 
     latency: Latency | None = None
@@ -33,11 +33,11 @@ class LinkConfig:
         require_flag(wired=self.wired)
 
 
-_AS_ALL = LinkConfig()
+_NO_OVERRIDE = LinkConfig()
 
 
 def require_links(links: Mapping[str, LinkConfig]) -> None:
-    """Raise `InvalidValueError` if a name is not of the form "sender > receiver", or what it names is no link."""
+    """Raise `InvalidValueError` if a key is not of the form "sender > receiver", or a value no `LinkConfig`."""
     if not isinstance(links, Mapping):
         raise InvalidValueError(f'links must be LinkConfigs by "sender > receiver", got {links!r}')
     for name, link in links.items():
@@ -50,16 +50,16 @@ def require_links(links: Mapping[str, LinkConfig]) -> None:
 
 
 def link_of(links: Mapping[str, LinkConfig], sender: str, receiver: str) -> LinkConfig:
-    """What holds between two agents: what names both, else what names the sender, the receiver, or nobody."""
+    """Return the override of a link: the one that names both agents, else the sender, the receiver, or neither."""
     by_pair = dict(zip(_pairs(links), links.values(), strict=True))
     for pair in ((sender, receiver), (sender, ANYONE), (ANYONE, receiver), (ANYONE, ANYONE)):
         if pair in by_pair:
             return by_pair[pair]
-    return _AS_ALL
+    return _NO_OVERRIDE
 
 
 def agents_in(links: Mapping[str, LinkConfig]) -> set[str]:
-    """Everyone whom a link names."""
+    """Return the names of all agents in the keys of `links`."""
     return {agent for pair in _pairs(links) for agent in pair if agent != ANYONE}
 
 
@@ -69,6 +69,6 @@ def _pairs(links: Mapping[str, LinkConfig]) -> Iterator[tuple[str, str]]:
         pair = sender.strip(), receiver.strip()
         if not (arrow and all(pair)) or ">" in receiver:
             raise InvalidValueError(
-                f'a link in links is "sender > receiver", where "*" is anyone, as "rsu_0 > *"; got {name!r}'
+                f'a link in links is "sender > receiver", where "*" is any agent, as "rsu_0 > *"; got {name!r}'
             )
         yield pair

@@ -1,6 +1,4 @@
-"""Whether a message is lost, wherever sender and receiver are; what distance does is in
-`coopsim.comms.radio.radio_config`.
-"""
+"""Models of loss, whatever the distance; losses by distance are in `coopsim.comms.radio.radio_config`."""
 
 from __future__ import annotations
 
@@ -14,24 +12,24 @@ from coopsim.support.checks import require_between, require_probability
 
 
 class Loss(ABC):
-    """A process of losses on one link; it keeps nothing itself, so that one object serves all links."""
+    """Process of losses on a link, without state: one object serves all links."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
-        """Whether the next message is lost, and whether the link is in a burst of losses.
+        """Return whether the next message is lost, and whether the link is in a burst of losses.
 
         Args:
             rng: the link's stream.
-            burst: whether it was in one at the message before; None: there was none.
+            burst: whether it was in a burst at the previous message; None: this is the first.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class BernoulliLoss(Loss):
-    """Each message on each link is lost independently.
+    """Independent losses of each message on each link.
 
     Attributes:
-        probability: in [0, 1].
+        probability: of a loss, in [0, 1].
     """
 
     probability: float = 0.0
@@ -40,21 +38,21 @@ class BernoulliLoss(Loss):
         require_probability(probability=self.probability)
 
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
-        """Takes one uniform from `rng`, whatever the probability."""
+        """Draw one uniform from `rng`, whatever the probability."""
         return bool(rng.random() < self.probability), False
 
 
 @dataclass(frozen=True, slots=True)
 class GilbertElliottLoss(Loss):
-    """Losses in bursts: a link is good or bad, and changes with each message (Gilbert 1960, Elliott 1963).
+    """Losses in bursts: a link is good or bad, and may change with each message (Gilbert 1960, Elliott 1963).
 
     The share of bad messages is `begin / (begin + end)`, and a burst lasts `1 / end` messages on average.
 
     Attributes:
         begin: probability that a good link is bad at the next message, in [0, 1].
         end: probability that a bad link is good at the next message, in (0, 1].
-        loss_bad: probability that a message is lost on a bad link; 1 as Gilbert has it.
-        loss_good: the same on a good link.
+        loss_bad: probability that a message is lost on a bad link; 1 in Gilbert's model.
+        loss_good: probability that a message is lost on a good link.
     """
 
     begin: float
@@ -68,12 +66,12 @@ class GilbertElliottLoss(Loss):
 
     @property
     def mean_loss(self) -> float:
-        """The share of messages that are lost in the long run."""
+        """Share of messages that are lost in the long run."""
         bad = self.begin / (self.begin + self.end)
         return bad * self.loss_bad + (1 - bad) * self.loss_good
 
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
-        """Takes two uniforms from `rng`, whatever the parameters. The first message finds the link settled."""
+        """Draw two uniforms from `rng`, whatever the parameters. The first state is drawn from the stationary one."""
         to_bad, to_lost = rng.random(2)
         if burst is None:
             burst = bool(to_bad < self.begin / (self.begin + self.end))

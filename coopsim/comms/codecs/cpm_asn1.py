@@ -1,4 +1,4 @@
-"""Between arrays and the values of ASN.1 types of a Collective Perception Message, in the standard's units."""
+"""Conversion between arrays and ASN.1 values of a Collective Perception Message, in the standard's units."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CLASSES: dict[ObjectClass, tuple[str, Any]] = {
     ObjectClass.MOTORCYCLE: ("vruSubClass", ("motorcyclist", "motorcycle")),
     ObjectClass.BICYCLE: ("vruSubClass", ("bicyclistAndLightVruVehicle", "bicyclist")),
     ObjectClass.SCOOTER: ("vruSubClass", ("bicyclistAndLightVruVehicle", "e-scooter")),
-    # The same for both; what is read is the second.
+    # The same for both; decoded as the second.
     ObjectClass.CHILD: ("vruSubClass", ("pedestrian", "ordinary-pedestrian")),
     ObjectClass.PEDESTRIAN: ("vruSubClass", ("pedestrian", "ordinary-pedestrian")),
 }
@@ -34,14 +34,14 @@ _LABELS = {asn1: label for label, asn1 in _CLASSES.items()}
 
 
 def _units(values: Floats, unit: float) -> list[Any]:
-    """How often a unit fits into values, as the standard rounds: n if at most n units and more than n - 1."""
-    # What is a whole number but for rounding stays that number.
+    """Return values in whole units, rounded up as the standard does: n for at most n units and more than n - 1."""
+    # Values that are whole numbers except for rounding errors stay those numbers.
     whole: list[Any] = np.ceil(values / unit - 1e-9).astype(np.int64).tolist()
     return whole
 
 
 def asn1_position(position: Floats) -> dict[str, Any]:
-    """A position (3,) m as `ReferencePosition`."""
+    """Convert a position (3,) m to a `ReferencePosition`."""
     east, north = position[:2] / DEGREE_M * 1e7
     return {
         "latitude": round(north),
@@ -56,15 +56,15 @@ def asn1_position(position: Floats) -> dict[str, Any]:
 
 
 def position_of(asn1: Mapping[str, Any]) -> Floats:
-    """What `asn1_position` was given."""
+    """Convert a `ReferencePosition` to a position (3,) m, the inverse of `asn1_position`."""
     east, north = asn1["longitude"] * 1e-7, asn1["latitude"] * 1e-7
     return np.array([east * DEGREE_M, north * DEGREE_M, asn1["altitude"]["altitudeValue"] / 100])
 
 
 def asn1_objects(found: Detections, velocity: Floats | None) -> list[dict[str, Any]]:
-    """Objects, and their velocities (N, 2) m/s or NaN, as a list of `PerceivedObject`.
+    """Convert objects, and their velocities (N, 2) m/s or NaN, to a list of `PerceivedObject`.
 
-    asn1tools wants an object as a dict of dicts; only that is made object by object.
+    asn1tools needs an object as a dict of dicts; only that is made object by object.
     """
     centers, sizes = _units(found.boxes.center, 0.01), _units(np.maximum(found.boxes.size, 0.05), 0.1)
     angles = _units(np.degrees(found.boxes.yaw) % 360, 0.1)
@@ -100,11 +100,15 @@ _UNREAD = ("acceleration", "zAngularVelocity", "lowerTriangularCorrelationMatric
 
 
 def objects_of(asn1: list[dict[str, Any]]) -> tuple[Detections, Floats | None]:
-    """Those objects that have all that a detection needs, and their velocities if any has one."""
+    """Return the objects that have all fields of a detection, and their velocities (None if no object has one).
+
+    Raises:
+        CodecError: an object has a field that coopsim does not read.
+    """
     if unread := sorted({name for each in asn1 for name in _UNREAD if name in each}):
         raise CodecError(f"the objects have {', '.join(unread)}, which coopsim does not read")
-    whole = [row for each in asn1 if (row := _row(each)) is not None]
-    rows = np.array(whole, dtype=np.float64).reshape(-1, 11)
+    complete = [row for each in asn1 if (row := _row(each)) is not None]
+    rows = np.array(complete, dtype=np.float64).reshape(-1, 11)
     boxes = Boxes3D(
         (rows[:, :3] - 0.5) * 0.01, (rows[:, 3:6] - 0.5) * 0.1, wrap_angle(np.radians((rows[:, 6] - 0.5) * 0.1))
     )
@@ -114,9 +118,9 @@ def objects_of(asn1: list[dict[str, Any]]) -> tuple[Detections, Floats | None]:
 
 
 def _row(asn1: Mapping[str, Any]) -> list[float] | None:
-    """Eleven numbers in the standard's units: x, y, z, l, w, h, heading, percent, our label, vx, vy.
+    """Return x, y, z, l, w, h, heading, percent, coopsim's label, vx, vy, in the standard's units.
 
-    Velocities are NaN where there is no Cartesian one; None if something else is missing.
+    Velocities are NaN without a Cartesian one. Return None if any other field is missing.
     """
     try:
         center = [asn1["position"][f"{axis}Coordinate"]["value"] for axis in "xyz"]
@@ -139,25 +143,28 @@ def _speed(asn1: tuple[str, Any] | None) -> list[float]:
     return [np.nan, np.nan] if max(map(abs, speed)) > 16_381 else speed
 
 
-def decoded(name: str, data: bytes) -> Any:
-    """What stands in the bytes of one ASN.1 type; raises `CodecError` if they are not exactly that.
+def decode_exactly(name: str, data: bytes) -> Any:
+    """Decode the bytes of one ASN.1 type.
 
-    What was decoded is encoded again, because asn1tools does not tell how many bytes it has read.
+    The content is encoded again for comparison, because asn1tools does not report how many bytes it has read.
+
+    Raises:
+        CodecError: the bytes are not exactly one value of the type.
     """
     module = messages()
     try:
         content = module.decode(name, data)
-        again = module.encode(name, content)
-    except Exception as error:  # whatever asn1tools runs into on bytes that are none: it names no common class
+        encoded = module.encode(name, content)
+    except Exception as error:  # asn1tools' errors on invalid bytes have no common class
         raise CodecError(f"{len(data)} bytes are no {name}: {error}") from error
-    if again != data:
+    if encoded != data:
         raise CodecError(f"{len(data)} bytes are not what coopsim reads of a {name}")
     return content
 
 
 @cache
 def messages() -> Any:
-    """The compiled module; raises `MissingDependencyError` without asn1tools."""
+    """Return the compiled ASN.1 module; raise `MissingDependencyError` without asn1tools."""
     try:
         import asn1tools
     except ImportError as error:

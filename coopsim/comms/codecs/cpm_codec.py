@@ -1,7 +1,7 @@
 """ETSI's Collective Perception Message (TS 103 324) in its own encoding: the subset of `docs/reference/codecs.md`.
 
-The world frame is taken for east, north and up around latitude 0, longitude 0, where a degree of either is as long:
-scenarios are no places. An episode begins when ETSI's time does, at 2004-01-01T00:00:00Z.
+Scenarios have no place on earth: the world frame is taken as east, north and up around latitude 0, longitude 0, where a
+degree of either has the same length. Episodes begin with ETSI's time, at 2004-01-01T00:00:00Z.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from coopsim.comms.codecs.cpm_asn1 import (
     DEGREE_M,
     asn1_objects,
     asn1_position,
-    decoded,
+    decode_exactly,
     messages,
     objects_of,
     position_of,
@@ -38,14 +38,14 @@ _LONGEST = 2**15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollectivePerception:
-    """What a station perceives, and when and where it was.
+    """Content of a Collective Perception Message: a station's objects, position and capture time.
 
     Attributes:
         station_id: in 0..2^32 - 1.
-        captured_ns: since the episode's start.
+        captured_ns: capture time since the episode's start.
         position: (3,) m, of the station in the world frame.
-        objects: as seen from there, in axes that are parallel to the world's.
-        velocity: (N, 2) m/s of the objects, NaN where unknown; None: of none.
+        objects: relative to the station, in axes parallel to the world's.
+        velocity: (N, 2) m/s of the objects, NaN where unknown; None: all unknown.
     """
 
     station_id: int
@@ -66,19 +66,19 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     """Unaligned PER of `CollectivePerceptionMessage`, by asn1tools (the extra `etsi`).
 
     Management container (time, position) and perceived objects: position, heading, dimensions, class and its
-    confidence, and velocity where it is known. Accuracies are sent as unavailable, covariances and embeddings are not
-    sent. Where the standard says "n if at most n units and more than n - 1", the middle is decoded. Children become
-    pedestrians: the standard does not tell them apart.
+    confidence, and velocity where known. Accuracies are sent as unavailable; covariances and embeddings are not sent.
+    Where the standard rounds up ("n if at most n units and more than n - 1"), decoding returns the middle. Children
+    become pedestrians: the standard does not distinguish them.
 
-    Decoded are at most 255 objects, from at most 32,768 bytes. Objects without a heading, dimensions, or a class that
-    coopsim has, are left out; messages with parts that the subset has not are refused.
+    A message has at most 255 objects and 32,768 bytes. Decoding drops objects without a heading, dimensions, or a class
+    of coopsim's, and refuses messages with parts outside of the subset.
     """
 
     CENTER_ERROR_M = 0.005 + 1e-9
     SIZE_ERROR_M = 0.05 + 1e-9
     YAW_ERROR_RAD = float(np.radians(0.05)) + 1e-9
     SCORE_ERROR = 0.005
-    """0.01 for scores below 0.005, which come back as 0.01."""
+    """Up to 0.01 for scores below 0.005, which are decoded as 0.01."""
     VELOCITY_ERROR_MPS = 0.005 + 1e-9
     POSITION_ERROR_M = 0.5e-7 * DEGREE_M + 1e-6
     """Of the station, along x, y and z."""
@@ -88,13 +88,13 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     most_objects = 255
 
     def __init__(self) -> None:
-        messages()  # what is missing is said now, not at the first message
+        messages()  # raises if asn1tools is missing, before the first message
 
     def in_range(self, found: Detections) -> Mask:
         return _in_range(found, _LARGEST_M)
 
     def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> CollectivePerception:
-        """The station's id is the CRC-32 of the sender's name."""
+        """Return the message's content; the station's id is the CRC-32 of the sender's name."""
         turned = found.transform(SE3.from_xyz_yaw(np.zeros(3), float(pose.xyz_yaw[3])))
         return CollectivePerception(zlib.crc32(sender.encode()), time_ns, pose.xyz_yaw[:3], turned)
 
@@ -130,25 +130,26 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     def decode(self, payload: bytes) -> CollectivePerception:
         if len(payload) > _LONGEST:
             raise CodecError(f"a collective perception message has at most {_LONGEST} bytes, got {len(payload)}")
-        message = decoded("CollectivePerceptionMessage", payload)
+        message = decode_exactly("CollectivePerceptionMessage", payload)
         header, body = message["header"], message["payload"]
         if (header["protocolVersion"], header["messageId"]) != (_PROTOCOL, _CPM):
             raise CodecError(f"a collective perception message has protocol 2 and id 14, got {header}")
         management = body["managementContainer"]
         data = [each["containerData"] for each in body["cpmContainers"] if each["containerId"] == _OBJECTS]
-        found = [each for part in data for each in decoded("PerceivedObjectContainer", part)["perceivedObjects"]]
+        parts = [decode_exactly("PerceivedObjectContainer", part)["perceivedObjects"] for part in data]
+        found = [each for part in parts for each in part]
         if len(found) > self.most_objects:
             raise CodecError(f"a collective perception message has at most 255 objects, got {len(found)}")
         objects, velocity = objects_of(found)
         captured_ns = management["referenceTime"] * _NS_PER_MS
-        where = position_of(management["referencePosition"])
-        _require_on_earth(where)
-        return CollectivePerception(header["stationId"], captured_ns, where, objects, velocity)
+        position = position_of(management["referencePosition"])
+        _require_on_earth(position)
+        return CollectivePerception(header["stationId"], captured_ns, position, objects, velocity)
 
 
 def _in_range(found: Detections, largest_m: float) -> Mask:
     boxes = found.boxes
-    # In the plane by the distance, so that it is in range whatever the heading of the axes.
+    # By distance in the plane, so that the range does not depend on the heading of the axes.
     with np.errstate(over="ignore"):
         good: Mask = np.hypot(boxes.center[:, 0], boxes.center[:, 1]) <= largest_m
     good &= (np.abs(boxes.center[:, 2]) <= largest_m) & np.isfinite(boxes.yaw)
@@ -175,4 +176,6 @@ def _require_sendable(content: CollectivePerception) -> None:
 
 def _require_on_earth(position: Floats) -> None:
     if not ((np.abs(position) <= _FARTHEST_M).all() and position[2] >= -1000):
-        raise CodecError(f"a station is on earth, from 1 km below to 8 km above the sea, got {position.tolist()} m")
+        raise CodecError(
+            f"a station must be on earth, from 1 km below to 8 km above the sea, got {position.tolist()} m"
+        )

@@ -1,4 +1,4 @@
-"""What the radio makes of the messages of one moment: who is received where, and who drowns whom out."""
+"""Reception of the messages of one moment over the radio, with interference between them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ LinkName = tuple[str, str]
 
 
 class Air:
-    """The radio of one episode.
+    """Radio of one episode.
 
-    With `Radio.slots`, every message begins in a slot of its sender's own luck and takes one for each block, around the
-    end. In a slot an agent sends or hears (half duplex), and whoever else sends in it is interference. This is C-V2X's
-    mode 4 with random selection: without sensing, without repetitions.
+    With `Radio.slots`, every message begins in a random slot and takes a slot for each block, cyclically. In a slot an
+    agent either sends or receives (half duplex), and all other senders in the slot interfere. This is C-V2X's mode 4
+    with random selection: without sensing, without repetitions.
 
     Args:
         radio: of all agents.
-        seed: the episode's seed. Shadowing has a stream for each pair: it is the same in both directions.
+        seed: the episode's seed. Shadowing has a stream for each pair of agents: it is the same in both directions.
     """
 
     def __init__(self, radio: Radio, seed: int) -> None:
@@ -33,32 +33,32 @@ class Air:
         self._fading: dict[LinkName, Fading] = {}
         self._luck: dict[str, np.random.Generator] = {}
 
-    def chances(self, sizes_bytes: Mapping[str, int], around: Surroundings) -> dict[LinkName, float]:
-        """The chance that a message is received, in [0, 1], by link.
+    def reception_probabilities(self, sizes_bytes: Mapping[str, int], around: Surroundings) -> dict[LinkName, float]:
+        """Return the probability that a message is received, in [0, 1], by link.
 
         Args:
             sizes_bytes: of the messages of this moment, by sender.
-            around: where all agents are, and what is in between.
+            around: antennas of all agents, and obstacles between them.
         """
         taken = {sender: self._slots(sender, self._radio.blocks(size)) for sender, size in sizes_bytes.items()}
         pairs = {_pair(*ends) for ends in product(taken, around.antennas) if ends[0] != ends[1]}
-        levels = {pair: self._hear(*pair, around) for pair in pairs}
-        chances: dict[LinkName, float] = {}
+        levels = {pair: self._received(*pair, around) for pair in pairs}
+        probabilities: dict[LinkName, float] = {}
         for receiver in around.antennas:
-            heard = {sender: levels[_pair(sender, receiver)] for sender in taken if sender != receiver}
-            for sender, (dbm, sight) in heard.items():
-                others = [other for other in heard if other != sender] if self._radio.slots else []
+            signals = {sender: levels[_pair(sender, receiver)] for sender in taken if sender != receiver}
+            for sender, (dbm, sight) in signals.items():
+                others = [other for other in signals if other != sender] if self._radio.slots else []
                 noise_mw = _milliwatts(self._radio.noise_dbm) + np.zeros(len(taken[sender]))
                 for other in others:
-                    noise_mw += _milliwatts(heard[other][0]) * (taken[other] > 0)
+                    noise_mw += _milliwatts(signals[other][0]) * (taken[other] > 0)
                 received = self._radio.curve(sight).delivery(dbm - 10 * np.log10(noise_mw))
                 if self._radio.slots and receiver in taken:
                     received = np.where(taken[receiver] > 0, 0.0, received)
-                chances[sender, receiver] = float(np.prod(received ** taken[sender]))
-        return chances
+                probabilities[sender, receiver] = float(np.prod(received ** taken[sender]))
+        return probabilities
 
     def _slots(self, sender: str, blocks: int) -> Ints:
-        """(S,) how many of a message's blocks are in each slot; one for all where there are no slots."""
+        """Draw the number of a message's blocks in each slot, (S,); without slots, S = 1."""
         count = self._radio.slots
         if count is None:
             return np.array([blocks])
@@ -67,8 +67,8 @@ class Air:
         taken = self._luck[sender].integers(count) + np.arange(blocks)
         return np.bincount(taken % count, minlength=count)
 
-    def _hear(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
-        """How strong each of a pair is at the other, dBm, and what is in between."""
+    def _received(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
+        """Return the power (dBm) that each of a pair receives of the other, and the obstruction between them."""
         if (first, second) not in self._fading:
             rng = stream(self._seed, "shadowing", first, second)
             self._fading[first, second] = Fading(rng)
@@ -80,7 +80,7 @@ class Air:
 
 
 def _pair(one: str, other: str) -> LinkName:
-    """The name of two agents, whichever is first."""
+    """Return the key of two agents, in either order."""
     return min(one, other), max(one, other)
 
 

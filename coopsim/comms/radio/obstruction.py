@@ -1,4 +1,4 @@
-"""What stands between two antennas: nothing, vehicles or buildings."""
+"""Obstruction between two antennas: none, vehicles or buildings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ LinkState = Literal["LOS", "NLOSv", "NLOS"]
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What one antenna is to another.
+    """Line of sight between two antennas.
 
     Attributes:
-        state: what is in the way.
-        above: how many of the two antennas are higher than the highest vehicle in the way; 2 where there is none.
+        state: kind of obstruction.
+        above: number of the two antennas that are higher than the highest vehicle in the way; 2 without vehicles.
     """
 
     state: LinkState = "LOS"
@@ -32,13 +32,13 @@ class Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """Antennas and what may stand between them at one moment, in the world frame.
+    """Antennas and obstacles at one moment, in the world frame.
 
     Attributes:
         antennas: (3,) m by agent.
-        carriers: the id of the actor that an agent rides on, which is not in its own way; None for a mast.
+        carriers: id of the actor that carries an agent, which does not obstruct its antenna; None for a mast.
         vehicles: M boxes.
-        vehicle_id: (M,) their actors' ids.
+        vehicle_id: (M,) ids of the vehicles' actors.
         walls: (W, 2, 2) m, the two ends of each wall of the buildings, which are higher than any antenna.
     """
 
@@ -50,7 +50,7 @@ class Surroundings:
 
     @classmethod
     def of(cls, bodies: Mapping[str, AgentBody], actors: Actors, buildings: Sequence[Floats]) -> Surroundings:
-        """Of agents with antennas on top of them, among actors and the footprints (K, 2) m of buildings."""
+        """Make the surroundings of agents with antennas on top, among actors and footprints (K, 2) m of buildings."""
         up = {name: np.array([0.0, 0.0, body.height_m]) for name, body in bodies.items()}
         walls = [np.stack([footprint, np.roll(footprint, -1, axis=0)], axis=1) for footprint in buildings]
         return cls(
@@ -62,12 +62,14 @@ class Surroundings:
         )
 
     def between(self, sender: str, receiver: str) -> Sight:
-        """What is in the way of a straight line between two agents' antennas; the same in both directions."""
+        """Return the obstruction of the straight line between two agents' antennas; the same in both directions."""
         start, end = self.antennas[sender], self.antennas[receiver]
         if _crossed(start[:2], end[:2], self.walls).any():
             return Sight("NLOS", 0)
-        own = [carrier for carrier in (self.carriers.get(sender), self.carriers.get(receiver)) if carrier is not None]
-        blocks = _cut(start, end, self.vehicles) & ~np.isin(self.vehicle_id, own)
+        carriers = [
+            carrier for carrier in (self.carriers.get(sender), self.carriers.get(receiver)) if carrier is not None
+        ]
+        blocks = _cut(start, end, self.vehicles) & ~np.isin(self.vehicle_id, carriers)
         if not blocks.any():
             return Sight()
         top_m = float((self.vehicles.center[blocks, 2] + self.vehicles.size[blocks, 2] / 2).max())
@@ -75,7 +77,10 @@ class Surroundings:
 
 
 def _crossed(start: Floats, end: Floats, walls: Floats) -> Mask:
-    """(W,) which walls (W, 2, 2) a line between points (2,) crosses: each has its ends on two sides of the other."""
+    """Return the mask (W,) of walls (W, 2, 2) that a line between two points (2,) crosses.
+
+    Two segments cross if each has its ends on different sides of the other.
+    """
     along, wall = end - start, walls[:, 1] - walls[:, 0]
     sides = [along[0] * (walls[:, k, 1] - start[1]) - along[1] * (walls[:, k, 0] - start[0]) for k in (0, 1)]
     ends = [
@@ -86,10 +91,10 @@ def _crossed(start: Floats, end: Floats, walls: Floats) -> Mask:
 
 
 def _cut(start: Floats, end: Floats, boxes: Boxes3D) -> Mask:
-    """(M,) which boxes a line between two points (3,) goes through (slabs, Kay and Kajiya 1986), seen from above.
+    """Return the mask (M,) of boxes that a line between two points (3,) cuts, seen from above.
 
-    From above, because a vehicle that is lower than the line is still in the way of the wave (the first Fresnel zone is
-    a metre wide and more at these distances), and TR 37.885 has a case for it.
+    By slabs (Kay and Kajiya 1986). From above, because a vehicle below the line still obstructs the wave (the first
+    Fresnel zone is a metre wide and more at these distances), and TR 37.885 has a case for it.
     """
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     local = []

@@ -1,10 +1,10 @@
-"""How much of a signal arrives over a distance, and what chance a message then has.
+"""Radio: path loss, blockage, shadowing, and the received power of a link.
 
-Path loss, vehicle blockage and shadowing are those of 3GPP TR 37.885, section 6.2.1, as ns-3 and QuaDRiGa have them,
-which cite its tables; shadowing is correlated over the way that the two ends move (Gudmundson 1991), by the distances
-of the report's table 6.2.3-1. Transmitter and receiver are WiLabV2Xsim's. The report has blockage as max(0 dB,
-log-normal); here it is normal in dB, the sense in which shadowing is called log-normal, and without which the maximum
-would never be 0. ns-3 reads it as log-normal in dB.
+Path loss, vehicle blockage and shadowing follow 3GPP TR 37.885, section 6.2.1, as implemented in ns-3 and QuaDRiGa,
+which cite its tables; shadowing is correlated over the distance that the two ends move (Gudmundson 1991), with the
+decorrelation distances of table 6.2.3-1. Transmitter and receiver are WiLabV2Xsim's. The report states blockage as
+max(0 dB, log-normal). Here it is normal in dB, the sense in which shadowing is called log-normal; otherwise the maximum
+would never be 0. ns-3 takes it as log-normal in dB.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_positive
 
 DECORRELATION_M = {"LOS": 10.0, "NLOSv": 13.0, "NLOS": 13.0}
-"""The way over which shadowing keeps 1/e of its correlation, by what is in between (table 6.2.3-1)."""
+"""Distance over which the correlation of shadowing falls to 1/e, by obstruction (table 6.2.3-1)."""
 
-_NEAREST_M = 1.0  # the formulas are for antennas that are apart
+_NEAREST_M = 1.0  # the formulas diverge at a distance of 0
 _SHADOWING_DB = {"LOS": 3.0, "NLOSv": 3.0, "NLOS": 4.0}
 _BLOCKAGE_DB = {0: (9.0, 4.5), 1: (5.0, 4.0)}
-"""Mean and deviation by how many of the antennas are above the vehicles in the way; with both above there is none."""
+"""Mean and standard deviation by the number of antennas above the vehicles in the way; none if both are above."""
 _THERMAL_DBM_HZ = -174.0
 
 
@@ -37,18 +37,17 @@ class Radio:
 
     Attributes:
         scene: "urban" or "highway".
-        carrier_ghz: the carrier's frequency.
-        power_dbm: transmitted.
-        gain_dbi: of each of the two antennas.
-        width_mhz: of the channel, over which the receiver gathers noise.
+        carrier_ghz: carrier frequency.
+        power_dbm: transmitted power.
+        gain_dbi: gain of each of the two antennas.
+        width_mhz: width of the channel, over which the receiver gathers noise.
         noise_figure_db: of the receiver.
         mcs: modulation and coding scheme: 4 (robust), 7 or 11 (fast), see `coopsim.comms.radio.reception`.
-        block_bytes: what is coded as one; a longer message is more blocks, which must all be received.
-        snr_half_db: in the place of `mcs`, of a modem of one's own: where half of the blocks are received.
-        snr_spread_db: of that modem: how much more it takes for 84 %.
-        slots: of a frame's messages, each takes one of so many slots by chance for each block, and who sends at once
-            disturbs each other, see `coopsim.comms.radio.air.Air`; None: nobody does. 100 is a millisecond each at
-            10 Hz.
+        block_bytes: size of a coded block; a longer message is several blocks, which must all be received.
+        snr_half_db: for a custom modem, instead of `mcs`: SNR at which half of the blocks are received.
+        snr_spread_db: of the custom modem: additional SNR at which 84 % are received.
+        slots: number of slots in a frame, of which each block takes a random one; messages in the same slot interfere,
+            see `coopsim.comms.radio.air.Air`. None: no interference. 100 slots at 10 Hz are a millisecond each.
     """
 
     scene: Literal["urban", "highway"] = "urban"
@@ -78,7 +77,7 @@ class Radio:
             )
 
     def path_loss_db(self, distance_m: float, sight: Sight) -> float:
-        """Mean path loss over the distance between the antennas, without blockage by vehicles (table 6.2.1-1)."""
+        """Return the mean path loss between the antennas, without blockage by vehicles (table 6.2.1-1)."""
         far, carrier = math.log10(max(distance_m, _NEAREST_M)), math.log10(self.carrier_ghz)
         if sight.state == "NLOS":
             return 36.85 + 30.0 * far + 18.9 * carrier
@@ -87,7 +86,7 @@ class Radio:
         return 38.77 + 16.7 * far + 18.2 * carrier
 
     def received_dbm(self, distance_m: float, sight: Sight, fading: Floats) -> float:
-        """The power at the receiver; `fading` (2,) are the link's standard normal shadowing and blockage."""
+        """Return the power at the receiver; `fading` (2,) are standard normal shadowing and blockage."""
         loss_db = self.path_loss_db(distance_m, sight) + _SHADOWING_DB[sight.state] * float(fading[0])
         if sight.state == "NLOSv" and sight.above in _BLOCKAGE_DB:
             mean_db, sigma_db = _BLOCKAGE_DB[sight.above]
@@ -97,15 +96,15 @@ class Radio:
 
     @property
     def noise_dbm(self) -> float:
-        """The receiver's noise over the channel's width."""
+        """Noise of the receiver over the channel's width."""
         return _THERMAL_DBM_HZ + 10 * math.log10(self.width_mhz * 1e6) + self.noise_figure_db
 
     def blocks(self, size_bytes: int) -> int:
-        """Of how many blocks a message is."""
+        """Return the number of blocks of a message."""
         return max(1, -(-size_bytes // self.block_bytes))
 
     def curve(self, sight: Sight) -> ErrorCurve:
-        """How the chance that a block is received depends on SNR."""
+        """Return the probability that a block is received, as a function of SNR."""
         if self.snr_half_db is not None:
             return ErrorCurve(self.snr_half_db, self.snr_spread_db)
         return ERROR_CURVES[self.scene, "free" if sight.state == "LOS" else "blocked"][self.mcs]
@@ -124,10 +123,9 @@ class Fading:
     _value: Floats = field(default_factory=lambda: np.zeros(2), init=False)
 
     def at(self, ends_m: Floats, decorrelation_m: float) -> Floats:
-        """(2,) standard normal shadowing and blockage where the two ends are at (2, 3) m, in the same order each time.
+        """Return standard normal shadowing and blockage (2,) for the two ends at (2, 3) m, in the same order each time.
 
-        The way, over which they keep 1/e of their correlation in each `decorrelation_m`, is what both ends have moved
-        since the last call, added up.
+        Correlated with the last call by exp(-d / `decorrelation_m`), where d is the sum of both ends' movements since.
         """
         if self._ends is None:
             self._value = self.rng.standard_normal(2)

@@ -1,9 +1,9 @@
-"""What chance a message has at an SNR: block error curves of the LTE-V2X sidelink.
+"""Block error curves of the LTE-V2X sidelink over SNR.
 
-The curves are those of link-level simulations of blocks of 350 bytes over fading channels, as they come with
-WiLabV2Xsim (Todisco et al. 2021, IEEE Access 9; its folder `PERcurves`, files `G5-*/PER_LTE_MCS*_350B.txt`). Each is
-given here by the two numbers of the normal distribution function that fits it best; no point of a table is farther from
-that than 0.03. Fast fading is in the curves; shadowing is not.
+They come from link-level simulations of blocks of 350 bytes over fading channels, shipped with WiLabV2Xsim (Todisco et
+al. 2021, IEEE Access 9; folder `PERcurves`, files `G5-*/PER_LTE_MCS*_350B.txt`). Each is given here by the normal
+distribution function that fits it best, which is within 0.03 of every point of its table. The curves contain fast
+fading but no shadowing.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from scipy.special import ndtr
 from coopsim.geometry.se3 import Floats
 
 TABLE_BLOCK_BYTES = 350
-"""The block of the tables."""
+"""Size of the blocks in the tables."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorCurve:
-    """The chance that a block is received, a normal distribution function of SNR.
+    """Probability that a block is received: a normal distribution function of SNR.
 
     Attributes:
-        half_db: where it is a half.
-        spread_db: from there to where it is 84 %.
+        half_db: SNR at which it is 50 %.
+        spread_db: additional SNR at which it is 84 %.
     """
 
     half_db: float
     spread_db: float
 
     def delivery(self, snr_db: Floats) -> Floats:
-        """The chance that a block is received, in [0, 1], elementwise."""
-        chance: Floats = ndtr((snr_db - self.half_db) / self.spread_db)
-        return chance
+        """Return the probability that a block is received, in [0, 1], elementwise."""
+        probability: Floats = ndtr((snr_db - self.half_db) / self.spread_db)
+        return probability
 
 
 ERROR_CURVES = {
@@ -46,4 +46,4 @@ ERROR_CURVES = {
 `G5-HighwayLOS` and `G5-HighwayNLOS`. 4 and 7 are QPSK, 11 is 16-QAM."""
 
 SCHEMES = (4, 7, 11)
-"""Of LTE's modulation and coding schemes, those of which there are curves here."""
+"""LTE's modulation and coding schemes for which there are curves."""

@@ -47,13 +47,13 @@ def test_stamps_are_off_by_offset_and_drift() -> None:
 
 def test_an_episodes_clock_has_errors_of_the_size_asked_for() -> None:
     clock, rng = AgentClock(5.0, 0.1, offset_s=0.3, offset_noise_s=0.02, drift_noise_ppm=30.0), np.random.default_rng(0)
-    drawn = [clock.drawn(rng) for _ in range(4000)]
-    offsets, drifts = np.array([(each.offset_s, each.drift_ppm) for each in drawn]).T
-    assert {(each.rate_hz, each.phase_s) for each in drawn} == {(5.0, 0.1)}
+    sampled = [clock.sample(rng) for _ in range(4000)]
+    offsets, drifts = np.array([(each.offset_s, each.drift_ppm) for each in sampled]).T
+    assert {(each.rate_hz, each.phase_s) for each in sampled} == {(5.0, 0.1)}
     assert offsets.mean() == pytest.approx(0.3, abs=0.002) and offsets.std() == pytest.approx(0.02, rel=0.05)
     assert drifts.mean() == pytest.approx(0.0, abs=2.0) and drifts.std() == pytest.approx(30.0, rel=0.05)
-    assert AgentClock(offset_s=0.3).drawn(rng) == AgentClock(offset_s=0.3)
-    assert AgentClock(offset_s=3600, offset_noise_s=3600).drawn(np.random.default_rng(0)).offset_s <= 3600
+    assert AgentClock(offset_s=0.3).sample(rng) == AgentClock(offset_s=0.3)
+    assert AgentClock(offset_s=3600, offset_noise_s=3600).sample(np.random.default_rng(0)).offset_s <= 3600
 
 
 @pytest.mark.parametrize(

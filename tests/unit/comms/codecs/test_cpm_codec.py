@@ -185,8 +185,8 @@ def test_what_is_out_of_range_is_left_out() -> None:
     [
         ({"station_id": -1}, "station -1 .* out of ETSI's range"),
         ({"captured_ns": -1}, "at -1 ns is out of ETSI's range"),
-        ({"position": [0, 2e7, 0]}, "a station is on earth"),
-        ({"position": [0, 0, np.nan]}, "a station is on earth"),
+        ({"position": [0, 2e7, 0]}, "a station must be on earth"),
+        ({"position": [0, 0, np.nan]}, "a station must be on earth"),
         ({"velocity": np.full((5, 2), 200.0)}, r"velocities must be within 163\.8 m/s"),
         ({"objects": some_detections(256), "velocity": None}, "at most 255 objects, got 256"),
     ],

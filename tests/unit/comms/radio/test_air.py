@@ -58,48 +58,53 @@ def test_a_modem_of_ones_own() -> None:
 @given(near=st.floats(1, 1500), farther=st.floats(0, 500), size=st.integers(1, 20_000), more=st.integers(0, 20_000))
 def test_chances_fall_with_distance_and_size(near: float, farther: float, size: int, more: int) -> None:
     def chance(distance_m: float, size_bytes: int) -> float:
-        return Air(Radio(), 0).chances({"a": size_bytes}, apart(0, distance_m))["a", "b"]
+        return Air(Radio(), 0).reception_probabilities({"a": size_bytes}, apart(0, distance_m))["a", "b"]
 
     assert 0 <= chance(near + farther, size) <= chance(near, size) <= 1
     assert chance(near, size + more) <= chance(near, size)
 
 
 def test_all_blocks_of_a_message_must_be_received() -> None:
-    air = [Air(Radio(power_dbm=-20.0), 3).chances({"a": size}, apart(0, 60))["a", "b"] for size in (350, 351, 1050)]
+    air = [
+        Air(Radio(power_dbm=-20.0), 3).reception_probabilities({"a": size}, apart(0, 60))["a", "b"]
+        for size in (350, 351, 1050)
+    ]
     assert 0.1 < air[0] < 0.9
     np.testing.assert_allclose(air, [air[0], air[0] ** 2, air[0] ** 3])
 
 
 def test_nobody_hears_while_sending_in_the_same_slot() -> None:
     one = Air(Radio(slots=1), 0)
-    assert one.chances({"a": 100, "b": 100}, apart(0, 20)) == {("a", "b"): 0.0, ("b", "a"): 0.0}
-    assert one.chances({"a": 100}, apart(0, 20))["a", "b"] == pytest.approx(1.0)
+    assert one.reception_probabilities({"a": 100, "b": 100}, apart(0, 20)) == {("a", "b"): 0.0, ("b", "a"): 0.0}
+    assert one.reception_probabilities({"a": 100}, apart(0, 20))["a", "b"] == pytest.approx(1.0)
 
 
 def test_half_duplex_loses_as_often_as_two_slots_are_the_same() -> None:
     """As Gonzalez-Martin et al. 2019 have it: 1 in 100 for ten messages a second in slots of a millisecond."""
     air = Air(Radio(slots=20), 0)
-    lost = np.mean([air.chances({"a": 100, "b": 100}, apart(0, 20))["a", "b"] == 0 for _ in range(2000)])
+    lost = np.mean(
+        [air.reception_probabilities({"a": 100, "b": 100}, apart(0, 20))["a", "b"] == 0 for _ in range(2000)]
+    )
     assert lost == pytest.approx(1 / 20, abs=0.015)
 
 
 def test_of_two_in_one_slot_the_nearer_is_heard_the_other_not() -> None:
     air = Air(Radio(slots=1, power_dbm=23.0), 0)
-    chances = air.chances({"a": 100, "c": 100}, apart(0, 10, 200))
+    chances = air.reception_probabilities({"a": 100, "c": 100}, apart(0, 10, 200))
     assert chances["a", "b"] > 0.99 and chances["c", "b"] < 0.01
-    assert air.chances({"c": 100}, apart(0, 10, 200))["c", "b"] > 0.99
+    assert air.reception_probabilities({"c": 100}, apart(0, 10, 200))["c", "b"] > 0.99
 
 
 def test_interference_is_signal_over_noise_and_the_others_power() -> None:
     """Against the formula, worked out here for agents in the open without shadowing."""
 
     class Calm(Air):
-        def _hear(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
+        def _received(self, first: str, second: str, around: Surroundings) -> tuple[float, Sight]:
             distance_m = abs(around.antennas[first][0] - around.antennas[second][0])
             return self._radio.received_dbm(distance_m, Sight(), CALM), Sight()
 
     radio = Radio(slots=1)
-    chances = Calm(radio, 0).chances({"a": 350, "c": 700, "d": 10}, apart(0, 50, 110, 140))
+    chances = Calm(radio, 0).reception_probabilities({"a": 350, "c": 700, "d": 10}, apart(0, 50, 110, 140))
     milliwatts = [10 ** (radio.received_dbm(d, Sight(), CALM) / 10) for d in (50, 60, 90)]
     snr_db = 10 * np.log10(milliwatts[0] / (10 ** (radio.noise_dbm / 10) + milliwatts[1] + milliwatts[2]))
     wanted = radio.curve(Sight()).delivery(snr_db)
@@ -109,7 +114,10 @@ def test_interference_is_signal_over_noise_and_the_others_power() -> None:
 @given(seed=st.integers(0, 1000), slots=st.integers(1, 30))
 def test_slots_only_lose(seed: int, slots: int) -> None:
     around, sizes = apart(0, 40, 90, 150), {"a": 2000, "b": 300, "d": 9000}
-    free, crowded = Air(Radio(), seed).chances(sizes, around), Air(Radio(slots=slots), seed).chances(sizes, around)
+    free, crowded = (
+        Air(Radio(), seed).reception_probabilities(sizes, around),
+        Air(Radio(slots=slots), seed).reception_probabilities(sizes, around),
+    )
     assert set(free) == set(crowded)
     assert all(crowded[link] <= free[link] + 1e-9 for link in free)
 
@@ -120,7 +128,7 @@ def test_a_truck_costs_the_sight_and_its_curve() -> None:
     blocked = Surroundings(free.antennas, {}, truck, np.array([1]))
     radio = Radio(power_dbm=-8.0)
     chances = [
-        np.mean([Air(radio, seed).chances({"a": 350}, around)["a", "b"] for seed in range(50)])
+        np.mean([Air(radio, seed).reception_probabilities({"a": 350}, around)["a", "b"] for seed in range(50)])
         for around in (free, blocked)
     ]
     assert chances[0] > chances[1] + 0.3
