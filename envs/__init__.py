@@ -95,23 +95,29 @@ def replay_env(
     path: str | Path | None = None,
     detections: Sequence[str] | None = None,
     dt_s: float = 0.1,
+    odometry: str = "auto",
+    axes: str = "kitti",
     reward: Reward | None = None,
     **options: Any,
 ) -> CooperativeEnv:
-    """A recording set as an environment; see `Replay`.
+    """Make an environment from a recording set; see `Replay`.
 
     Args:
         name: the environment's id.
         path: the set's folder; there is no default.
         detections: names under `detections/`; each is one agent. There is no default.
         dt_s: time between two frames.
+        odometry: how the recording car's motion is known: "poses" of the set, "estimated" from the detections, "auto"
+            (poses where there are any), or "none": as if it stood still.
+        axes: convention of the files' axes: "kitti", or "v2v4real" for headings that models of driving can use.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`.
     """
     require_frame_time(dt_s)
-    (common,) = sort_options(options, CommonOptions, beside=["path", "detections", "dt_s", "reward"])
+    named = ["path", "detections", "dt_s", "odometry", "axes", "reward"]
+    (common,) = sort_options(options, CommonOptions, beside=named)
     shared = CommonOptions(**common)
-    return CooperativeEnv(Replay(name, path, detections, dt_s), shared, reward)
+    return CooperativeEnv(Replay(name, path, detections, dt_s, odometry, axes), shared, reward)
 
 
 def _register() -> None:

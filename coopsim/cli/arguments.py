@@ -74,6 +74,18 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
     )
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
     add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
+    add("--odometry", default="auto", metavar="NAME", help="auto, poses, estimated or none (default: %(default)s)")
+    add("--axes", default="kitti", metavar="NAME", help="of the files: kitti or v2v4real (default: %(default)s)")
+
+
+def replay_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the replay environment that `add_recordings` declares."""
+    return {
+        "latency_s": options.latency_ms / 1000,
+        "match_iou": options.match_iou,
+        "odometry": options.odometry,
+        "axes": options.axes,
+    }
 
 
 def names(text: str) -> tuple[str, ...]:

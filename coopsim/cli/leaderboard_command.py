@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import coopsim
-from coopsim.cli.arguments import FAILED, INTERRUPTED, add_recordings, policies
+from coopsim.cli.arguments import FAILED, INTERRUPTED, add_recordings, policies, replay_options
 
 if TYPE_CHECKING:
     from coopsim.bench.evaluate import RecordingsEvaluation
@@ -35,9 +35,7 @@ def run(options: argparse.Namespace) -> int:
 
     make_folder(options.out)
     ranked = options.policies or coopsim.POLICIES.names()
-    each = evaluate_each(
-        options.path, options.detections, ranked, latency_s=options.latency_ms / 1000, match_iou=options.match_iou
-    )
+    each = evaluate_each(options.path, options.detections, ranked, **replay_options(options))
     results: dict[str, RecordingsEvaluation] = {}
     failed = 0
     interrupted = False

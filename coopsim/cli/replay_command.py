@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from coopsim.cli.arguments import add_recordings, as_json, policy
+from coopsim.cli.arguments import add_recordings, as_json, policy, replay_options
 from coopsim.support.files import require_writable, write_whole
 
 HELP = "score a policy on recorded detections"
@@ -26,13 +26,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.json is not None:
         require_writable(options.json)
-    result = evaluate_recordings(
-        options.policy,
-        options.path,
-        options.detections,
-        latency_s=options.latency_ms / 1000,
-        match_iou=options.match_iou,
-    )
+    result = evaluate_recordings(options.policy, options.path, options.detections, **replay_options(options))
     protocols = {"count": result.count, "ignore": result.ignore}
     print(
         format_table(

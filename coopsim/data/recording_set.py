@@ -1,4 +1,7 @@
-"""Recording sets: a folder with `labels/<sequence>.txt` and `detections/<name>/<sequence>.txt`."""
+"""Recording sets: folders with `labels/<sequence>.txt` and `detections/<name>/<sequence>.txt`.
+
+There may be `poses/<sequence>.txt`, too: where the car was in whose frame the recording is.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,20 @@ from typing import TypeVar
 
 import numpy as np
 
-from coopsim.data.kitti import read_detections, read_labels
+from coopsim.data.ego_motion import EgoMotion
+from coopsim.data.kitti import AXES, read_detections, read_labels, read_poses
 from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_choice
 from coopsim.types import Detections, GroundTruth, Ints
 
+ODOMETRY = ("auto", "poses", "estimated", "none")
+"""Sources of a recording car's motion."""
+
 _LAYOUT = "a recording set has labels/<sequence>.txt and detections/<name>/<sequence>.txt"
+
+_TYPES = ("Car", "Pedestrian", "Cyclist")  # ends of names, where a detector's files are split by class
 
 Part = TypeVar("Part")
 
@@ -25,7 +36,7 @@ class Recording:
     """One sequence.
 
     Attributes:
-        frames: how many frames; every frame from 0 to the last that any file mentions.
+        frames: number of frames; every frame from 0 to the last that any file mentions.
         truth: (frames) the labelled objects.
         detections: by name, (frames) the detections.
     """
@@ -40,13 +51,17 @@ class RecordingSet:
 
     Args:
         path: the folder.
+        axes: convention of the files' axes: "kitti" or "v2v4real", see `coopsim.data.kitti`.
 
     Raises:
-        InvalidValueError: it is not a path (None is not).
-        RecordingError: it is not a recording set; the message says what is missing.
+        InvalidValueError: `path` is not a path (None is not).
+        UnknownNameError: there is no such convention.
+        RecordingError: the folder is not a recording set; the message says what is missing.
     """
 
-    def __init__(self, path: str | Path | None) -> None:
+    def __init__(self, path: str | Path | None, axes: str = "kitti") -> None:
+        require_choice("axes", axes, AXES)
+        self._axes = axes
         if not isinstance(path, (str, Path)):
             raise InvalidValueError(f"path must be the folder of a recording set, got {path!r}; {_LAYOUT}")
         self.path = Path(path)
@@ -63,10 +78,10 @@ class RecordingSet:
             raise RecordingError(f"no label files: {labels} has no <sequence>.txt")
 
     def require_detections(self, names: Sequence[str] | None) -> tuple[str, ...]:
-        """The names of detections, each once; a text is one name.
+        """Return names of detections as a tuple; a text is one name.
 
         Raises:
-            InvalidValueError: it is not a name or a sequence of names, or one stands in it twice.
+            InvalidValueError: `names` is not a name or a sequence of names, or has one twice.
             UnknownNameError: there is no detection folder of that name.
         """
         if not isinstance(names, Sequence):
@@ -80,12 +95,12 @@ class RecordingSet:
         return chosen
 
     def most_objects(self) -> int:
-        """The largest number of labelled objects in a frame of any sequence; reads all label files.
+        """Return the largest number of labelled objects in a frame of any sequence; reads all label files.
 
         Raises:
             RecordingError: a file is missing or broken; the message names file and line.
         """
-        frames = (read_labels(self._labels(sequence))[0] for sequence in self.sequences)
+        frames = (read_labels(self._labels(sequence), self._axes)[0] for sequence in self.sequences)
         return max(int(np.unique(frame, return_counts=True)[1].max(initial=0)) for frame in frames)
 
     def load(self, sequence: str, names: Sequence[str]) -> Recording:
@@ -98,26 +113,75 @@ class RecordingSet:
         """
         require_choice(f"sequence in {self.path}", sequence, self.sequences)
         names = self.require_detections(names)
-        truth_frame, truth_id, truth_boxes, truth_label, last = read_labels(self._labels(sequence))
-        found = {name: read_detections(self.path / "detections" / name / f"{sequence}.txt") for name in names}
+        truth_frame, truth_id, truth_boxes, truth_label, last = read_labels(self._labels(sequence), self._axes)
+        found = {name: self._read(name, sequence) for name in names}
         frames = 1 + max([last, *(int(frame.max(initial=-1)) for frame, *_ in found.values())])
 
         def truth_in(rows: Ints) -> GroundTruth:
             return GroundTruth(truth_id[rows], truth_boxes[rows], truth_label[rows])
 
         truth = _by_frame(truth_frame, frames, truth_in, GroundTruth.empty())
-        detections = {
-            name: _by_frame(frame, frames, Detections(boxes, score, label).__getitem__, Detections.empty())
-            for name, (frame, boxes, score, label) in found.items()
-        }
+        detections = {name: _in_frames(*rows, frames) for name, rows in found.items()}
         return Recording(frames, truth, detections)
+
+    def motions(
+        self, sequence: str, recording: Recording, owner: str, dt_s: float, odometry: str = "auto"
+    ) -> list[SE3]:
+        """Return `previous_SE3_current` of the recording car for every frame, gravity-aligned; first the identity.
+
+        Args:
+            sequence: name of the sequence.
+            recording: what `load` read of it.
+            owner: name of the detections of the car in whose frame the recording is. Its motion is estimated from
+                all classes of its detector: where files are split by class, as `pointrcnn_Car` and
+                `pointrcnn_Cyclist`, from all of these.
+            dt_s: time between two frames.
+            odometry: "poses" reads `poses/<sequence>.txt`, "estimated" uses `coopsim.data.ego_motion`, "auto" does the
+                first where there is such a file, else the second. "none" says that the car stands.
+
+        Raises:
+            UnknownNameError: there is no such odometry.
+            RecordingError: a file is missing or broken; the message names file and line.
+        """
+        require_choice("odometry", odometry, ODOMETRY)
+        path, frames = self.path / "poses" / f"{sequence}.txt", recording.frames
+        if odometry == "none":
+            return [SE3.identity()] * frames
+        if odometry == "poses" or (odometry == "auto" and path.is_file()):
+            poses = read_poses(path, frames, self._axes)
+            steps = [a.inverse().compose(b) for a, b in itertools.pairwise(poses)]
+            # Boxes and odometry are gravity-aligned: the car's tilt is left out.
+            return [SE3.identity(), *(SE3.from_xyz_yaw(step.translation, step.yaw) for step in steps)]
+        estimator = EgoMotion(dt_s)
+        detections = [
+            recording.detections.get(name) or _in_frames(*self._read(name, sequence), frames)
+            for name in self._same_detector(owner)
+        ]
+        planar = [estimator.step(Detections.concatenate(parts)) for parts in zip(*detections, strict=True)]
+        return [SE3.from_xyz_yaw([x, y, 0.0], yaw) for x, y, yaw in planar]
+
+    def _same_detector(self, name: str) -> list[str]:
+        """Return the names of all files of one detector: those that differ in the class at their end only."""
+        stem, _, kind = name.rpartition("_")
+        every = [f"{stem}_{each}" for each in _TYPES] if kind in _TYPES else [name]
+        return [each for each in every if each in self.detection_names]
 
     def _labels(self, sequence: str) -> Path:
         return self.path / "labels" / f"{sequence}.txt"
 
+    def _read(self, name: str, sequence: str) -> tuple[Ints, Boxes3D, Floats, Ints]:
+        return read_detections(self.path / "detections" / name / f"{sequence}.txt", self._axes)
+
+
+def _in_frames(frame: Ints, boxes: Boxes3D, score: Floats, label: Ints, frames: int) -> list[Detections]:
+    """Sort detections into frames; those of later frames are left out."""
+    rows = np.flatnonzero(frame < frames)
+    detections = Detections(boxes[rows], score[rows], label[rows])
+    return _by_frame(frame[rows], frames, detections.__getitem__, Detections.empty())
+
 
 def _by_frame(frame: Ints, frames: int, take: Callable[[Ints], Part], nothing: Part) -> list[Part]:
-    """What `take` gives of the rows of each frame, in the file's order; all frames without rows share `nothing`."""
+    """Apply `take` to the rows of each frame, in the file's order; all frames without rows share `nothing`."""
     parts = [nothing] * frames
     order = np.argsort(frame, kind="stable")
     present, starts = np.unique(frame[order], return_index=True)

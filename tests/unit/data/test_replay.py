@@ -19,9 +19,9 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     counted: Counter[str] = Counter()
 
     def counting(read: Any) -> Any:
-        def count(path: Path) -> Any:
+        def count(path: Path, axes: str) -> Any:
             counted[f"{path.parent.name}/{path.stem}"] += 1
-            return read(path)
+            return read(path, axes)
 
         return count
 
@@ -98,7 +98,9 @@ def test_an_evaluation_lists_the_set_once(recordings: Path, monkeypatch: pytest.
     listed: list[object] = []
     make = recording_set.RecordingSet.__init__
     monkeypatch.setattr(
-        recording_set.RecordingSet, "__init__", lambda self, path: (listed.append(path), make(self, path))[1]
+        recording_set.RecordingSet,
+        "__init__",
+        lambda self, path, axes: (listed.append(path), make(self, path, axes))[1],
     )
     assert coopsim.evaluate_recordings("no_fusion", recordings, "ego").frames == 10
     assert listed == [recordings]
