@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import yaml
+from yaml.constructor import ConstructorError
 
 from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.geometry.se3 import Floats
@@ -97,12 +98,18 @@ class Entry:
     @property
     def value(self) -> Any:
         """The value as plain Python; mappings are of the class `Section`."""
+        return self._plain(())
+
+    def _plain(self, above: tuple[yaml.Node, ...]) -> Any:
+        if self.node in above:
+            raise self.error("an alias is part of what it stands for")
+        above = (*above, self.node)
         if isinstance(self.node, yaml.MappingNode):
             named = self.named()
-            content = {name: entry.value for name, entry in named.items()}
+            content = {name: entry._plain(above) for name, entry in named.items()}
             return Section(content, self.file, self.line, {name: entry.line for name, entry in named.items()})
         if isinstance(self.node, yaml.SequenceNode):
-            return [item.value for item in self.entries()]
+            return [item._plain(above) for item in self.entries()]
         try:
             return yaml.SafeLoader("").construct_document(self.node)
         except yaml.MarkedYAMLError as error:
@@ -206,14 +213,14 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> Entry:
     """Read a file; the result is its root, by the name "file".
 
     Raises:
-        CoopsimError: of the class `kind`: the file cannot be read, is no YAML, has a key twice or contains itself.
+        CoopsimError: of the class `kind`: the file cannot be read, is no YAML, or has a key twice.
     """
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
-        no_yaml = "" if isinstance(error, _RefusedYamlError) else "this is no YAML: "
-        raise kind(f"{no_yaml}{error.problem}").at(f"{path}:{line}") from error
+        what = "" if isinstance(error, ConstructorError) else "this is no YAML: "
+        raise kind(f"{what}{error.problem}").at(f"{path}:{line}") from error
     except UNREADABLE as error:
         raise kind(f"cannot read {path}: {(isinstance(error, OSError) and error.strerror) or error}") from error
     return Entry(path, node or yaml.ScalarNode("tag:yaml.org,2002:null", ""), _ROOT, 1, kind)
@@ -224,37 +231,14 @@ def path_from(folder: str | Path, path: str) -> str:
     return str(found) if (found := Path(folder, path)).is_file() else path
 
 
-class _RefusedYamlError(yaml.MarkedYAMLError):  # type: ignore[misc]  # yaml has no types
-    """Valid YAML that no file of ours may have."""
-
-
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """A safe loader that merges `<<`, and refuses repeated keys and aliases of what they are part of."""
-
-    def __init__(self, stream: str) -> None:
-        super().__init__(stream)
-        self._open: list[str | None] = []
-
-    def compose_node(self, parent: Any, index: Any) -> yaml.Node:
-        if self.check_event(yaml.AliasEvent) and self.peek_event().anchor in self._open:
-            mark = self.peek_event().start_mark
-            raise _RefusedYamlError(problem="an alias is part of what it stands for", problem_mark=mark)
-        return super().compose_node(parent, index)
-
-    def compose_sequence_node(self, anchor: str | None) -> yaml.Node:
-        self._open.append(anchor)
-        node = super().compose_sequence_node(anchor)
-        self._open.pop()
-        return node
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+    """A safe loader that refuses repeated keys, and merges `<<` into the mapping that has it."""
 
     def compose_mapping_node(self, anchor: str | None) -> yaml.Node:
-        self._open.append(anchor)
-        node = super().compose_mapping_node(anchor)
-        self._open.pop()
-        names = set[str]()
+        node, names = super().compose_mapping_node(anchor), set[str]()
         for key, _ in node.value:
             if (name := str(key.value)) in names:
-                raise _RefusedYamlError(problem=f"{name} is there twice", problem_mark=key.start_mark)
+                raise ConstructorError(problem=f"{name} is there twice", problem_mark=key.start_mark)
             names.add(name)
         self.flatten_mapping(node)  # the mapping's own keys follow the merged ones, and override them
         node.value = list({str(key.value): (key, value) for key, value in node.value}.values())
