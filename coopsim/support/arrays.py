@@ -1,4 +1,4 @@
-"""The one place where input becomes an array of known dtype and shape; and looking up many ids at once."""
+"""Arrays of known dtype and shape from any input, and lookups of many ids at once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ Shape = tuple[int | None, ...]
 
 
 def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArray[Any]:
-    """`value` as a read-only array of `dtype` and `shape`; None in `shape` accepts any length.
+    """Return `value` as a read-only array of `dtype` and `shape`; None in `shape` accepts any length.
 
-    The caller's own array stays writable: what is returned is a read-only view (or a copy, where the
-    dtype differs).
+    The caller's own array stays writable: the result is a read-only view, or a copy if the dtype differs.
     """
     if type(value) is np.ndarray and value.dtype == dtype and _fits(value.shape, shape):  # as most are
         if not value.flags.writeable:
@@ -48,19 +47,19 @@ def _fits(shape: tuple[int, ...], wanted: Shape) -> bool:
 
 
 def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: bool = False) -> NDArray[Any]:
-    """`value` as an array of `dtype`, copied only where its own differs.
+    """Return `value` as an array of `dtype`, copied only if its own dtype differs.
 
-    The kind is checked before anything is cast: text, flags and complex numbers are no numbers, floats are no integers,
-    and integers that do not fit are not wrapped around. What is empty is of any kind.
+    The kind is checked before the cast: text, flags and complex numbers are no numbers, floats are no integers, and
+    integers that do not fit are not wrapped around. An empty value is of any kind.
 
     Args:
-        value: what somebody gave.
+        value: the input.
         dtype: an integer or float type.
-        what: the value's name, for the message.
-        whole_floats: take floats without a fraction for integers.
+        what: the value's name, for errors.
+        whole_floats: accept floats without a fraction as integers.
 
     Raises:
-        InvalidValueError: says what was given instead.
+        InvalidValueError: the value is no such array.
     """
     wanted = np.dtype(dtype)
     kind, accepted = ("integers", "iu") if wanted.kind in "iu" else ("numbers", "iuf")
@@ -85,7 +84,7 @@ def as_numbers(value: ArrayLike, dtype: DTypeLike, what: str, *, whole_floats: b
 
 
 def _described(array: NDArray[Any]) -> str:
-    """Its type and, if that is short, what is in it."""
+    """Return an array's type and, if it is short, its content."""
     content = repr(array.tolist())
     return f"{array.dtype} {content}" if len(content) <= 40 else str(array.dtype)
 
@@ -98,7 +97,7 @@ def require_finite(array: NDArray[Any], what: str) -> None:
 
 
 def look_up(rising: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Where each of `wanted` (N,) is, or would have to be put, in an array that rises, and whether it is there."""
+    """Look up `wanted` (N,) in an array that rises. Return insertion indices (N,) and whether each is there (N,)."""
     place = np.searchsorted(rising, wanted)
     there = place < len(rising)
     there[there] = rising[place[there]] == wanted[there]

@@ -1,4 +1,4 @@
-"""Checks of what users give, each with one message: what was wrong, and what is accepted."""
+"""Checks of values by name: `require_positive(dt_s=dt_s)`. Errors say what is accepted and what was given."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 
 
 def require_number(accepted: str, accepts: Callable[[float], bool], **values: object) -> None:
-    """Each must be a real number that `accepts` takes; None, a flag or a text is no number.
+    """Require real numbers that `accepts` takes; None, a flag or a text is no number.
 
     Args:
         accepted: what `accepts` takes, in words, as "in [0, 1]".
-        accepts: False for NaN, as every comparison is.
-        **values: by the name that the user knows.
+        accepts: the check; False for NaN, as every comparison is.
+        **values: the numbers, by the names that the user knows.
     """
     for name, value in values.items():
         if not accepts(_as_float(value)):
@@ -26,43 +26,43 @@ def require_number(accepted: str, accepts: Callable[[float], bool], **values: ob
 
 
 def require_finite_number(**values: object) -> None:
-    """Each must be a finite number."""
+    """Require finite numbers."""
     require_number("a finite number", math.isfinite, **values)
 
 
 def require_positive(**values: object) -> None:
-    """Each must be a finite number > 0."""
+    """Require finite numbers > 0."""
     require_number("a finite number > 0", lambda value: 0 < value < math.inf, **values)
 
 
 def require_non_negative(**values: object) -> None:
-    """Each must be a finite number >= 0."""
+    """Require finite numbers >= 0."""
     require_number("a finite number >= 0", lambda value: 0 <= value < math.inf, **values)
 
 
 def require_between(least: float, most: float, /, **values: object) -> None:
-    """Each must be in [least, most]."""
+    """Require numbers in [least, most]."""
     require_number(f"in [{least:g}, {most:g}]", lambda value: least <= value <= most, **values)
 
 
 def require_probability(**values: object) -> None:
-    """Each must be in [0, 1]."""
+    """Require numbers in [0, 1]."""
     require_between(0, 1, **values)
 
 
 def require_threshold(**values: object) -> None:
-    """Each must be in (0, 1]: an overlap from which two boxes are one object."""
+    """Require numbers in (0, 1]: overlaps from which two boxes are one object."""
     require_number("in (0, 1]", lambda value: 0 < value <= 1, **values)
 
 
 def require_frame_time(dt_s: object) -> None:
-    """The time between two frames must be one that nanoseconds can tell, and whose sum they can hold."""
+    """Require a time between two frames in [1e-6, 3600] s: integer nanoseconds resolve it, and hold sums of it."""
     require_positive(dt_s=dt_s)
     require_between(1e-6, 3600, dt_s=dt_s)
 
 
 def require_count(least: int, most: int | None = None, **values: object) -> None:
-    """Each must be an integer >= `least` and, if there is a `most`, not more than that."""
+    """Require integers >= `least` and, if it is given, <= `most`."""
     accepted = f">= {least}" if most is None else f"in {least}..{most}"
     for name, value in values.items():
         if (
@@ -75,21 +75,21 @@ def require_count(least: int, most: int | None = None, **values: object) -> None
 
 
 def require_flag(**values: object) -> None:
-    """Each must be True or False, and not only something that Python takes for one of them."""
+    """Require True or False, not only values that Python takes for one of them."""
     for name, value in values.items():
         if not isinstance(value, (bool, np.bool_)):
             raise InvalidValueError(f"{name} must be True or False, got {value!r}")
 
 
 def require_choice(name: str, value: object, accepted: Iterable[str]) -> None:
-    """It must be one of the accepted names."""
+    """Require one of the accepted names; raise `UnknownNameError` otherwise."""
     known = tuple(accepted)
     if not (isinstance(value, str) and value in known):
         raise UnknownNameError(name, value, known)
 
 
 def require_instance(wanted: type[Any], **values: object) -> None:
-    """Each must be an object of the class `wanted`, or None."""
+    """Require objects of the class `wanted`, or None."""
     for name, value in values.items():
         if value is not None and not isinstance(value, wanted):
             hint = f": write {value.__name__}()" if isinstance(value, type) and issubclass(value, wanted) else ""
@@ -97,7 +97,7 @@ def require_instance(wanted: type[Any], **values: object) -> None:
 
 
 def _as_float(value: object) -> float:
-    """NaN, which is in no range, for what is no number or too large for one."""
+    """Return a number as a float; NaN, which is in no range, for all else and for integers too large for a float."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return math.nan
     try:

@@ -1,4 +1,4 @@
-"""From a cell to the options of its environment."""
+"""Options of the environment of a cell."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
 
 _ONE_THREAD = {"threads": 1}
-"""As many cells at once as there are cores; each on one of them."""
+"""Each cell runs on one core, as many at once as there are cores."""
 
 _JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
-"""Options that say what a whole channel says itself, and their defaults, which say nothing beside one."""
+"""Options that a whole channel overrides, and their defaults."""
 
 
 def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords for `coopsim.evaluate`: the cell's condition and length, and what is the same in all cells.
+    """Return keywords of `coopsim.evaluate`: the cell's condition and length, and the options of all cells.
 
     Args:
-        cell: the condition decides latency, loss, noise and bandwidth.
-        options: plain data, as `Grid.options`. A `channel` among them, a mapping or a file with one, is without these.
+        cell: the cell; its condition sets latency, loss, noise and bandwidth.
+        options: plain data, as `Grid.options`. A `channel` among them, a mapping or the path of a file, has none of
+            these.
 
     Raises:
-        InvalidValueError: an option is not accepted, or decides what is the condition's.
+        InvalidValueError: an option is not accepted, or would override the condition.
     """
     condition = cell.condition
     made = {name: value for name, value in options.items() if name != "channel"}
     limited = math.isfinite(condition.bandwidth_bit_s)
     if limited or options.get("channel") is not None:
         made["channel"] = _channel(cell, options)
-        on_air = {"latency_s": 0.0, "loss": 0.0, **_JITTER_AND_RANGE}  # not a scenario file's, either
+        on_air = {"latency_s": 0.0, "loss": 0.0, **_JITTER_AND_RANGE}  # overrides a scenario file, too
     else:
         on_air = {"latency_s": condition.latency_s, "loss": condition.loss}
     noise = {
@@ -44,7 +45,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
 
 
 def scenario_options(scenario: str) -> Mapping[str, Any]:
-    """What a scenario says itself: the options in its file, or nothing.
+    """Return the options in a scenario's file; none for a scenario without a file.
 
     Raises:
         ScenarioFileError: the file is missing or broken.
@@ -53,9 +54,7 @@ def scenario_options(scenario: str) -> Mapping[str, Any]:
 
 
 def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The whole channel as a mapping: the condition's latency, loss and rate, and beside them what `options` say, else
-    the scenario's file.
-    """
+    """Return the channel: latency, loss and rate of the condition; else as in `options` or the scenario's file."""
     condition, given = cell.condition, read_mapping("channel", "None", options.get("channel") or {})
     medium = given.get("bandwidth") or {}
     for name in ("latency", "loss"):
@@ -63,12 +62,12 @@ def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
             raise InvalidValueError(f"channel must be without {name}, which is the grid's, got {given[name]!r}")
     if not isinstance(medium, Mapping) or "rate_bit_s" in medium:
         raise InvalidValueError(f"channel.bandwidth must be a mapping without rate_bit_s, the grid's, got {medium!r}")
-    beside = {**_JITTER_AND_RANGE, **scenario_options(condition.scenario), **options}
+    usual = {**_JITTER_AND_RANGE, **scenario_options(condition.scenario), **options}
     limited = math.isfinite(condition.bandwidth_bit_s)
     return {
-        "range_m": beside["communication_range_m"],
+        "range_m": usual["communication_range_m"],
         **given,
-        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": beside["latency_jitter_s"]},
+        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": usual["latency_jitter_s"]},
         "loss": {"model": "bernoulli", "probability": condition.loss},
         "bandwidth": {**medium, "rate_bit_s": condition.bandwidth_bit_s} if limited else None,
     }

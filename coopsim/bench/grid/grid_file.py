@@ -1,4 +1,4 @@
-"""Grids from YAML files: those that come along as presets, and users' own.
+"""Grids from YAML files: shipped presets and users' own.
 
 A file has the attributes of `Grid` as its keys; `options` has those of an environment.
 """
@@ -19,38 +19,37 @@ from coopsim.support.checks import require_choice
 _PRESETS = Path(__file__).parent / "presets"
 
 PRESETS = tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
-"""Names of the grids that come along."""
+"""Names of the shipped grids."""
 
 _ABOUT = {
     "policies": r"(unknown )?(parameter of )?policy\b",
     "scenarios": r"unknown environment\b|there is no scenario",
 }
-"""How errors begin that are about one of a key's values."""
+"""Beginnings of errors about one of a key's values."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridSource:
-    """Where a grid comes from: a file, if there is one, and what was given beside it.
+    """The origin of a grid: a file, if there is one, and attributes that override the file's.
 
     Attributes:
-        file: None: all is given.
-        beside: attributes of `Grid` that go before the file's; `options` are merged, by name.
+        file: content of the file; empty if there is none.
+        overrides: attributes of `Grid`; `options` are merged with the file's, by name.
     """
 
-    file: Section | None
-    beside: Mapping[str, Any]
+    file: Section
+    overrides: Mapping[str, Any]
 
     def grid(self) -> Grid:
-        """The grid.
+        """Make the grid.
 
         Raises:
             GridFileError: a value in the file is not accepted; names the line.
-            InvalidValueError: a value given beside it is not.
+            InvalidValueError: an overriding value is not accepted.
         """
-        content = {} if self.file is None else dict(self.file)
-        given = {**content, **self.beside}
-        if content.get("options") is not None and "options" in self.beside:
-            given["options"] = {**content["options"], **self.beside["options"]}
+        given = {**self.file, **self.overrides}
+        if self.file.get("options") is not None and "options" in self.overrides:
+            given["options"] = {**self.file["options"], **self.overrides["options"]}
         if not given.get("policies"):
             presets = ", ".join(PRESETS)
             raise InvalidValueError(f"policies must be at least one; name them, or take a preset ({presets}) or a file")
@@ -60,46 +59,42 @@ class GridSource:
             raise self.blame(error) from error
 
     def blame(self, error: CoopsimError) -> CoopsimError:
-        """The error, with file and line where it is the file's fault."""
-        beside = {*self.beside, *self.beside.get("options", ())}
-        if self.file is None or error.place is not None:
-            return error
-        about = [key for key, begins in _ABOUT.items() if key not in beside and re.match(begins, str(error))]
-        place = self.file.place(about[0]) if about and about[0] in self.file else self.file.blame(error, beside)
-        return error if place is None else GridFileError(str(error)).at(place)
+        """Return the error, with file and line if a value of the file caused it."""
+        overridden = {*self.overrides, *self.overrides.get("options", ())}
+        keys = [key for key in _ABOUT if key in self.file and key not in overridden]
+        about = next((key for key in keys if re.match(_ABOUT[key], str(error))), None)
+        place = self.file.blame(error, overridden) if about is None else self.file.place(about)
+        return error if place is None or error.place is not None else GridFileError(str(error)).at(place)
 
 
 def find_grid(
-    preset: str | None = None, path: str | Path | None = None, *, more_policies: Sequence[str] = (), **beside: Any
+    preset: str | None = None, path: str | Path | None = None, *, more_policies: Sequence[str] = (), **overrides: Any
 ) -> GridSource:
-    """A grid by the name of a preset or by the path of a file, or from nothing but what is given beside.
+    """Find a grid by the name of a preset or the path of a file; without both, `overrides` are all of it.
 
     Args:
         preset: one of `PRESETS`.
-        path: of a file.
-        more_policies: next to those that the file names, or those that are given beside.
-        **beside: attributes of `Grid`.
+        path: path of a file.
+        more_policies: policies in addition to those of the file or of `overrides`.
+        **overrides: attributes of `Grid`.
 
     Raises:
         UnknownNameError: there is no such preset.
-        InvalidValueError: a preset and a file are one too many.
-        GridFileError: the file is missing or has a key that it should not; names the line.
+        InvalidValueError: both a preset and a file are given.
+        GridFileError: the file is missing or has an unknown key; names the line.
     """
     if preset is not None and path is not None:
         raise InvalidValueError(f"a preset and a file are one grid too many, got {preset!r} and {str(path)!r}")
     if preset is not None:
         require_choice("preset", preset, PRESETS)
         path = _PRESETS / f"{preset}.yaml"
-    file = None if path is None else _read(Path(path))
+    file = Section()
+    if path is not None:
+        root = read_yaml(Path(path), GridFileError)
+        root.fields((), [field.name for field in fields(Grid)])
+        file = root.value
     if more_policies:
-        named = beside.get("policies") or (file.get("policies") if file is not None else None) or ()
-        if isinstance(named, (list, tuple)):  # of anything else `Grid` says that it must be a list
-            beside["policies"] = (*named, *more_policies)
-    return GridSource(file, beside)
-
-
-def _read(path: Path) -> Section:
-    root = read_yaml(path, GridFileError)
-    root.fields((), [field.name for field in fields(Grid)])
-    content: Section = root.value
-    return content
+        named = overrides.get("policies") or file.get("policies") or ()
+        if isinstance(named, (list, tuple)):  # `Grid` refuses anything else
+            overrides["policies"] = (*named, *more_policies)
+    return GridSource(file, overrides)

@@ -1,4 +1,4 @@
-"""A place of the user's own, from the key `place` of a scenario file.
+"""Custom places, from the key `place` of a scenario file.
 
 | key | value |
 |---|---|
@@ -60,19 +60,19 @@ KEYS = (
     "drones_around",
 )
 
-_STRAIGHT_RAD = 1e-3  # of less, the slit outside a kink is 2 mm wide
-_STOPPING_M = 14.0  # before a line nobody starts: one could not stop
-_APART_M = 14.0  # two starts in one lane: the longest bus, and where exactly one starts
-_BESIDE_M = 3.0  # from the middle of a lane to that of a parked vehicle
-_CLEARANCE_M = 3.4  # the two lanes of a road are farther apart: who comes the other way is in nobody's way
-_AROUND_M = 150.0  # of ground
+_STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
+_STOPPING_M = 14.0  # no starts this close before a stop line: the vehicle could not stop
+_APART_M = 14.0  # between two starts in one lane: the longest bus, and the variation of its start
+_BESIDE_M = 3.0  # from the middle of a lane to the middle of a parked vehicle
+_CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffic does not obstruct
+_AROUND_M = 150.0  # of ground on each side of the outermost nodes
 _PARKED = {label.title: label for label in ObjectClass if label not in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)}
 
 T = TypeVar("T")
 
 
 def read_place(entry: Entry) -> Place:
-    """A place, named after its file and by what is in it: another one of that name is told from it.
+    """Read a place. It is named after its file and a checksum of its content, which tells it from others of that name.
 
     Raises:
         ScenarioFileError: names the file and the line.
@@ -139,7 +139,7 @@ def _usual_population(layout: Layout) -> Population:
 
 
 def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, float]]:
-    """Slots, and their rank among those that become connected."""
+    """Return slots, and their ranks among those that become connected."""
     if "starts" not in fields:
         pieces = [(piece, name) for name, all_of_it in roads.pieces.items() for piece in all_of_it]
         room_m = {piece: _room_m(roads, piece) for piece, _ in pieces}
@@ -159,7 +159,7 @@ def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, 
 
 
 def _room_m(roads: Roads, piece: Road) -> float:
-    """How much of a piece is there to start on: nothing of bends, of crossings, and right before these."""
+    """Return the length of a piece on which vehicles may start: none on bends and crossings, or right before these."""
     lane = roads.lane(piece)
     if piece in roads.movements or isinstance(lane, CircularLane):
         return 0.0
@@ -185,7 +185,7 @@ def _start(roads: Roads, entry: Entry) -> tuple[StartSlot, float]:
 
 
 def _apart_m(roads: Roads, a: StartSlot, b: StartSlot) -> float:
-    """Between two starts, if they are in one lane; else infinite."""
+    """Return the distance of two starts in one lane; infinite if they are in different lanes."""
     lanes = [roads.network.get_lane(slot.lane) for slot in (a, b)]
     places = [lane.position(slot.along_m, 0.0) for lane, slot in zip(lanes, (a, b), strict=True)]
     headings = [lane.heading_at(slot.along_m) for lane, slot in zip(lanes, (a, b), strict=True)]
@@ -233,7 +233,7 @@ def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> Road
 
 
 def _wedges(network: RoadNetwork) -> list[Floats]:
-    """(3, 2) m, counter-clockwise: what lanes that meet at an angle leave open on the outside of the kink."""
+    """Return triangles (3, 2) m, counter-clockwise, that fill the outsides of kinks between lanes."""
     lanes, wedges = network.lanes, []
     for (_, node, _), lane in lanes.items():
         for after in (other for index, other in lanes.items() if index[0] == node):
