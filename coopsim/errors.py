@@ -1,7 +1,7 @@
-"""Every error coopsim raises on purpose.
+"""Errors that coopsim raises on purpose.
 
 All derive from `CoopsimError`, so that one `except` catches them. Each also derives from the builtin
-that a caller would expect (`ValueError`, `KeyError`, `RuntimeError`, `ImportError`).
+class that a caller would expect (`ValueError`, `KeyError`, `RuntimeError`, `ImportError`).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class InvalidActionError(CoopsimError, ValueError):
 
 
 class EpisodeStateError(CoopsimError, RuntimeError):
-    """A call came at the wrong moment, as `step` before `reset` or after the end."""
+    """A call at the wrong moment, as `step` before `reset` or after the end."""
 
 
 class PolicyMismatchError(CoopsimError, ValueError):
@@ -58,7 +58,7 @@ class PolicyMismatchError(CoopsimError, ValueError):
 
 
 class CodecError(CoopsimError, ValueError):
-    """Bytes cannot be decoded as the message they claim to be."""
+    """A content cannot be encoded by a codec, or bytes cannot be decoded as the message they claim to be."""
 
 
 class RecordingError(CoopsimError, ValueError):
@@ -82,4 +82,4 @@ class MissingDependencyError(CoopsimError, ImportError):
 
 
 class CrowdedWarning(UserWarning):
-    """There is not room for all actors that were asked for; the message says how many there are instead."""
+    """There is no space for all requested actors; the message says how many there are instead."""

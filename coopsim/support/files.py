@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and the folders that they are in."""
+"""Files that are written whole or not at all, and their folders."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from coopsim.errors import InvalidValueError
 
 
 def require_writable(path: Path) -> None:
-    """Raise `InvalidValueError` if a file of this name could not be written: before the work, not after it."""
+    """Raise `InvalidValueError` if a file of this name cannot be written: to be called before long work."""
     target = path.resolve()
     parent = target.parent
     ready = os.access(target, os.W_OK) if _is_special(target) else parent.is_dir() and os.access(parent, os.W_OK)
@@ -19,10 +19,10 @@ def require_writable(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, where there is none.
+    """Make a folder and its parents, unless they exist.
 
     Raises:
-        InvalidValueError: it cannot be made.
+        InvalidValueError: the folder cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -31,9 +31,9 @@ def make_folder(folder: Path) -> None:
 
 
 def write_whole(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a text file; whatever interrupts it, the old file stays and nothing else is left.
+    """Write a text file. If that is interrupted, the old file stays, and no temporary file is left.
 
-    A link is followed. What is no plain file (a pipe, a device) is written to as it is.
+    A link is followed. A pipe or a device is written to directly. Returns `path`.
 
     Raises:
         InvalidValueError: the file cannot be written.
@@ -50,7 +50,7 @@ def write_whole(path: str | os.PathLike[str], text: str) -> Path:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a file that is there whole, whatever happens: once this returns, even if the power fails.
+    """Write a file whole or not at all; once this returns, it survives even a power failure.
 
     Raises:
         InvalidValueError: the file cannot be written.
@@ -87,6 +87,6 @@ def _replace(target: Path, content: bytes, *, durable: bool = False) -> None:
 
 
 def _umask() -> int:
-    mask = os.umask(0)  # there is no way to read it but to set it
+    mask = os.umask(0)  # it can be read only by setting it
     os.umask(mask)
     return mask

@@ -1,6 +1,6 @@
 """Named random streams: every draw belongs to one purpose of one agent.
 
-A stream depends on `(seed, purpose, *who)` and on nothing else, so adding an agent, a sensor or a policy
+A stream depends on `(seed, purpose, *owners)` and on nothing else, so adding an agent, a sensor or a policy
 never shifts the noise of another, and the same seed gives the same bits for any number of workers.
 """
 
@@ -16,7 +16,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.arrays import Floats, Ints
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-"""By which SplitMix64 goes on from one state to the next."""
+"""Increment of SplitMix64's state."""
 
 
 def require_seed(seed: object) -> None:
@@ -25,41 +25,50 @@ def require_seed(seed: object) -> None:
         raise InvalidValueError(f"seed must be an integer >= 0, got {seed!r}")
 
 
-def stream(seed: int, purpose: str, *who: str) -> np.random.Generator:
-    """A generator for one purpose of one agent (or link: sender and receiver).
+def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
+    """Return a generator for one purpose of one agent (or link: sender and receiver).
 
     Args:
         seed: the episode's seed, a non-negative integer.
         purpose: what is drawn, as "lidar", "pose", "latency".
-        *who: the names that own the draw, in order.
+        *owners: names that own the draw, in order.
+
+    Raises:
+        InvalidValueError: the seed is not an integer >= 0.
     """
     require_seed(seed)
     # A cryptographic hash, because neighbouring names ("cav_1", "cav_2") must not give related streams.
     # Names are joined by a byte that no name contains, so ("a", "bc") and ("ab", "c") differ.
-    digest = hashlib.sha256("\x00".join((purpose, *who)).encode()).digest()
+    digest = hashlib.sha256("\x00".join((purpose, *owners)).encode()).digest()
     words = np.frombuffer(digest[:16], dtype="<u4").tolist()
     return np.random.default_rng(np.random.SeedSequence([int(seed), *words]))
 
 
-def chances(seed: int, purpose: str, who: Ints, count: int) -> Floats:
-    """Draws for many owners at once: (N, `count`) uniform numbers in [0, 1), a row for each of `who` (N,) ints >= 0.
+def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
+    """Draw (N, count) uniform numbers in [0, 1) for N owners at once.
 
-    A row depends on `(seed, purpose, its number, count)` and on nothing else. The numbers are those of SplitMix64
-    (Steele, Lea and Flood 2014), in which any place of the stream can be computed by itself.
+    A row depends on `(seed, purpose, its owner, count)` and on nothing else. The generator is SplitMix64 (Steele, Lea
+    and Flood 2014), because any place of its stream can be computed by itself.
+
+    Args:
+        seed: the episode's seed, an integer >= 0.
+        purpose: what is drawn.
+        owner: (N,) integers >= 0, as ids of actors.
+        count: numbers for each owner.
     """
     key = _key(seed, purpose)
-    place = who.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
+    place = owner.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
     state = (key + place * _GOLDEN).astype(np.uint64)
     return (_splitmix64(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
-@lru_cache(1024)  # who draws in every frame would spend most of its time here
+@lru_cache(1024)  # hashing would be most of the time of a draw in every frame
 def _key(seed: int, purpose: str) -> np.uint64:
     return np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
 
 
 def _splitmix64(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """SplitMix64's output for each of its states; products wrap around."""
+    """Return SplitMix64's output for each state; products wrap around."""
     mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return mixed ^ (mixed >> np.uint64(31))

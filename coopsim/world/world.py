@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.support.rng import chances
+from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
@@ -104,7 +104,7 @@ class World:
         """Return first and second colours and phases of actors: each starts at a phase of its own."""
         key = identity.tobytes()
         if key != self._drawn_key:  # mostly the same actors as in the last frame
-            start = chances(self._seed, "phase", identity, 1)[:, 0]
+            start = uniform_draws(self._seed, "phase", identity, 1)[:, 0]
             self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label), start)
         return self._drawn
 

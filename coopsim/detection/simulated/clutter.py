@@ -20,7 +20,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_non_negative, require_positive
-from coopsim.support.rng import chances, stream
+from coopsim.support.rng import stream, uniform_draws
 from coopsim.types import Detections, Ints
 from coopsim.types.taxonomy import ObjectClass
 
@@ -148,10 +148,10 @@ class Clutter:
         """Return the phantoms around a place (2,) now: ids (N,), world positions (N, 2), uniform draws (N, 4)."""
         cells = np.floor(at_m / CELL_M).astype(np.int64) + self._around
         numbers = cell_ids(cells)
-        begun = chances(self._seed, "phantoms' lives", numbers, 1)[:, 0]  # not all cells change at once
+        begun = uniform_draws(self._seed, "phantoms' lives", numbers, 1)[:, 0]  # not all cells change at once
         life = np.floor(self._frame * self._lives_per_frame + begun).astype(np.int64) % _LIVES
         ids = numbers * _LIVES + life
-        drawn = chances(self._seed, "phantoms", ids, 7)
+        drawn = uniform_draws(self._seed, "phantoms", ids, 7)
         there = drawn[:, 0] < self._share
         return ids[there], (cells[there] + drawn[there, 1:3]) * CELL_M, drawn[there, 3:]
 

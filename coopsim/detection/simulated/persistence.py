@@ -12,7 +12,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import look_up
 from coopsim.support.checks import require_positive, require_probability
-from coopsim.support.rng import chances
+from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 
 _FRAMES = 2**32  # so many per object before two would share a draw
@@ -88,5 +88,5 @@ class PersistentNormals:
         return normals
 
     def _draw(self, ids: Ints, frame: int) -> Floats:
-        drawn: Floats = ndtri(chances(self._seed, self._owner, ids * _FRAMES + frame, 2 * self._count) + _TINY)
+        drawn: Floats = ndtri(uniform_draws(self._seed, self._owner, ids * _FRAMES + frame, 2 * self._count) + _TINY)
         return drawn

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.rng import chances
+from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 
@@ -92,7 +92,7 @@ has up to so much white in it (of 255), because black has little to darken."""
 
 def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
     """Return the first and second colours, each (N, 3), of actors with ids (N,) and classes (N,)."""
-    draw = chances(seed, "appearance", ids, 13)
+    draw = uniform_draws(seed, "appearance", ids, 13)
     color, accent = (np.zeros((len(ids), 3)) for _ in range(2))
     for cls, wardrobe in _WARDROBES.items():
         of = np.flatnonzero(label == cls)
