@@ -1,4 +1,4 @@
-"""Plug in your own tracker: one method. This one hands each id on to the nearest detection of the next frame."""
+"""Plug in a custom tracker with one method. This one passes each id on to the nearest detection of the next frame."""
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,7 +10,7 @@ from coopsim.types import AgentSpec, Observation, Tracks
 
 
 class NearestNeighbour(coopsim.Policy):
-    """The same object is whatever is within two metres of where it was a frame ago; no filter."""
+    """Tracker that matches detections within two metres of the previous frame's tracks, without a filter."""
 
     needs = coopsim.Needs(uplink="none")  # it reads no message
 

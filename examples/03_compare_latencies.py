@@ -1,4 +1,4 @@
-"""How much does late fusion lose when messages are late? The same traffic and noise for every latency."""
+"""Compare the scores of late fusion at several latencies, with the same traffic and noise."""
 
 import coopsim
 

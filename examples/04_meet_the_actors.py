@@ -1,4 +1,4 @@
-"""Draw every model of vehicles and people, in colours such as actors have, to actors.png (or the path given)."""
+"""Draw every model of vehicles and people, in colours of actors, to actors.png (or the path given)."""
 
 import sys
 

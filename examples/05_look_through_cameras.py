@@ -1,4 +1,4 @@
-"""Draw what roadside cameras see by day, dusk and night, in fog and rain, wide and labelled, to cameras.png."""
+"""Draw images of roadside cameras by day, dusk and night, in fog and rain, wide and labelled, to cameras.png."""
 
 import sys
 from typing import Any
@@ -18,7 +18,7 @@ AGENT, SEED = "rsu_0", 5
 
 
 def look(camera: Camera, **options: Any) -> CameraImage:
-    """What the camera sees at an episode's start."""
+    """Return the camera's image at an episode's start."""
     env = coopsim.parallel_env(
         "crossing", cameras={AGENT: [camera]}, camera_modes=MODES, expose_ground_truth=True, **options
     )
@@ -29,7 +29,7 @@ def look(camera: Camera, **options: Any) -> CameraImage:
 
 
 def colored(values: Any, background: int) -> Any:
-    """Each value in a colour of its own."""
+    """Colour each value differently."""
     names, row = np.unique(values, return_inverse=True)
     colors = [BACKGROUND if name == background else track_color(name) for name in names.tolist()]
     return np.array(colors, dtype=np.uint8)[row]

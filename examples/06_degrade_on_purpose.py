@@ -1,4 +1,4 @@
-"""Which degradation costs late fusion how much? Each is written as in a YAML file, and the traffic is the same."""
+"""Measure how much each degradation costs late fusion. Options are as in a YAML file; the traffic is the same."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Track and score boxes of your own, without an environment: from any detector, any sensor, any file."""
+"""Track and score your own boxes without an environment: from any detector, sensor or file."""
 
 import numpy as np
 

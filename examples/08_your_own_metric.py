@@ -1,4 +1,4 @@
-"""Plug in your own metric: one method over the logs. Its value is in every score, table, report and stored result."""
+"""Plug in a custom metric with one method. Its value is in every score, table, report and stored result."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from coopsim.testing import check_metric
 
 @METRICS.register("delay")
 class FirstTrackDelay(Metric):
-    """How long an object is there before it has a track; an object without any counts its whole life."""
+    """Delay of an object's first track; an object without any track counts with its whole life."""
 
     meaning, unit, less_is_better = "mean frames from an object's first box to its first track", "frames", True
 

@@ -1,4 +1,4 @@
-"""Plug in your own detector: one method, from real sweeps. This one puts a box around each cluster of points."""
+"""Plug in a custom detector with one method, on LiDAR sweeps. This one puts a box around each cluster of points."""
 
 import numpy as np
 from scipy import ndimage
@@ -13,7 +13,7 @@ CAR_M = np.array([3.5, 1.7, 1.5])
 
 
 class Clusters(Detector):
-    """Points above the ground whose cells of half a metre touch are one object, if it is no larger than a car."""
+    """Detector of clusters: points above ground in adjacent half-metre cells, no larger than a car."""
 
     def detect(self, view: SensorView, rng: np.random.Generator) -> Detections:
         points = np.concatenate([sweep.points for sweep in view.sweeps.values()])

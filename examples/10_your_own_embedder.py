@@ -1,4 +1,4 @@
-"""Plug in your own embedder: the appearance of each detection, from real images. This one takes its mean colour."""
+"""Plug in a custom embedder of each detection's appearance in camera images. This one takes the mean colour."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
-"""Which detections are of which objects, and how they err: the same for recordings and for the simulation.
+"""Match detections with objects and measure their errors, alike for recordings and for the simulation.
 
-Positions are in the axes of the detecting car (x forward, y left, z up). An object is found if a detection's middle is
-within `GATE_M` of its own over ground (Hungarian on the distance); what is left over is false.
+Positions are in the axes of the detecting car (x forward, y left, z up). An object is found if a detection's center
+is within `GATE_M` of its center over ground (Hungarian on the distance); unmatched detections are false.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from coopsim.wire.actions import pack_tracks
 from coopsim.world.snapshot import Actors
 
 AGENTS = ("ego", "1")
-"""Names of the recordings' detections by each car alone, the frame's owner first."""
+"""Names of the recordings' single-car detections; the first car owns the frame."""
 
 GATE_M = 3.0
 OWN_M = 2.5
-"""Labels whose middle is nearer than this are the detecting car itself, as the other car's labels show it."""
+"""Labels with a center nearer than this are the detecting car itself, as labelled for the other car."""
 
 SENSOR_M = 1.9
-"""How high the recordings' LiDAR is taken to be over a flat road."""
+"""Assumed height of the recordings' LiDAR over a flat road."""
 
 
 Note: TypeAlias = tuple[Ints, Actors, Detections]
-"""Returns of each of the actors around an agent, the actors, and what was detected."""
+"""Returns per actor around an agent, the actors, and the agent's detections."""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Matches:
     _false: list[dict[str, Floats]] = field(default_factory=list)
 
     def add(self, episode: int, frame: int, ids: Ints, truth: Boxes3D, returns: Ints, found: Detections) -> None:
-        """One frame of one car; boxes in its axes."""
+        """Add one frame of one car; boxes in its axes."""
         distance = np.linalg.norm(found.boxes.center[:, None, :2] - truth.center[None, :, :2], axis=2)
         mine, theirs = hungarian(-distance, -GATE_M)
         of = np.full(len(ids), -1)
@@ -97,17 +97,17 @@ class Matches:
         return self
 
     def within(self, reach_m: Sequence[float], least_returns: int = 1) -> Mask:
-        """Objects within reach that have so many returns."""
+        """Return the mask of objects within reach that have enough returns."""
         inside = (np.abs(self.objects["x"]) <= reach_m[0]) & (np.abs(self.objects["y"]) <= reach_m[1])
         mask: Mask = inside & (self.objects["returns"] >= least_returns)
         return mask
 
 
 def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
-    """By name, of the car in whose frame the recordings are, and of the other, of which no one knows where it was.
+    """Match recorded detections by car: of the car that owns the frame, and of the other, with unknown position.
 
-    The recordings have no points. Returns are those that the simulator's own line of sight expects of an HDL-32E in the
-    first car, with the labelled boxes on a flat road in each other's way; the other car's objects have the same.
+    The recordings have no points. Returns are those that the simulator expects of an HDL-32E in the first car, with the
+    labelled boxes occluding each other on a flat road; the other car's objects have the same returns.
     """
     lidar = LidarConfig()
     sight = LineOfSight([], lidar.beams, lidar.columns, lidar.max_range_m)
@@ -128,10 +128,10 @@ def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
 
 
 class Watch(OracleDetector):
-    """A simulated detector that notes, by agent and frame, the truth that it was given and its detections.
+    """A wrapper of a simulated detector that records the truth it receives and its detections, by agent and frame.
 
     Args:
-        inner: the detector that is watched.
+        inner: the wrapped detector.
     """
 
     def __init__(self, inner: OracleDetector) -> None:
@@ -139,7 +139,7 @@ class Watch(OracleDetector):
         self.notes: dict[str, list[Note]] = {}
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
-        """Begin another episode; the notes go on."""
+        """Begin another episode; return a wrapper with new notes."""
         begun = type(self)(self.inner.begin(specs, seed))
         begun.notes = self.notes = {agent: [] for agent in specs}
         return begun
@@ -152,9 +152,10 @@ class Watch(OracleDetector):
 
 
 def simulate_matches(detector: str, environments: Sequence[str], seeds: Sequence[int], **options: Any) -> Matches:
-    """Of all agents of simulated episodes without LiDARs.
+    """Match simulated detections of all agents, in episodes without LiDARs.
 
-    Objects are those of which any agent expects a return, as labels are of what an annotator saw in any car's points.
+    Objects are those with an expected return for any agent, as labels are of objects that annotators saw in any car's
+    points.
     """
     matches, episode = Matches(), 0
     for environment in environments:
@@ -179,7 +180,7 @@ def simulate_matches(detector: str, environments: Sequence[str], seeds: Sequence
 
 
 def in_car_axes(boxes: Boxes3D) -> Boxes3D:
-    """V2V4Real's boxes as its LiDAR has them (x forward, y left, z up).
+    """Convert V2V4Real's boxes to the axes of its LiDAR (x forward, y left, z up).
 
     Its files have KITTI's columns, but the LiDAR's x, y, z stand in the columns x, z, y, and the heading about z in
     rot_y. `coopsim.data.kitti` takes them for camera axes: that turns the ground by a quarter and mirrors height and
@@ -190,7 +191,7 @@ def in_car_axes(boxes: Boxes3D) -> Boxes3D:
 
 
 def _standing(boxes: Boxes3D) -> Actors:
-    """Boxes as actors on a flat road."""
+    """Make actors of boxes on a flat road."""
     center = np.column_stack([boxes.center[:, :2], boxes.size[:, 2] / 2])
     count = len(boxes)
     zeros = np.zeros(count, dtype=np.int64)
@@ -200,12 +201,14 @@ def _standing(boxes: Boxes3D) -> Actors:
 
 
 def _errors(truth: Boxes3D, found: Boxes3D, of: Ints) -> dict[str, Floats]:
-    """How the box `of` (N,) each object errs, NaN where that is -1; and the heading it reports, as `turned`."""
+    """Return the errors of box `of` (N,) for each object, NaN where it is -1; and its reported heading as `turned`."""
     rows = np.concatenate([found.array, np.full((1, 7), np.nan)])[of]
     shift = rows[:, :3] - truth.center
     cos, sin = np.cos(truth.yaw), np.sin(truth.yaw)
     grown = np.log(rows[:, 3:6] / truth.size)
-    turn = (rows[:, 6] - truth.yaw + np.pi / 2) % np.pi - np.pi / 2  # front and back are told apart by nobody here
+    turn = (
+        rows[:, 6] - truth.yaw + np.pi / 2
+    ) % np.pi - np.pi / 2  # modulo a half turn: front and back are not distinguished
     return {
         "along": cos * shift[:, 0] + sin * shift[:, 1],
         "across": cos * shift[:, 1] - sin * shift[:, 0],

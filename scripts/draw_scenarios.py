@@ -1,4 +1,4 @@
-"""Draw docs/reference/scenarios/<name>.png: every scenario and the village from above, with a drone."""
+"""Draw every scenario and the village from above, with a drone, to docs/reference/scenarios/<name>.png."""
 
 import argparse
 from pathlib import Path
@@ -14,7 +14,7 @@ FRAMES = 40
 
 
 def draw(name: str, folder: Path) -> None:
-    """Draw one picture, in few colours to keep the file small."""
+    """Draw one picture, with few colours to keep the file small."""
     env = coopsim.parallel_env(name if name in SCENARIOS else f"{name}.yaml", drones=1, max_cycles=FRAMES + 1)
     policy = coopsim.make_policy("late_fusion")
     observations, _ = env.reset(seed=3)

@@ -1,4 +1,4 @@
-"""Drive every scenario's traffic for an hour, sensing nothing: `python scripts/drive_for_hours.py --seeds 4`.
+"""Drive every scenario's traffic for an hour, without sensing: `python scripts/drive_for_hours.py --seeds 4`.
 
 Prints a table: crashes, numbers of actors, longest standstill, speed, and memory.
 """
@@ -41,7 +41,7 @@ COLUMNS = (
 
 @dataclass
 class Diary:
-    """Statistics of one episode, frame by frame; `fleet` rows and their ids may be replaced on the way."""
+    """Statistics of one episode, frame by frame; vehicles may leave and be replaced, with new ids."""
 
     world: World
     crashed: dict[int, float]
@@ -119,11 +119,11 @@ def rows_of(arguments: argparse.Namespace) -> Iterator[list[str]]:
 
 
 def main() -> None:
-    """Drive, and print."""
+    """Read the arguments, drive, print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenarios", nargs="*", default=SCENARIOS.names())
-    parser.add_argument("--seed", type=int, default=0, help="the first")
-    parser.add_argument("--seeds", type=int, default=1, help="how many")
+    parser.add_argument("--seed", type=int, default=0, help="the first seed")
+    parser.add_argument("--seeds", type=int, default=1, help="number of seeds")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--loud", action="store_true", help="print crashes and their places")

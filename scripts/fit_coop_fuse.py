@@ -1,17 +1,16 @@
-"""Learn what `coop_fuse` ships: which agent's box to believe, how likely it is right, and how likely a track is.
+"""Learn the weights of `coop_fuse`: which agent's box to trust, and how likely a box or a track is right.
 
     python scripts/fit_coop_fuse.py RECORDINGS [--without 0000] [--frames 150]
 
 RECORDINGS is a folder with labels and the detections of two agents or more, the frame's owner first, as
-V2V4Real's training recordings have them. Recording 0000 is left out unless told otherwise: it is one of those that
-coop_fuse is tested on. The first frames of each recording are used, so that no long one dominates. Prints the weights,
-and what they give on the same frames and on each third of the recordings with weights from the other two: on all
-recordings together, and on average over draws of six, because six are what coop_fuse is tested on. How many levels of
-recall are reached jumps from one to the next, and with them all averages; the draws smooth that.
+V2V4Real's training recordings have them. Recording 0000 is left out by default: it is one of those that coop_fuse is
+tested on. Only the first frames of each recording are used, so that no long one dominates. Prints the weights and their
+scores on the same frames and in threefold cross-validation: on all recordings together, and on average over draws of
+six, because coop_fuse is tested on six. The number of recall levels that are reached is an integer, and all averages
+jump with it; the draws smooth that.
 
-The thirds are blocks, because recordings that follow each other are alike: weights that know their roads look good if
-every third is held out. Boosted trees over what is around a track seemed to bring 0.5 AMOTA so, and cost 0.3 on
-the recordings that coop_fuse is tested on.
+The folds are blocks of recordings, because successive recordings are alike: with every third recording held out,
+weights that know their roads would score too well.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _TRACK_WEIGHTS = ("bias", "mean", "latest", "young", "missed")
 
 @dataclass(frozen=True)
 class Weights:
-    """What is learned."""
+    """Learned weights."""
 
     doubt: Doubt
     hearsay: Doubt
@@ -92,7 +91,7 @@ def fit(recordings: Sequence[Recording], frames: int) -> Weights:
 
 
 def log_of(recording: Recording, weights: Weights, frames: int) -> TrackLog:
-    """What coop_fuse with these weights reports on a recording."""
+    """Return the log of coop_fuse with these weights on a recording."""
     evaluator = Evaluator(ON_OBJECT)
     policy = CoopFuse(
         doubt=weights.doubt, hearsay=weights.hearsay, calibration=weights.calibration, likelihood=weights.likelihood
@@ -110,13 +109,13 @@ def report(name: str, values: Floats) -> None:
 
 
 def figures(logs: Sequence[TrackLog]) -> Floats:
-    """What counts, (3,) per cent: sAMOTA and AMOTA with false positives counted, AMOTA with them ignored."""
+    """Return three scores in per cent: sAMOTA and AMOTA with false positives counted, AMOTA with them ignored."""
     counted = summarize(logs)
     return np.array([counted["sAMOTA"], counted["AMOTA"], counted.ignoring_false_positives()["AMOTA"]])
 
 
 def figures_of_draws(logs: Sequence[TrackLog]) -> Floats:
-    """The mean of the figures over draws of some of the recordings."""
+    """Return the mean of the figures over random draws of the recordings."""
     rng, drawn = stream(0, "draws of recordings"), min(DRAWN, len(logs))
     draws = [figures([logs[k] for k in rng.choice(len(logs), drawn, replace=False)]) for _ in range(DRAWS)]
     mean: Floats = np.mean(draws, axis=0)
@@ -124,9 +123,10 @@ def figures_of_draws(logs: Sequence[TrackLog]) -> Floats:
 
 
 def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, Mask], tuple[Floats, Mask]]:
-    """Features of two agents' boxes on one object of which one is right, and whether that is the other's.
+    """Return features of pairs of boxes of which exactly one is right, and whether it is the other agent's.
 
-    First of what both see; then of what only the other sees, and where registration says that the own one would be.
+    First of objects that both agents detect; then of objects that only the other one detects, paired with the box that
+    registration expects of the first agent.
     """
     seen_by_both, seen_by_other = [], []
     for recording in recordings:
@@ -147,7 +147,7 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
 
 
 def _one_right(own: FusedBoxes, other: FusedBoxes, truth: Floats) -> tuple[Floats, Mask]:
-    """Of pairs of which one is right: their features, and whether it is the other one."""
+    """Select the pairs of which exactly one box is right: features, and whether it is the other agent's."""
     own_right, other_right = _right(own.detections.boxes, truth), _right(other.detections.boxes, truth)
     one = own_right != other_right
     gap_m = other.detections.boxes.bottom - own.detections.boxes.bottom
@@ -156,7 +156,7 @@ def _one_right(own: FusedBoxes, other: FusedBoxes, truth: Floats) -> tuple[Float
 
 
 def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: Doubt) -> tuple[Floats, Mask, Floats]:
-    """Features of all fused boxes, whether each is on an object, and its chance if one of the agents is right."""
+    """Return features of all fused boxes, whether each is on an object, and its chance given that an agent is right."""
     features, right, chance = [], [], []
     for recording in recordings:
         for frame in range(min(recording.frames, frames)):
@@ -170,7 +170,7 @@ def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: 
 
 
 def _reports(recordings: Sequence[Recording], frames: int, policy: CoopFuse) -> tuple[Floats, Mask]:
-    """Features of all tracks in all frames, and whether each is on an object."""
+    """Return features of all tracks in all frames, and whether each is on an object."""
     features, right = [], []
     for recording in recordings:
         tracker = policy.make_tracker()
@@ -184,13 +184,14 @@ def _reports(recordings: Sequence[Recording], frames: int, policy: CoopFuse) -> 
 
 
 def _on_object(boxes: Floats, likelier: Floats, truth: Floats) -> Mask:
-    """Which boxes (N, 7) are on an object that no likelier box is on already; `likelier` is (N,), the larger the more.
+    """Return the mask of boxes (N, 7) on an object that no likelier box is on.
 
-    One that shares its object with a likelier box is a false alarm even if it overlaps the object better.
+    `likelier` (N,) grows with the likelihood. A box that shares its object with a likelier one is a false alarm even if
+    it overlaps the object better.
     """
     order = np.argsort(-likelier, kind="stable")
     overlaps = iou_3d(boxes[order], truth)
-    in_turn = overlaps - np.arange(len(order))[:, None]  # any pair of a box goes before all pairs of less likely ones
+    in_turn = overlaps - np.arange(len(order))[:, None]  # all pairs of a box precede all pairs of less likely boxes
     rows, _ = greedy(np.where(overlaps >= ON_OBJECT, in_turn, -np.inf), -np.inf)
     on_object = np.zeros(len(boxes), dtype=bool)
     on_object[order[rows]] = True
@@ -203,10 +204,10 @@ def _right(boxes: Boxes3D, truth: Floats) -> Mask:
 
 
 def _logistic(features: Floats, right: Mask, log_factor: Floats | None = None) -> list[float]:
-    """Weights of a logistic regression, bias first: of what is right with the odds' probability.
+    """Fit a logistic regression of `right`; return its weights, bias first.
 
-    With the logarithm of a factor, (N,), what is right has that probability times a power of the factor, and the power
-    is the last of the weights. A slight ridge on standardised features keeps the weights finite.
+    With `log_factor` (N,), the probability is multiplied by a power of the factor, and the power is the last weight. A
+    slight ridge on standardised features keeps the weights finite.
     """
     middle, spread = features.mean(axis=0), features.std(axis=0) + 1e-9
     columns = np.column_stack([np.ones(len(features)), (features - middle) / spread])

@@ -1,9 +1,9 @@
-"""Fit the simulated detector to real detections, and write the preset that ships.
+"""Fit the simulated detector to real detections, and write the preset that ships with coopsim.
 
     python scripts/fit_detector.py DATA [--out coopsim/detection/fitted/pointpillars_v2v4real.yaml]
 
-DATA has v2v4real/train with labels/ and detections/. Recording 0000 is left out: it is one of those for testing. The
-numbers are those of the car in whose frame the recordings are. See docs/reference/detector.md.
+DATA has v2v4real/train with labels/ and detections/. Recording 0000 is left out: it is one of those for testing.
+Fitted are the detections of the car that owns the recordings' frame. See docs/reference/detector.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from clutter_motion import NEAR_M, Again, ClutterMotion
+from clutter_motion import NEAR_M, ClutterMotion, Recurrence
 from detector_matches import GATE_M, OWN_M, Matches, read_matches
 from scipy.optimize import brentq, least_squares
 from scipy.special import logit, ndtr, ndtri, roots_hermitenorm
@@ -50,14 +50,14 @@ def main() -> None:
 
 
 def fit_text(data: Path) -> str:
-    """The preset's file."""
+    """Return the text of the preset's file."""
     folder = data / "v2v4real" / "train"
     head = "# Written by scripts/fit_detector.py from V2V4Real's training recordings; see docs/reference/detector.md.\n"
     return head + to_yaml(fit(*read_matches(folder, WITHOUT).values()))
 
 
 def fit(real: Matches, other: Matches) -> CorrelatedDetectorConfig:
-    """All numbers, from the matches of the frame's owner and the other car's false detections in the same frame."""
+    """Fit all parameters to the matches of the frame's owner and the other car's false detections in the same frame."""
     reach = _reach(real)
     seen = {name: column[real.within(reach)] for name, column in real.objects.items()}
     detection = _detection(seen)
@@ -74,7 +74,7 @@ def fit(real: Matches, other: Matches) -> CorrelatedDetectorConfig:
 
 
 def _reach(real: Matches) -> tuple[float, float]:
-    """Within which 99.5 % of all detections are, ahead and aside."""
+    """Return the distances along x and y within which 99.5 % of all detections are."""
     detected = real.objects["found"]
     sides = (np.concatenate([real.objects[axis][detected], real.false[axis]]) for axis in "xy")
     along, across = (round(float(np.quantile(np.abs(side), 0.995)), 1) for side in sides)
@@ -82,7 +82,7 @@ def _reach(real: Matches) -> tuple[float, float]:
 
 
 def _detection(seen: dict[str, Floats]) -> DetectionModel:
-    """Recall over the logarithm of the returns; how misses last by the latent correlation that pairs of frames show."""
+    """Fit recall over the logarithm of the returns, and the persistence of misses to pairs of frames."""
     logs = np.log(seen["returns"])
     chance = _curve(logs, np.log(RETURNS), seen["found"], np.mean)
     probability = chance(logs)
@@ -90,7 +90,7 @@ def _detection(seen: dict[str, Floats]) -> DetectionModel:
     for lag in LAGS:
         first, second = _pairs(seen, lag)
         together = float(np.mean(seen["found"][first] & seen["found"][second]))
-        # Objects that stay long are found more often: what counts is how much more often in both frames than in one.
+        # Objects that stay long are found more often, so both frames are compared with the recall in the same pairs.
         chances = [_shifted(probability[rows], seen["found"][rows].mean()) for rows in (first, second)]
         at.append(_latent(*chances, together))
         weight.append(len(first))
@@ -98,13 +98,13 @@ def _detection(seen: dict[str, Floats]) -> DetectionModel:
 
 
 def _score(seen: dict[str, Floats], detection: DetectionModel) -> ScoreModel:
-    """The scores of what was found: how they are spread over range, and how they go with the evidence."""
+    """Fit the scores of detected objects: distribution by range, and correlation with the evidence for them."""
     floor = round(float(np.nanmin(seen["score"])), 2)
     hit = seen["found"]
     score, range_m = _unfloored(seen["score"], floor), seen["range"]
     mean, spread = _middle_and_spread(range_m[hit], score[hit])
     normal = _normal_scores(range_m, np.where(hit, score, np.nan))
-    # A score that comes before a miss is the lower, the more it goes with the evidence.
+    # The stronger the correlation with the evidence, the lower are scores before a miss.
     first, second = _pairs(seen, 1)
     before_miss = hit[first] & ~hit[second]
     observed = float(np.mean(normal[first][before_miss]) - np.mean(normal[first][hit[first] & hit[second]]))
@@ -123,7 +123,7 @@ def _score(seen: dict[str, Floats], detection: DetectionModel) -> ScoreModel:
 
 
 def _error(seen: dict[str, Floats], name: str) -> ErrorModel:
-    """Tukey's h-distribution by quantiles: spread from the middle 68 %, tail from the middle 95 %."""
+    """Fit Tukey's h-distribution by quantiles: spread from the middle 68 %, tail from the middle 95 %."""
     error, range_m, hit = seen[name], seen["range"], seen["found"]
     wide, narrow, middles = [], [], []
     for inside in _bins(range_m[hit], RANGES_M):
@@ -131,7 +131,7 @@ def _error(seen: dict[str, Floats], name: str) -> ErrorModel:
         wide.append((high - low) / 2)
         narrow.append((upper - lower) / 2)
         middles.append(middle)
-    # In a bin the spread itself varies, and makes a tail of its own, but a slight one.
+    # The spread varies within a bin, which adds a tail, but a slight one.
     tails = np.log(np.array(wide) / np.array(narrow) * QUARTER / TAIL) * 2 / (TAIL**2 - QUARTER**2)
     tail = round(float(np.clip(np.median(tails), 0, 0.5)), DIGITS)
     spreads = np.array(narrow) / (QUARTER * np.exp(tail * QUARTER**2 / 2))
@@ -145,7 +145,7 @@ def _error(seen: dict[str, Floats], name: str) -> ErrorModel:
 
 
 def _heading_from(seen: dict[str, Floats]) -> float:
-    """Where the half turn begins in which reported headings are: opposite to the fewest, in steps of pi / 32."""
+    """Return the start of the half turn that holds most reported headings, in steps of pi / 32."""
     steps = np.arange(-32, 32) * np.pi / 32
     turned = seen["turned"][seen["found"]]
     inside = [np.mean((turned - start) % (2 * np.pi) < np.pi) for start in steps]
@@ -153,12 +153,12 @@ def _heading_from(seen: dict[str, Floats]) -> float:
 
 
 def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> ClutterConfig:
-    """False detections as phantoms: the share that both cars have tells how often one is believed, and so how many."""
+    """Fit false detections as phantoms, whose number follows from the share that both cars report."""
     false = {name: column[_inside(real.false, reach)] for name, column in real.false.items()}
-    believed = _shared(real, other)
+    reported = _shared(real, other)
     counted = [len(inside) for inside in _bins(false["range"], RANGES_M)]
     per_m2 = np.array(counted) / real.frames / _areas_m2(reach)
-    density = len(false["x"]) / real.frames / _areas_m2(reach).sum() / believed
+    density = len(false["x"]) / real.frames / _areas_m2(reach).sum() / reported
     chance = Curve(_middles(false["range"]), _rounded(np.clip(per_m2 / density, 0, 1)))
     floor = round(float(false["score"].min()), 2)
     score = _unfloored(false["score"], floor)
@@ -184,25 +184,25 @@ def _clutter(real: Matches, other: Matches, reach: tuple[float, float]) -> Clutt
 
 
 def _clutter_lasting(
-    after: Sequence[Again], false: dict[str, Floats], chance: Curve
+    after: Sequence[Recurrence], false: dict[str, Floats], chance: Curve
 ) -> tuple[Persistence, Persistence, float]:
-    """Of the evidence for phantoms, and of their scores; and how long a phantom lives, s.
+    """Fit the persistence of the evidence for phantoms and of their scores, and the life of a phantom, s.
 
-    A phantom of age uniform in its life is still there after the time t with probability 1 - t / life, and is then
-    believed again as the persistence of its evidence says.
+    A phantom with an age uniform in its life is still there after the time t with probability 1 - t / life, and is then
+    reported again according to the persistence of its evidence.
     """
     normal = _normal_scores(false["range"], false["score"])
     probability = np.maximum(chance(false["range"]), 1e-3)
     share, weight = np.array([again.share for again in after]), np.array([again.count for again in after])
-    grid = np.linspace(0, 0.99, 34)  # of correlations: the chance is smooth between
-    believed = [_both(probability, probability, correlation, 1 / probability) for correlation in grid]
+    grid = np.linspace(0, 0.99, 34)  # of correlations: the probability is smooth in between
+    reported = [_both(probability, probability, correlation, 1 / probability) for correlation in grid]
 
     def off(parts: Floats) -> Floats:
         whole, constant_share, lasting_s, life_s = parts
         time_s = CLUTTER_LAGS * FRAME_S
         kept = whole * (constant_share + (1 - constant_share) * np.exp(-time_s / lasting_s))
         alive = np.clip(1 - time_s / life_s, 0, 1)
-        return (alive * np.interp(kept, grid, believed) - share) * np.sqrt(weight / weight.sum())
+        return (alive * np.interp(kept, grid, reported) - share) * np.sqrt(weight / weight.sum())
 
     fitted = least_squares(off, [0.6, 0.3, 0.5, 4.0], bounds=([0, 0, 0.05, 2.1], [0.99, 1, 10, 60])).x
     scores = np.array([float(np.mean(normal[again.first] * normal[again.second])) for again in after])
@@ -210,7 +210,7 @@ def _clutter_lasting(
 
 
 def _shared(real: Matches, other: Matches) -> float:
-    """Which share of false detections the other car has, too, where it detects at all; less what chance brings."""
+    """Return the share of false detections that the other car reports, too, within its reach, less chance matches."""
     near, ring, count = 0, 0, 0
     theirs = _frames_of(other.false)
     for key, place in _frames_of(real.false).items():
@@ -220,14 +220,14 @@ def _shared(real: Matches, other: Matches) -> float:
         inside = place[((place > low) & (place < high)).all(axis=1)]
         distance = np.linalg.norm(inside[:, None] - theirs[key], axis=2)
         near += (distance.min(axis=1) < NEAR_M).sum()
-        # As large an area a little farther out has what is there by chance.
+        # A ring of the same area a little farther out counts the chance matches.
         ring += ((distance > 2 * NEAR_M) & (distance < np.sqrt(5) * NEAR_M)).any(axis=1).sum()
         count += len(inside)
     return float((near - ring) / (count - ring))
 
 
 def _spread_of_density(real: Matches, reach: tuple[float, float]) -> float:
-    """Standard deviation of the mean number of false detections over the recordings, relative to its mean."""
+    """Return the relative standard deviation over recordings of their mean number of false detections."""
     inside = _inside(real.false, reach)
     means = [
         inside[real.false["episode"] == episode].sum()
@@ -238,14 +238,14 @@ def _spread_of_density(real: Matches, reach: tuple[float, float]) -> float:
 
 
 def _areas_m2(reach: tuple[float, float]) -> Floats:
-    """What lies within reach in each of the `RANGES_M`, by a grid of half metres."""
+    """Return the area within reach in each bin of `RANGES_M`, by a grid of half metres."""
     x, y = (np.arange(-side + 0.25, side, 0.5) for side in reach)
     range_m = np.hypot(*np.meshgrid(x, y)).ravel()
     return np.array([0.25 * len(inside) for inside in _bins(range_m, RANGES_M)])
 
 
 def _margin_gap(probability: Floats, kept: float) -> float:
-    """How much clearer, in standard deviations, what is found again was than what is missed next; by drawing it."""
+    """Return the mean margin before a miss less that before a detection, in standard deviations, by simulation."""
     rng = stream(0, "clearness")  # the name decides the draws
     chosen = rng.choice(probability, 400_000)
     now, fresh = rng.standard_normal((2, len(chosen)))
@@ -257,7 +257,7 @@ def _margin_gap(probability: Floats, kept: float) -> float:
 
 
 def _shifted(probability: Floats, mean: float) -> Floats:
-    """Probabilities (N,), all shifted alike in normal quantiles so that they have this mean."""
+    """Shift all probabilities (N,) alike in normal quantiles so that they have this mean."""
     level = ndtri(probability)
     shift = brentq(lambda by: float(ndtr(level + by).mean()) - mean, -5, 5)
     shifted: Floats = ndtr(level + shift)
@@ -265,8 +265,8 @@ def _shifted(probability: Floats, mean: float) -> Floats:
 
 
 def _latent(first: Floats, second: Floats, together: float) -> float:
-    """The correlation, in [0, 1], of two normal evidences that suffice with `first` and `second` (N,), at which the
-    mean probability that both do is `together`.
+    """Return the correlation, in [0, 1], of two standard normal evidences that suffice with probabilities `first` and
+    `second` (N,), such that the mean probability that both do is `together`.
     """
 
     def gap(correlation: float) -> float:
@@ -277,8 +277,8 @@ def _latent(first: Floats, second: Floats, together: float) -> float:
 
 
 def _both(first: Floats, second: Floats, correlation: float, weight: Floats | float = 1.0) -> float:
-    """The weighted mean probability that two correlated evidences suffice, by a one-factor model (Gauss-Hermite)."""
-    rows = np.linspace(0, len(first) - 1, min(len(first), 2000)).astype(np.int64)  # as good as all, and quick
+    """Return the weighted mean probability that two correlated evidences suffice (one-factor model, Gauss-Hermite)."""
+    rows = np.linspace(0, len(first) - 1, min(len(first), 2000)).astype(np.int64)  # a sample, for speed
     level = ndtri(np.clip(np.stack([first, second])[:, rows], 1e-9, 1 - 1e-9))
     node, share = roots_hermitenorm(48)
     both = ndtr((level[..., None] + np.sqrt(correlation) * node) / np.sqrt(1 - correlation)).prod(axis=0)
@@ -286,7 +286,7 @@ def _both(first: Floats, second: Floats, correlation: float, weight: Floats | fl
 
 
 def _persistence(at: Floats, weight: Ints, lags: Ints = LAGS) -> Persistence:
-    """The least-squares fit to autocorrelations after `lags` frames."""
+    """Fit a persistence by least squares to autocorrelations after `lags` frames."""
 
     def off(parts: Floats) -> Floats:
         whole, constant_share, lasting_s = parts
@@ -308,7 +308,7 @@ def _autocorrelation(persistence: Persistence, lag: int) -> float:
 
 
 def _pairs(seen: dict[str, Floats], lag: int) -> tuple[Ints, Ints]:
-    """Rows of the same object now and so many frames later."""
+    """Return rows of the same objects now and `lag` frames later."""
     key = (seen["episode"].astype(np.int64) * 2**20 + seen["object"].astype(np.int64)) * 2**20 + seen["frame"].astype(
         np.int64
     )
@@ -325,7 +325,7 @@ def _correlation(seen: dict[str, Floats], normal: Floats, lag: int) -> float:
 
 
 def _normal_scores(range_m: Floats, value: Floats) -> Floats:
-    """Values (N,) by their ranks within a bin of range as standard normal numbers; NaN stays."""
+    """Map values (N,) by their ranks within a bin of range to standard normal numbers; NaN stays."""
     normal = np.full(len(value), np.nan)
     for inside in _bins(range_m, RANGES_M):
         rows = inside[np.isfinite(value[inside])]
@@ -334,7 +334,7 @@ def _normal_scores(range_m: Floats, value: Floats) -> Floats:
 
 
 def _middle_and_spread(range_m: Floats, score: Floats) -> tuple[Curve, Curve]:
-    """Median, and half the middle 68 % in standard deviations, by range."""
+    """Return the median and the spread (half the middle 68 %, in standard deviations) by range."""
     quantiles = [np.quantile(score[inside], ndtr([-QUARTER, 0, QUARTER])) for inside in _bins(range_m, RANGES_M)]
     at = _middles(range_m)
     middle = Curve(at, _rounded([each[1] for each in quantiles]))
@@ -352,7 +352,7 @@ def _curve(at: Floats, edges: Floats, value: Floats, of: Callable[[Floats], floa
 
 
 def _bins(at: Floats, edges: Floats) -> list[Ints]:
-    """Rows between each two edges; those beyond the last are in the last."""
+    """Return the rows between each two edges; those beyond the ends are in the first and last bin."""
     number = np.clip(np.searchsorted(edges, at, "right") - 1, 0, len(edges) - 2)
     return [np.flatnonzero(number == k) for k in range(len(edges) - 1)]
 
@@ -362,7 +362,7 @@ def _middles(range_m: Floats) -> tuple[float, ...]:
 
 
 def _frames_of(false: dict[str, Floats]) -> dict[tuple[int, int], Floats]:
-    """Places (N, 2) by episode and frame."""
+    """Return positions (N, 2) by episode and frame."""
     key = np.column_stack([false["episode"], false["frame"]]).astype(np.int64)
     order = np.lexsort((key[:, 1], key[:, 0]))
     unique, starts = np.unique(key[order], axis=0, return_index=True)

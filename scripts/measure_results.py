@@ -1,4 +1,4 @@
-"""Measure again what the pages in docs/results report of simulated runs, and print it as their tables.
+"""Measure the tables of simulated runs in docs/results again, and print them.
 
     python scripts/measure_results.py [delays] [poses] [budgets] [codecs] [--seeds 5] [--frames 100] [--workers 2]
 
@@ -53,8 +53,8 @@ class Table:
     Attributes:
         heading: the columns' names.
         rows: labels of each row, and its runs.
-        metrics: which are shown of each run.
-        differences: pairs of a row's runs, the first less the second, in sAMOTA.
+        metrics: shown for each run.
+        differences: pairs of runs of a row; the difference first - second in sAMOTA is shown.
     """
 
     heading: tuple[str, ...]
@@ -63,7 +63,7 @@ class Table:
     differences: tuple[tuple[int, int], ...] = ()
 
     def text(self, values: Mapping[Run, Floats]) -> str:
-        """Return it in Markdown, from (seeds, metrics) values by run."""
+        """Format the table in Markdown, from values (seeds, metrics) by run."""
         columns = [METRICS.index(metric) for metric in self.metrics]
         rows = []
         for labels, runs in self.rows:
@@ -75,7 +75,7 @@ class Table:
 
 
 def delays() -> Table:
-    """Delayed messages."""
+    """Define the table of delayed messages."""
     heading = ("scenario", "latency", "as_current", "predict", "replay")
     rows = [
         (
@@ -92,7 +92,7 @@ def delays() -> Table:
 
 
 def poses() -> Table:
-    """Pose correction."""
+    """Define the table of pose correction."""
     white = {
         f"{metres:g} m, {degrees:g} degrees": PoseNoise(metres, degrees * DEGREE)
         for metres, degrees in ((0, 0), (0.2, 0.2), (0.5, 0.5), (1, 1))
@@ -113,7 +113,7 @@ def poses() -> Table:
 
 
 def budgets() -> Table:
-    """Budgets of bytes."""
+    """Define the table of byte budgets."""
     selections = ("random", "score", "need")
     rows = [
         (
@@ -129,7 +129,7 @@ def budgets() -> Table:
 
 
 def codecs() -> Table:
-    """Codecs of detections, and no messages."""
+    """Define the table of codecs of detections, compared with no messages."""
     rows = [((name,), (Run("crossing", options=(("codec", name),)),)) for name in ("detections", "compact", "cpm")]
     rows.append((("(no_fusion)",), (Run("crossing", "no_fusion"),)))
     return Table(("codec", *METRICS), rows, metrics=METRICS)
@@ -139,7 +139,7 @@ TABLES: Mapping[str, Callable[[], Table]] = {"delays": delays, "poses": poses, "
 
 
 def measure(run: Run, seeds: int, frames: int) -> Floats:
-    """Return the (seeds, metrics) values of a run."""
+    """Return the values (seeds, metrics) of a run."""
     return np.array([run.measure(frames, seed) for seed in range(seeds)])
 
 

@@ -1,10 +1,10 @@
-"""Show the fitted detector beside the real one and the default: docs/results/detector.svg, and a table of distances.
+"""Compare the fitted detector and the old default with the real one: docs/results/detector.svg and a table.
 
     python scripts/plot_detector.py DATA [--out docs/results/detector.svg] [--seeds 8]
 
 DATA has v2v4real/train. The simulation is highway and urban_grid with two connected cars and no people, without LiDARs
-(expected returns). Distances are Kolmogorov-Smirnov's, from 0 (alike) to 1, between what is real and each of the
-simulated: the mean over bins of range for what depends on it.
+(expected returns). The table has Kolmogorov-Smirnov distances, from 0 (alike) to 1, between real and simulated
+quantities: the mean over bins of range for quantities that depend on it.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def main() -> None:
 
 
 def seen(matches: Matches) -> dict[str, Floats]:
-    """Objects that the car could see, within the real detector's reach."""
+    """Return the objects visible to the car, within the real detector's reach."""
     config = preset(PRESET)
     inside = matches.within((config.reach_x_m, config.reach_y_m))
     return {name: column[inside] for name, column in matches.objects.items()}
 
 
 def table(every: dict[str, Matches]) -> str:
-    """Distances of both simulated detectors from the real one."""
+    """Format the distances of both simulated detectors from the real one."""
     rows = []
     for name, distance in DISTANCES.items():
         real, default, fitted = every.values()
@@ -71,7 +71,7 @@ def table(every: dict[str, Matches]) -> str:
 
 
 def draw(every: dict[str, Matches]) -> str:
-    """All panels, as SVG."""
+    """Draw all panels, as SVG."""
     with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 8}):
         figure = Figure(figsize=(13, 15), layout="constrained")
         axes = iter(figure.subplots(5, 4).ravel())
@@ -170,14 +170,14 @@ def _quantiles(axes: Axes, table: dict[str, Floats], column: str, name: str) -> 
 
 
 def _counts(matches: Matches) -> Floats:
-    """False detections in each frame in which there is an object."""
+    """Count false detections in each frame that has an object."""
     keys = [table["episode"] * 1e5 + table["frame"] for table in (matches.objects, matches.false)]
     frames = np.unique(np.concatenate(keys))
     return np.bincount(np.searchsorted(frames, keys[1]), minlength=len(frames)).astype(np.float64)
 
 
 def _correlations(table: dict[str, Floats], name: str) -> Floats:
-    """After each of `LAGS`: of a number by its ranks within a bin of range, or of whether it was found."""
+    """Return the autocorrelation after each of `LAGS`: of a column by its ranks within bins of range, or of `found`."""
     found = table["found"].astype(bool)
     normal = (
         found - found.mean()

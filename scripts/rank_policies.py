@@ -1,4 +1,4 @@
-"""Does the simulation rank policies as recordings do? Spearman's rho and Kendall's tau, with bootstrap intervals.
+"""Compare rankings of policies by simulation and recordings: Spearman's rho, Kendall's tau, bootstrap intervals.
 
     python scripts/rank_policies.py DATA [--seeds 8] [--frames 100] [--workers 2] [--csv scores.csv]
 
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--csv", type=Path, help="where all scores are to go")
+    parser.add_argument("--csv", type=Path, help="file for all scores")
     args = parser.parse_args()
     policies = coopsim.POLICIES.names()
     jobs: dict[tuple[str, str, str], Callable[[], list[list[float]]]] = {
@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def on_recordings(folder: Path, name: str) -> list[list[float]]:
-    """A policy's scores of each recording, for the car in whose frame it is."""
+    """Return a policy's scores per recording, for the car that owns the frame."""
     policy = coopsim.make_policy(name)
     env = coopsim.parallel_env("replay", path=folder, detections=AGENTS, uplink=policy.needs.uplink)
     rows = []
@@ -79,7 +79,7 @@ def on_recordings(folder: Path, name: str) -> list[list[float]]:
 
 
 def in_simulation(scenario: str, detector: str, name: str, seeds: int, frames: int) -> list[list[float]]:
-    """A policy's scores of each episode, mean over both cars."""
+    """Return a policy's scores per episode, mean over both cars."""
     rows = []
     for seed in range(seeds):
         done = coopsim.evaluate(name, scenario, seed=seed, max_cycles=frames, detector=detector, **OPTIONS)
@@ -88,7 +88,7 @@ def in_simulation(scenario: str, detector: str, name: str, seeds: int, frames: i
 
 
 def means_table(sources: Mapping[tuple[str, str], Scores]) -> str:
-    """Each policy's mean sAMOTA, and its rank, by source; best on the recordings first."""
+    """Format each policy's mean sAMOTA and rank by source; best on the recordings first."""
     names = list(next(iter(sources.values())))
     means = {source: np.array([scores[name][:, 0].mean() for name in names]) for source, scores in sources.items()}
     for detector in DETECTORS:
@@ -102,7 +102,7 @@ def means_table(sources: Mapping[tuple[str, str], Scores]) -> str:
 
 
 def correlation_table(sources: Mapping[tuple[str, str], Scores]) -> str:
-    """Rank correlations of every simulated source, and of all scenarios together, with the recordings."""
+    """Format the rank correlations of every simulated source, and of all scenarios together, with the recordings."""
     recorded, rows = _stacked(sources["recordings", "real"]), []
     for detector in DETECTORS:
         parts = {scenario: _stacked(sources[scenario, detector]) for scenario in SCENARIOS}
@@ -114,12 +114,12 @@ def correlation_table(sources: Mapping[tuple[str, str], Scores]) -> str:
 
 
 def _stacked(scores: Scores) -> Floats:
-    """(E, P, M) by episode and policy."""
+    """Stack scores to (E, P, M): episode, policy, metric."""
     return np.stack(list(scores.values()), axis=1)
 
 
 def _intervals(recorded: Floats, simulated: Floats) -> list[str]:
-    """Rho and tau of the means over rows of (R, P) and (E, P), each with the middle 95 % of a bootstrap over rows."""
+    """Format rho and tau of the means over rows of (R, P) and (E, P), with 95 % intervals of a bootstrap over rows."""
     rng = stream(0, "bootstrap")
 
     def both(one: Floats, other: Floats) -> tuple[float, float]:
@@ -135,7 +135,7 @@ def _intervals(recorded: Floats, simulated: Floats) -> list[str]:
 
 
 def write_csv(path: Path, sources: Mapping[tuple[str, str], Scores]) -> None:
-    """All scores, a row per episode."""
+    """Write all scores, a row per episode."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["scenario", "detector", "policy", "episode", *METRICS])
