@@ -1,6 +1,6 @@
-"""Track-to-track fusion: agents share what they track, and each receiver intersects it with what it tracks itself.
+"""Track-to-track fusion: agents share their tracks, and each receiver fuses them with its own.
 
-Covariance intersection (Julier and Uhlmann, ACC 1997): consistent although nobody knows how correlated the tracks are.
+By covariance intersection (Julier and Uhlmann, ACC 1997): consistent for any unknown correlation of the tracks.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ from coopsim.types.track_estimates import TrackEstimates
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 _MOTION = ConstantVelocity()
-"""How what was heard moves on: as in the tracker that it comes from."""
+"""The motion model of received tracks, as in the tracker that they come from."""
 
 _LONGEST_S = 10.0
-"""How long an id that nobody uses stays known (an agent that was out of reach may come back with it), and the longest
-time for which a constant velocity might be believed."""
+"""The longest `valid_s`, and how long an unused id stays known: an agent may come back into reach with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,21 +56,22 @@ class _AgentState:
 
 @POLICIES.register("track_to_track")
 class TrackToTrack(Policy):
-    """The agent's own tracks, fused in turn with each other agent's, moved on to now.
+    """The agent's own tracks, fused in turn with those of each sender, predicted to now.
 
-    What is fused is reported and then forgotten: neither the own tracker nor what is broadcast knows of it, so nothing
-    is counted twice. An agent's last message stays valid for a while, and its tracks' scores fall to zero meanwhile.
+    Fused tracks are reported and then forgotten: they reach neither the own tracker nor the uplink, so nothing is
+    counted twice. A sender's last message stays valid for a while, and the scores of its tracks fall to zero meanwhile.
+    An agent tracks once per frame, for its report and for its uplink.
 
     Args:
         gate: smallest 3D GIoU of an own track and a detection, in [-1, 1].
         hits: frames with a detection until an own track is reported.
         age: frames without a detection until an own track is dropped.
         fuse_gate: smallest BEV GIoU of two agents' tracks of one object, in [-1, 1].
-        valid_s: how long after its capture a message is believed, at most 10 s.
+        valid_s: how long after capture a message is used, at most 10 s.
         position_noise_m: assumed standard deviation of an estimated pose's x and y.
         heading_noise_rad: assumed standard deviation of its heading. The defaults are those of V2X-ViT (Xu et al.,
             ECCV 2022): 0.2 m and 0.2 degrees.
-        delayed: "predict" moves a message's tracks on by their velocity, "as_current" takes them as they were.
+        delayed: "predict" moves received tracks on by their velocity, "as_current" takes them as they were.
         align: correct poses by objects that several agents see, see `coopsim.fusion.alignment`.
     """
 
@@ -122,7 +122,7 @@ class TrackToTrack(Policy):
         return replace(fused.tracks, id=public).transform(state.frame.odom_SE3_base.inverse())
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
-        """Keep each agent's last message, while it is valid, in order of the agents' names."""
+        """Keep each sender's last message, while it is valid, in order of the names."""
         read = self.read(agent, within_reach(observation), decode_tracks)
         for (message, estimates), pose in zip(read, self._poses(read, observation, state), strict=True):
             captured_ns = min(message.captured_ns, observation.time_ns)
@@ -137,7 +137,7 @@ class TrackToTrack(Policy):
     def _poses(
         self, read: Sequence[tuple[Message, TrackEstimates]], observation: Observation, state: _AgentState
     ) -> list[SE3]:
-        """Where each message's sender was in the odometry frame, at capture."""
+        """Return each sender's pose in the odometry frame at capture time."""
         frame = state.frame
         if state.alignment is None:
             return [frame.odom_SE3_sender(message, observation) for message, _ in read]
@@ -151,7 +151,7 @@ class TrackToTrack(Policy):
     def _placed(
         self, estimates: TrackEstimates, captured_ns: int, odom_SE3_sender: SE3, state: _AgentState
     ) -> TrackEstimates:
-        """A message's tracks in the odometry frame, as unsure as two estimated poses make them, less the receiver."""
+        """Return received tracks in the odometry frame, with the uncertainty of two poses, less the receiver itself."""
         frame = state.frame
         estimates = estimates.transform(odom_SE3_sender)
         away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
@@ -164,7 +164,7 @@ class TrackToTrack(Policy):
         return estimates
 
     def _current(self, heard: _Heard, now_ns: int) -> TrackEstimates:
-        """What was heard as it should be by now, the less sure the older it is."""
+        """Return received tracks predicted to now; the older they are, the lower their scores."""
         age_s = (now_ns - heard.captured_ns) / NS_PER_S
         score = heard.estimates.tracks.score
         faded = replace(heard.estimates.tracks, score=score - np.abs(score) * age_s / self._valid_s)
@@ -172,7 +172,7 @@ class TrackToTrack(Policy):
         return _MOTION.predict_estimates(estimates, age_s) if self._delayed == "predict" else estimates
 
     def _fused(self, own: TrackEstimates, others: Sequence[TrackEstimates]) -> tuple[TrackEstimates, Ints]:
-        """N fused tracks, and the id that the agent itself and each of the others has for each, (N, 1 + others)."""
+        """Return N fused tracks, and each one's ids (N, 1 + senders) at the agent itself and at the senders."""
         fused, columns = own, [own.tracks.id]
         for theirs in others:
             fused, where = fuse_tracks(fused, theirs, self._fuse_gate)
