@@ -64,12 +64,6 @@ class GilbertElliottLoss(Loss):
         require_probability(begin=self.begin, loss_bad=self.loss_bad, loss_good=self.loss_good)
         require_between(1e-9, 1, end=self.end)
 
-    @property
-    def mean_loss(self) -> float:
-        """Share of messages that are lost in the long run."""
-        bad = self.begin / (self.begin + self.end)
-        return bad * self.loss_bad + (1 - bad) * self.loss_good
-
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
         """Draw two uniforms from `rng`, whatever the parameters. The first state is drawn from the stationary one."""
         to_bad, to_lost = rng.random(2)

@@ -1,4 +1,4 @@
-"""Detections in centimetres: half the bytes of float32, and a coarse uncertainty where a detector states one."""
+"""Detections in centimetres: half the bytes of float32, and a coarse covariance where the detector states one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FLAGS = struct.Struct("<B")
 
 @CODECS.register("compact")
 class CompactDetectionsCodec(PlainDetections):
-    """A box, its score and its label in 17 bytes, and in 8 more how sure the detector is.
+    """A box, its score and its label in 17 bytes, and its uncertainty in 8 more.
 
     | bytes | what | step | range |
     |---|---|---|---|
@@ -41,16 +41,16 @@ class CompactDetectionsCodec(PlainDetections):
     | 8 each: 7 x uint8 | standard deviations of x, y, z, l, w, h, yaw | 5.6 % | 1 mm (mrad) to 1 km (krad) |
     | int8 | correlation of x and y | 1/127 | within 126/127 |
 
-    What is out of range is refused, because a box in a wrong place is worse than none; only standard deviations and
-    correlations saturate. Other correlations, and embeddings, are not sent. Decoded are at most 65,535 objects.
+    Values out of range are refused, because a box in a wrong place is worse than none; only standard deviations and
+    correlations saturate. Other correlations, and embeddings, are not sent. At most 65,535 objects are decoded.
     """
 
     CENTER_ERROR_M = SIZE_ERROR_M = _STEP_M / 2
     YAW_ERROR_RAD = _STEP_RAD / 2
     SCORE_ERROR = 2.0**-11
-    """Of itself; 2^-25 for scores below 2^-14."""
+    """Relative; 2^-25 for scores below 2^-14."""
     SIGMA_ERROR = math.expm1(math.log(_SIGMAS[1] / _SIGMAS[0]) / 255 / 2)
-    """Of itself, within the range."""
+    """Relative, within the range."""
     RHO_ERROR = 1 / 127
 
     limit_bytes = 64 * 2**20
@@ -97,7 +97,7 @@ class CompactDetectionsCodec(PlainDetections):
 
 
 def _spread(covariance: Floats) -> bytes:
-    """Standard deviations, and the correlation of x and y, of (N, 7, 7) as `_SPREAD` rows."""
+    """Return standard deviations, and the correlation of x and y, of covariances (N, 7, 7) as `_SPREAD` rows."""
     least, most = _SIGMAS
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     rows = np.empty(len(covariance), dtype=_SPREAD)
@@ -109,7 +109,7 @@ def _spread(covariance: Floats) -> bytes:
 
 
 def _covariance(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Floats:
-    """(N, 7, 7), always positive definite."""
+    """Return covariances (N, 7, 7), always positive definite, of `_SPREAD` rows."""
     least, most = _SIGMAS
     sigma = least * (most / least) ** (rows["sigma"] / 255)
     covariance = np.zeros((len(rows), 7, 7))

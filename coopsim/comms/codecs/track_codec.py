@@ -13,7 +13,7 @@ from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.types.track_estimates import PLANAR, TrackEstimates
 
 VARIANCES = (1e-6, 1e7)
-"""The least and the largest eigenvalue of a covariance, m^2 and (m/s)^2. Nobody knows anything better than to a
+"""The least and the largest eigenvalue of a covariance, m^2 and (m/s)^2: no position is known better than to a
 millimetre, the velocity of a new track has 1e6, and within these limits no later step runs into rounding."""
 
 _UPPER = np.triu_indices(PLANAR)
@@ -44,7 +44,7 @@ class TracksCodec(Codec[TrackEstimates]):
     limit_bytes = 64 * 2**20
 
     def encode(self, content: TrackEstimates) -> bytes:
-        """The payload.
+        """Return the payload.
 
         Raises:
             CodecError: there are too many tracks, or one that `sendable` excludes.
@@ -81,7 +81,7 @@ _ACCEPTED = (
 
 
 def sendable(content: TrackEstimates) -> Mask:
-    """Which tracks (N,) a message can carry: in range, finite in float32, and with a usable covariance."""
+    """Return the mask (N,) of tracks that a message can carry: in range, finite in float32, of usable covariance."""
     tracks = content.tracks
     numbers = np.column_stack([tracks.boxes.array, tracks.velocity, tracks.score, content.covariance[:, *_UPPER]])
     with np.errstate(over="ignore", under="ignore"):
