@@ -36,48 +36,33 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
     """
     usual = LidarConfig()
     require_count(1, MOST_COLUMNS, lidar_columns=columns)
-    nearest_m = usual.min_range_m
-    accepted = f"> {nearest_m:g} and <= {FARTHEST_M:g}"
-    require_number(accepted, lambda far: nearest_m < far <= FARTHEST_M, lidar_range_m=range_m)
+    accepted = f"> {usual.min_range_m:g} and <= {FARTHEST_M:g}"
+    require_number(accepted, lambda far: usual.min_range_m < far <= FARTHEST_M, lidar_range_m=range_m)
     if lidar is None:
         return {}
-    named = _by_name(lidar) if isinstance(lidar, Mapping) else {LIDAR: lidar}
-    if not isinstance(lidar, Mapping):
-        _require_lidar("lidar", lidar, ", a mapping of its fields, a dict of these by name, or None")
-    if any(isinstance(one, LidarConfig) for one in named.values()):
-        _refuse_beside_config(usual, columns, range_m)
+    if not isinstance(lidar, Mapping) or has_parameters(LidarConfig, lidar):
+        named = {LIDAR: _lidar(lidar, "lidar", ", a mapping of its fields, a dict of these by name, or None")}
+    elif not lidar:
+        raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
+    else:
+        named = {name: _lidar(one, f"lidar {name!r}", " or a mapping of its fields") for name, one in lidar.items()}
+    for name, one in named.items():
+        if not (isinstance(name, str) and name):
+            raise InvalidValueError(f"lidar must have a name for each, got {name!r}")
+        if isinstance(one, LidarConfig) and (columns, range_m) != (usual.columns, usual.max_range_m):
+            option = "lidar_range_m" if columns == usual.columns else "lidar_columns"
+            raise InvalidValueError(f"{option} must be left out where lidar is a LidarConfig, which has its own")
     return {
         name: one if isinstance(one, LidarConfig) else LidarConfig(one, columns=columns, max_range_m=range_m)
         for name, one in named.items()
     }
 
 
-def _by_name(lidar: Mapping[str, Any]) -> dict[str, OneLidar]:
-    if not lidar:
-        raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
-    if has_parameters(LidarConfig, lidar):
-        return {LIDAR: load(LidarConfig, lidar, "lidar")}
-    named: dict[str, OneLidar] = {}
-    for name, one in lidar.items():
-        if not (isinstance(name, str) and name):
-            raise InvalidValueError(f"lidar must have a name for each, got {name!r}")
-        what = f"lidar {name!r}"
-        named[name] = load(LidarConfig, one, what) if isinstance(one, Mapping) else one
-        _require_lidar(what, named[name], " or a mapping of its fields")
-    return named
-
-
-def _require_lidar(what: str, lidar: object, beside: str) -> None:
+def _lidar(given: Any, what: str, more: str) -> OneLidar:
+    """Return one LiDAR, made of its mapping; `more` says what else is accepted, for the error."""
+    lidar: OneLidar = load(LidarConfig, given, what) if isinstance(given, Mapping) else given
     if not isinstance(lidar, (str, BeamPattern, LidarConfig)):
-        raise InvalidValueError(f"{what} must be a beam table, its name or path, a LidarConfig{beside}; got {lidar!r}")
+        raise InvalidValueError(f"{what} must be a beam table, its name or path, a LidarConfig{more}; got {lidar!r}")
     if isinstance(lidar, str) and not lidar.lower().endswith(SUFFIXES):
         require_choice(what, lidar, PATTERNS)
-
-
-def _refuse_beside_config(usual: LidarConfig, columns: int, range_m: float) -> None:
-    for name, got, default in (
-        ("lidar_columns", columns, usual.columns),
-        ("lidar_range_m", range_m, usual.max_range_m),
-    ):
-        if got != default:
-            raise InvalidValueError(f"{name} must be left out where lidar is a LidarConfig, which has its own")
+    return lidar

@@ -16,9 +16,6 @@ from coopsim.errors import CoopsimError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_finite_number
 
-UNREADABLE = (OSError, ValueError, RecursionError, yaml.YAMLError)
-"""Errors of reading YAML: also those of an impossible date (ValueError), or of 1000 brackets (RecursionError)."""
-
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
 """Keys whose texts may be the path of a file."""
 
@@ -221,7 +218,7 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> Entry:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         what = "" if isinstance(error, ConstructorError) else "this is no YAML: "
         raise kind(f"{what}{error.problem}").at(f"{path}:{line}") from error
-    except UNREADABLE as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:  # not UTF-8, or 1000 brackets, too
         raise kind(f"cannot read {path}: {(isinstance(error, OSError) and error.strerror) or error}") from error
     return Entry(path, node or yaml.ScalarNode("tag:yaml.org,2002:null", ""), _ROOT, 1, kind)
 

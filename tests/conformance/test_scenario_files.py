@@ -63,6 +63,18 @@ def test_paths_are_relative_to_the_file_that_has_them(tmp_path: Path) -> None:
         coopsim.parallel_env(here)
 
 
+def test_lidars_have_names_in_a_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "scenario: crossing\noptions: {lidar: {roof: OS1-128, front: VLP-16}}")
+    assert list(coopsim.parallel_env(path)._source._options.lidars) == ["roof", "front"]
+
+
+def test_errors_about_a_channels_file_name_that_file(tmp_path: Path) -> None:
+    (tmp_path / "channel.yaml").write_text("loss:\n  model: bernoulli\n  probability: 2\n")
+    path = write(tmp_path, "scenario: crossing\noptions: {channel: channel.yaml}")
+    with pytest.raises(InvalidValueError, match=r"^\S+channel.yaml:3: channel loss: probability must be in \[0, 1\]"):
+        coopsim.parallel_env(path)
+
+
 def test_keywords_go_before_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "scenario: crossing\npopulation: {rsus: 1}\n")
     assert "rsu_2" in coopsim.parallel_env(path, rsus=3).possible_agents
@@ -157,6 +169,10 @@ def test_a_recording_of_a_file_is_played_with_it_whatever_became_of_its_numbers(
         ("scenario: crossing\noptions: {density: 2}\n", r"own.yaml:2: density belongs to the top of the file"),
         ("scenario: crossing\noptions:\n  lidar: {pattern: VLP}\n", r"own.yaml:3: unknown lidar beam table 'VLP'"),
         ("scenario: crossing\noptions:\n  channel: &a {b: *a}\n", r"own.yaml:3: an alias is part of what it stands"),
+        (
+            "scenario: crossing\noptions:\n  channel:\n    loss:\n      model: bernoulli\n      p: 0.1\n",
+            r"own.yaml:6: unknown channel loss option 'p'. Accepted: probability",
+        ),
         ("", r"own.yaml:1: file: expected keys and values"),
     ],
 )

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import packages_distributions, version
@@ -18,7 +19,7 @@ from coopsim.bench.grid.cell import Cell
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
-from coopsim.config.yaml_file import UNREADABLE, path_from
+from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
 
 LAYOUT = 1
@@ -109,17 +110,8 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
     elif isinstance(value, str) and os.path.isfile(path := path_from(folder, value)):
         yield path
         if path.lower().endswith(SCENARIO_SUFFIXES):
-            yield from _files(yaml_content(path), os.path.dirname(path))
-
-
-def yaml_content(path: str) -> Any:
-    """Read a YAML file as plain data; None if it is not YAML."""
-    import yaml
-
-    try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except UNREADABLE:  # not YAML, so it names no other file
-        return None
+            with suppress(InvalidValueError):  # if it is not YAML, it names no other file
+                yield from _files(read_yaml(Path(path), InvalidValueError).value, os.path.dirname(path))
 
 
 def _versions(package: str) -> dict[str, str]:
