@@ -28,6 +28,7 @@ PAGES = {
 NOT_RUN = {
     "README.md": "a whole episode, which other tests run, and a sketch with placeholders",
     "docs/results/delays_poses_budgets.md": "has placeholders",
+    "docs/results/policies.md": "has placeholders",
     "docs/reference/benchmark.md": "takes minutes",
 }
 
