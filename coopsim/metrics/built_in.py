@@ -167,7 +167,7 @@ BUILT_IN: Mapping[str, Metric] = {
     **_precisions(),
     BYTES: _PoolMetric(
         lambda pool: pool.bytes_per_s,
-        "what an agent broadcasts per second, envelope included",
+        "what an agent broadcasts, envelope included",
         "bytes/s",
         ".0f",
         less_is_better=True,

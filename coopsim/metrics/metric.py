@@ -36,6 +36,11 @@ class Metric(ABC):
     less_is_better: bool = False
     whole_only: bool = False
 
+    @property
+    def definition(self) -> str:
+        """The meaning with the unit, for reports."""
+        return f"{self.meaning}, in {self.unit}" if self.unit else self.meaning
+
     @abstractmethod
     def value(self, pool: LogPool) -> float | None:
         """Compute the value for one agent's logs, pooled over sequences.

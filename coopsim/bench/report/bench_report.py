@@ -95,7 +95,7 @@ def render_bench_report(
             for k, condition in enumerate(table.conditions)
         ),
         failures=failures(table),
-        meaning=definitions({name: each.meaning for name, each in all_metrics().items() if name in (*shown, BYTES)}),
+        meaning=definitions({name: each.definition for name, each in all_metrics().items() if name in (*shown, BYTES)}),
         settings=definitions(about.settings),
         command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
     )

@@ -148,7 +148,7 @@ def _table(heads: Sequence[tuple[str, str]], rows: Sequence[str], sortable: bool
     for name, css in heads:
         attributes = f' class="{css}"' if css else ""
         if name in metrics:
-            attributes += f' title="{html.escape(metrics[name].meaning)}"'
+            attributes += f' title="{html.escape(metrics[name].definition)}"'
         text = html.escape(name)
         cells.append(f"<th{attributes}>{f'<button>{text}</button>' if sortable and name else text}</th>")
     css = ' class="sortable"' if sortable else ""

@@ -108,7 +108,7 @@ function againstBytes() {
       const [x, y, name] = [horizontal.place(point.rate), vertical.place(point.mean), data.policies[point.policy]];
       const late = x > WIDTH * 0.6;
       const [left, width] = [late ? x - 8 - 6.5 * name.length : x + 8, 6.5 * name.length];
-      // A name that would lie on another is left out; the legend has them all.
+      // Names that would overlap are left out; the legend has them all.
       if (taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
       taken.push([left, width, y]);
       const text = { x: x + (late ? -8 : 8), y: y - 7, "text-anchor": late ? "end" : "start", class: "name" };
@@ -178,7 +178,7 @@ document.querySelectorAll("table.sortable").forEach((table) => {
       };
       const order = (a, b) => (typeof a === "string" ? a.localeCompare(b) : a - b) * (down ? -1 : 1);
       const lines = [...table.tBodies[0].rows].map((line) => [key(line), line]);
-      // What has no value stays below, whichever way.
+      // Rows without a value stay below, in either order.
       lines.sort(([a], [b]) => (a === null || b === null ? (a === null) - (b === null) : order(a, b)));
       table.tBodies[0].append(...lines.map(([, line]) => line));
     };

@@ -136,7 +136,7 @@ function pointOf(policy, x, point, vertical, tell, small = false) {
   return group;
 }
 
-/** Those that no other beats in both: no more bytes and a better value. */
+/** The points that no other beats: fewer bytes and a better value. */
 function frontOf(points, less) {
   const better = (a, b) => (less ? a < b : a > b);
   const front = [];
