@@ -66,7 +66,7 @@ def _affinity(tracks: Tracked, detections: Detections, /) -> Floats:
 @POLICIES.register("coop_fuse")
 @dataclass(kw_only=True, eq=False)
 class CoopFuse(TrackingPolicy):
-    """Of several boxes on an object the likelier one weighs more; a track's score is how likely it is on an object.
+    """AB3DMOT on fused boxes, which weigh by their likelihood; a track's score is its probability to be on an object.
 
     Which agent is right about a box (`Doubt`), how likely the box then is right (`Calibration`) and how likely a track
     is real (`Likelihood`) were learned from labels; the rest is AB3DMOT's. Further parameters: `TrackingPolicy`, with
@@ -74,15 +74,15 @@ class CoopFuse(TrackingPolicy):
 
     Attributes:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
-        least_chance: smallest probability, in [0, 1], that a box that another agent's outweighed is right where the
-            fused one is not, from which it is tracked too, with the score that is left to it; 1: never.
+        least_chance: smallest probability, in [0, 1], that an outweighed box is right although the fused one is not, at
+            which the outweighed box is tracked, too, with its remaining score; 1: never.
         gate: smallest 3D GIoU of a track and an equally likely box, in [-1, 1].
         least: smallest probability of a reported track, in [0, 1].
         age: frames without a detection until a track is dropped.
-        doubt: which of two agents' boxes to believe.
-        hearsay: whether to believe where another agent places an object that the receiver does not see.
-        calibration: how likely a box is on an object.
-        likelihood: how likely a track is on an object.
+        doubt: log odds that the other of two agents' boxes is right.
+        hearsay: the same for an object that the receiver does not detect, against registration's expectation.
+        calibration: probability that a box is on an object.
+        likelihood: probability that a track is on an object.
     """
 
     delayed: str = "replay"

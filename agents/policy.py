@@ -39,14 +39,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What a policy needs an environment to provide.
+    """Requirements of a policy on its environment.
 
     Attributes:
         uplink: the content that agents must broadcast: "detections", "tracks", "points", ...; "none" for a policy that
             reads no message.
         lidar: the policy reads LiDAR sweeps.
         cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.rigs`), True for
-            "surround"; False: the policy looks at no image, and none is rendered for it.
+            "surround"; False: the policy reads no image, and none is rendered for it.
 
     Raises:
         InvalidValueError: a value has the wrong type.

@@ -40,24 +40,24 @@ VERSION = 1
 def simulation_env(
     scenario: str | Place, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
 ) -> CooperativeEnv:
-    """A simulated environment.
+    """Make a simulated environment.
 
     Args:
-        scenario: name of the scenario, or a place of one's own.
+        scenario: name of the scenario, or a custom place.
         name: the environment's id.
         density: a factor on the numbers of vehicles and people.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
     """
     groups = (CommonOptions, SimulationOptions, Population)
-    sort_options(options, *groups, beside=["density", "reward"])  # a slip is told before a recording is read
+    sort_options(options, *groups, also_accepted=["density", "reward"])  # refuses typos before a recording is read
     playback = options.get("playback")
     episode = None if playback is None else Episode(playback)
     if episode is not None:
         if density != 1.0:
             raise InvalidValueError(f"density must be 1, as {playback} has its own numbers, got {density!r}")
         options = as_recorded(episode, scenario, options)
-    common, simulation, numbers = sort_options(options, *groups, beside=["density", "reward"])
+    common, simulation, numbers = sort_options(options, *groups, also_accepted=["density", "reward"])
     shared = CommonOptions(**common)
     sensed = SimulationOptions(**simulation)
     require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
@@ -66,24 +66,24 @@ def simulation_env(
 
 
 def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:
-    """A simulated environment as a file describes it; see `coopsim.envs.scenario_file`.
+    """Make a simulated environment from a scenario file; see `coopsim.envs.scenario_file`.
 
     Args:
         name: the environment's id.
-        path: of the file, or the name of one that comes along; there is no default.
-        **options: as of `simulation_env`; they go before what the file says.
+        path: of the file, or the name of one that ships with coopsim; there is no default.
+        **options: as of `simulation_env`; they override the file's.
 
     Raises:
-        ScenarioFileError: names the file and the line.
+        ScenarioFileError: the file is not accepted; the message names file and line.
     """
     if not isinstance(path, (str, Path)):
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
     file = load_scenario_file(path)
     try:
-        said = drop_overridden(file.keywords, options)
-        if options.get("playback", said.get("playback")) is not None:  # which has its own numbers, made of these
-            said = {key: value for key, value in said.items() if key not in NUMBERS}
-        return simulation_env(file.scenario, name, **{**said, **options})
+        keywords = drop_overridden(file.keywords, options)
+        if options.get("playback", keywords.get("playback")) is not None:  # a recording has its own population
+            keywords = {key: value for key, value in keywords.items() if key not in NUMBERS}
+        return simulation_env(file.scenario, name, **{**keywords, **options})
     except CoopsimError as error:
         raise file.blame(error, overridden=options) from error
 
@@ -115,7 +115,7 @@ def replay_env(
     """
     require_frame_time(dt_s)
     named = ["path", "detections", "dt_s", "odometry", "axes", "reward"]
-    (common,) = sort_options(options, CommonOptions, beside=named)
+    (common,) = sort_options(options, CommonOptions, also_accepted=named)
     shared = CommonOptions(**common)
     return CooperativeEnv(Replay(name, path, detections, dt_s, odometry, axes), shared, reward)
 

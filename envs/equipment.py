@@ -54,7 +54,7 @@ class Equipment:
 
     @property
     def images_tell_actors(self) -> bool:
-        """Whether images have a mode that tells actors apart."""
+        """Whether images have a mode that distinguishes actors."""
         return "instance" in self._options.camera_modes
 
     @property

@@ -1,4 +1,4 @@
-"""Sources of frames: the simulation, or a recording. The environment cannot tell them apart."""
+"""Sources of frames: the simulation, or a recording, with one interface to the environment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgentFrame:
-    """One agent in one frame: what it perceives, and what is true around it.
+    """One agent in one frame: its perception, and the truth around it.
 
     Attributes:
         observation: before communication (its inbox is empty).
@@ -48,7 +48,7 @@ class FrameProbe:
         return {}
 
     def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
-        """Return how well cameras see every actor, by agent with cameras; empty where images tell no actors apart."""
+        """Return how well cameras see every actor, by agent with cameras; empty if images do not distinguish them."""
         return {}
 
 

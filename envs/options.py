@@ -33,7 +33,7 @@ _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_rang
 
 @dataclass(frozen=True, slots=True)
 class CommonOptions:
-    """What every environment has, simulated or replayed.
+    """Options of every environment, simulated or replayed.
 
     Attributes:
         uplink: what agents broadcast: a name with or without parameters ("detections", "tracks", "points(keep=0.5)",
@@ -44,20 +44,20 @@ class CommonOptions:
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].
         loss: probability that a message is lost on a link, in [0, 1].
-        communication_range_m: farther apart than this, nothing arrives.
-        channel: a whole channel in the place of the four options above: a `ChannelConfig`, its mapping, or the path of
+        communication_range_m: largest distance between sender and receiver at which messages arrive.
+        channel: a whole channel, which replaces the four options above: a `ChannelConfig`, its mapping, or the path of
             a YAML file with that.
         budget_bytes: largest size of a message, envelope included; None: no limit. The uplink's codec must be able to
             leave out the least useful part.
         selection: which detections are sent first where not all fit: "need", "score" or "random", see
             `coopsim.comms.uplinks.selection`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
-        false_positives: "count", or "ignore" to stand beside tables that ignored them.
+        false_positives: "count", or "ignore" for comparison with tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
         expose_visibility: put there also how well each agent's LiDARs and cameras see every actor, which takes about
             twice the time of the rest of a step; needs `expose_ground_truth`.
         render_mode: None, "rgb_array" or "human".
-        seed: of every episode for which `reset` is given none; None: another one each time.
+        seed: of every episode for which `reset` is given no seed; None: a different one each time.
     """
 
     uplink: str | Policy | MakeUplink = "detections"
@@ -98,7 +98,7 @@ class CommonOptions:
 
     @property
     def channel_config(self) -> ChannelConfig:
-        """The channel's part."""
+        """Configuration of the channel by these options."""
         if isinstance(self.channel, ChannelConfig):
             return self.channel
         latency = GaussianLatency(self.latency_s, self.latency_jitter_s)
@@ -110,7 +110,7 @@ def refuse_overridden(options: object, names: Iterable[str], whole: str) -> None
     defaults = {field.name: field.default for field in fields(options)}  # type: ignore[arg-type]
     for name in names:
         if getattr(options, name) != defaults[name]:
-            raise InvalidValueError(f"{name} is not an option beside {whole}, which says so itself")
+            raise InvalidValueError(f"{name} cannot be combined with {whole}, which sets it")
 
 
 def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:
@@ -123,13 +123,15 @@ def require_truth_exposed(modes: Sequence[str], *, exposed: bool) -> None:
         )
 
 
-def sort_options(options: Mapping[str, Any], *groups: type[Any], beside: Iterable[str] = ()) -> list[dict[str, Any]]:
+def sort_options(
+    options: Mapping[str, Any], *groups: type[Any], also_accepted: Iterable[str] = ()
+) -> list[dict[str, Any]]:
     """Sort keywords by the dataclass that has a field of that name; one dict per group, in order.
 
     Args:
         options: keywords as the user gave them.
         *groups: dataclasses with distinct field names.
-        beside: what else the user could have given, for the message.
+        also_accepted: further keywords of the user, for the message.
 
     Raises:
         UnknownNameError: a keyword belongs to none of them.
@@ -138,5 +140,5 @@ def sort_options(options: Mapping[str, Any], *groups: type[Any], beside: Iterabl
     known = {name for group in names for name in group}
     for name in options:
         if name not in known:
-            raise UnknownNameError("option", name, known.union(beside))
+            raise UnknownNameError("option", name, known.union(also_accepted))
     return [{name: options[name] for name in group if name in options} for group in names]

@@ -29,14 +29,14 @@ _POINTS_SHOWN = 2500
 
 @dataclass(frozen=True, slots=True)
 class DemoConfig:
-    """What the demonstration runs.
+    """Configuration of the demonstration.
 
     Attributes:
         environment: name of the environment.
         policies: as `PolicySpec` reads them.
         latencies_s: each policy runs under each; None: under that of the options or of the scenario file.
         frames: length of each run.
-        seed: the same for all runs, so that all meet the same traffic.
+        seed: of all runs, which so have the same traffic.
         options: further options of the environment.
     """
 
@@ -50,7 +50,7 @@ class DemoConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoRun:
-    """One finished run of the demonstration."""
+    """Finished run of the demonstration."""
 
     policy: str
     latency_s: float | None

@@ -15,7 +15,7 @@ from coopsim.metrics.metric import METRICS
 
 @dataclass(frozen=True, slots=True)
 class MetricSpec:
-    """Where a metric that a user or package registered comes from.
+    """Source of a metric that a user or a package registered.
 
     Attributes:
         name: as it is registered.

@@ -12,8 +12,8 @@ object matches nothing, so it costs log OUTLIER and pulls nowhere. The prior p(x
 acceleration, mixed with a wide one of little weight: many boxes can overrule a wrong past, a few cannot. Without
 boxes the prior alone remains: the car goes on as before.
 
-What moves together cannot be told from what stands: in a frame that shows nothing but people who walk in one direction,
-the error is their speed.
+Objects that all move alike look like standing ones: in a frame that shows only people walking in one direction, the
+error is their speed.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class SensorNeeds:
 
 
 class DetectorBase:
-    """What real and simulated detectors have in common.
+    """Common base of real and simulated detectors.
 
     Attributes:
         needs: the sensors without which it cannot work; checked when an environment is made.

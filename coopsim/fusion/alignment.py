@@ -20,7 +20,7 @@ from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, PoseEstimate
 
 _KNOWN_NS = 60 * NS_PER_S
-"""How long the pose error of a silent agent is remembered; names may change for ever."""
+"""Time for which the pose error of a silent agent is kept; bounded, because names may change for ever."""
 
 _MEMORY_NS = 2 * NS_PER_S
 _GATES_M = (2.0, 1.0)
@@ -47,7 +47,7 @@ class ReceivedBoxes:
 
 @dataclass
 class PoseAlignment:
-    """One receiver's corrections of all senders' poses, over one episode.
+    """Corrections of all senders' poses by one receiver, over one episode.
 
     Attributes:
         is_object: for each agent, whether others see it as an object over the origin of its base frame.

@@ -19,7 +19,7 @@ _LEAST_WEIGHT = 1e-6
 
 
 MERGES = ("mean", "nms")
-"""What stands for duplicates: their score-weighted mean, or the best of them."""
+"""Ways to merge duplicates: into their score-weighted mean, or into the best of them."""
 
 
 def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = "mean") -> Detections:

@@ -3,7 +3,7 @@
 Received boxes come through a relative pose that is never exact, least of all in tilt, and from a sweep that was taken
 some milliseconds earlier or later, in which a car at 10 m/s moves by decimetres. `alignment` corrects a sender's pose
 over ground and over time, and places all its boxes by that. Registration needs less and changes nothing: from the boxes
-of one moment alone it tells where the receiver would have put the objects that it does not see.
+of one moment alone it gives the positions at which the receiver would detect the objects that it misses.
 """
 
 from __future__ import annotations

@@ -23,14 +23,14 @@ _CLEARNESS_POWER = 4
 
 
 _EVEN_ODDS_IOU, _STEEPNESS = 0.255, 6.4
-"""How the 3D IoU with a right box tells whether a box overlaps the object enough too. In the training recordings of
-V2V4Real boxes between two agents' were on their object in 31 % of cases where that IoU was 0.2 to 0.25, in 64 % in the
-next 0.05, then in 85, 92 and 96 %: log odds linear in its logarithm."""
+"""Log odds that a box is on its object, linear in the logarithm of its 3D IoU with a right box. In the training
+recordings of V2V4Real boxes between two agents' were on their object in 31 % of cases at an IoU of 0.2 to 0.25, in 64 %
+in the next 0.05, then in 85, 92 and 96 %."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Log odds that, of two agents' boxes on one object, the other's is right and the own one is not.
+    """Log odds that, of two agents' boxes on one object, the sender's is right and the receiver's is not.
 
     A detector's height is good where it sees the road; far away it guesses a flat world, and another agent's boxes come
     through a relative pose whose tilt lifts or sinks those far from the sender. So the log odds are linear in the
@@ -138,7 +138,7 @@ class Correspondence:
         own: (K,) rows of the own boxes that the other agent sees too.
         other: (K,) the other agent's rows of those objects.
         new: (L,) the other agent's rows of objects that only it sees.
-        expected: (L,) where registration says that the receiver's own sensor would have seen those; None without common
+        expected: (L,) boxes of those as registration expects the receiver's sensor to see them; None without common
             objects to register by.
     """
 
@@ -176,8 +176,8 @@ def trust_likelier(
     object although one of the two is right, that one may be kept as a box of its own, at the end, with the remaining
     chance.
 
-    Objects that the receiver does not see itself are treated alike: they may lie where the other agent says, or where
-    registration says that the receiver would see them.
+    Objects that the receiver does not see itself are treated alike: they may lie where the other agent places them, or
+    where registration expects the receiver to see them.
 
     Args:
         groups: one per agent, in one frame, the receiver's own first. Invalid boxes are dropped.

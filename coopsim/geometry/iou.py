@@ -81,7 +81,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
                 inter *= max(0.0, high - low)
                 size_a, size_b = size_a * a[i, 5], size_b * b[j, 5]
                 depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
-            # Rounding can make an intersection a hair larger than what it is an intersection of.
+            # Rounding can make an intersection slightly larger than either box.
             inter = min(inter, size_a, size_b)
             union = size_a + size_b - inter
             if union <= 0:

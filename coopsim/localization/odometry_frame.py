@@ -9,11 +9,11 @@ from coopsim.geometry.se3 import SE3
 from coopsim.types import NS_PER_S, Message, Observation
 
 _MEMORY_NS = 2 * NS_PER_S
-"""How long an agent remembers its poses."""
+"""Time for which an agent keeps its poses."""
 
 
 class OdometryFrame:
-    """One agent's path in its odometry frame, which begins at the agent's first pose.
+    """Path of an agent in its odometry frame, whose origin is the agent's first pose.
 
     Attributes:
         odom_SE3_base: the agent's pose now.

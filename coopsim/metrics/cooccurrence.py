@@ -1,4 +1,4 @@
-"""Which object meets which track in a sequence, and for how long."""
+"""Co-occurrence of objects and tracks in a sequence, in frames."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def check_policy(policy: str | Policy | Callable[[], Policy], environment: str =
     """Check that a policy keeps what environments rely on.
 
     It must report valid tracks for every agent: over an ideal channel, over one with losses, delays and duplicates,
-    alone, and among messages that nobody can read. Observations must stay as they are. The same seed must give the
+    alone, and among unreadable messages. Observations must stay as they are. The same seed must give the
     same tracks again after `reset`, whatever episodes were before, and whatever the order in which agents are asked.
 
     Args:

@@ -26,7 +26,7 @@ def check_uplink(uplink: Any, **options: Any) -> None:
     """Check that an uplink keeps what environments and receivers rely on.
 
     Each message must be of its sender and frame, with a payload that its registered codec decodes, of the content that
-    the uplink states. Frames in which nothing was sensed, and inboxes with messages that nobody can read, must do no
+    the uplink states. Frames in which nothing was sensed, and inboxes with unreadable messages, must do no
     harm. Observations must stay as they are. The same seed must give the same messages, whatever episodes were before
     and whatever the order of the agents.
 

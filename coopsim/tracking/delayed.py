@@ -137,7 +137,7 @@ class PredictForward(DelayedMeasurements):
 
 @dataclass(slots=True)
 class _Moment:
-    """One step of the tracker: its state before, the groups by source, and whether more groups may come."""
+    """A step of the tracker: its state before, the groups by source, and whether more groups may come."""
 
     time_ns: int
     groups: dict[str, Detections] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What encoders make of sensor data for others to fuse: point clouds, feature maps and instance queries."""
+"""Sensor data and encodings of it for others to fuse: point clouds, feature maps and instance queries."""
 
 from __future__ import annotations
 

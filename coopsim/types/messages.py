@@ -1,4 +1,4 @@
-"""What goes into a policy: messages, observations, and each agent's specification."""
+"""Inputs of a policy: messages, observations, and each agent's specification."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """What one agent knows in one frame; all but the inbox is in its own base frame, now.
+    """Input of one agent in one frame; all but the inbox is in its current base frame.
 
     Attributes:
         time_ns: now, since the episode's start.
@@ -86,7 +86,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class AgentSpec:
-    """What a policy may know of an agent before the first frame.
+    """Specification of an agent, known to a policy before the first frame.
 
     Attributes:
         name: as `cav_0`, `rsu_0` or `drone_0`.
@@ -95,7 +95,7 @@ class AgentSpec:
         uplink: the content that the agent broadcasts ("none", "detections", "tracks", "points", "features", "queries").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
         is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
-            mast, and for a recording, which does not say where its agents are.
+            mast, and for a recording, which lacks the positions of its agents.
         frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
             are in its own.
         cameras: calibration of each of its cameras, by name; of the running episode, as cars differ in height.

@@ -1,4 +1,4 @@
-"""What sensors give an agent in one frame: LiDAR sweeps, camera images, calibrations, pose and odometry."""
+"""Sensor data of an agent in one frame: LiDAR sweeps, camera images, calibrations, pose and odometry."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorView:
-    """All that one agent's sensors give a detector in one frame; never truth, never instance ids.
+    """Sensor data of one agent in one frame, input of a detector; never truth, never instance ids.
 
     Attributes:
         agent: the agent's name.

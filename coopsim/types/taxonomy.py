@@ -13,8 +13,8 @@ from coopsim.errors import InvalidValueError
 class ObjectClass(IntEnum):
     """Nine classes after V2X-Real (Xiang et al. 2024), as used by DINO-CoDT (He et al., Table I).
 
-    The data set tells more of them apart (a police car from a car, a scooter from its rider); here a rider and what is
-    ridden are one object of the vehicle's class.
+    The data set has more classes (a police car is no car, a scooter not its rider); here a rider and the ridden vehicle
+    are one object of the vehicle's class.
     """
 
     CAR = 0
@@ -34,7 +34,7 @@ class ObjectClass(IntEnum):
 
     @property
     def superclass(self) -> Superclass:
-        """What it belongs to."""
+        """The superclass of the class."""
         return _SUPERCLASS[self]
 
 
@@ -47,7 +47,7 @@ class Superclass(Enum):
 
     @property
     def title(self) -> str:
-        """Its name as in the papers: capitals tell the superclass Truck from the class truck."""
+        """The name as in the papers: capitals distinguish the superclass Truck from the class truck."""
         return self.value
 
     @property

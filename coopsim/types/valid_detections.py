@@ -1,4 +1,4 @@
-"""Which detections a tracker takes in; all others are dropped where they enter."""
+"""Validity of detections for trackers; invalid ones are dropped on input."""
 
 from __future__ import annotations
 

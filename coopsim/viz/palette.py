@@ -25,7 +25,7 @@ HUE_STEP = 0.38196601125
 """Step of successive ids around the colour wheel (1 is a turn): the golden angle, so that neighbours differ."""
 
 SATURATION, LIGHTNESS = 0.75, 0.68
-"""Of tracks' colours; light enough that blue, too, stands out from the road."""
+"""Saturation and lightness of tracks' colours; light enough that blue, too, stands out from the road."""
 
 
 def track_color(track_id: int) -> RGB:

@@ -101,7 +101,7 @@ def _unpack_tracks(packed: object) -> Tracks:
     if not isinstance(packed, Mapping) or set(packed) != set(_TRACK_COLUMNS):
         got = sorted(map(str, packed)) if isinstance(packed, Mapping) else repr(packed)
         raise InvalidActionError(f"tracks are a dict with {list(_TRACK_COLUMNS)}, got {got}")
-    # Copies: what the caller does to its arrays afterwards does not change what it reported.
+    # Copies, so that later changes of the caller's arrays do not change its report.
     track_id, box, velocity, score, label = (
         as_numbers(packed[name], dtype, f"track {name}").copy() for name, dtype in _TRACK_COLUMNS.items()
     )

@@ -1,4 +1,4 @@
-"""What a world shows to sensors, metrics and pictures at one moment, all in the world frame."""
+"""State of a world at one moment for sensors, metrics and pictures, in the world frame."""
 
 from __future__ import annotations
 

@@ -209,5 +209,5 @@ def test_a_bad_channel_is_refused_by_name(given: Any, error: type[CoopsimError],
 
 
 def test_two_channels_are_one_too_many() -> None:
-    with pytest.raises(InvalidValueError, match="latency_s is not an option beside channel"):
+    with pytest.raises(InvalidValueError, match="latency_s cannot be combined with channel"):
         CommonOptions(channel=ChannelConfig(), latency_s=0.1)

@@ -145,7 +145,7 @@ def test_every_error_at_once_runs_and_is_the_same_again() -> None:
         (
             {"localization": LocalizationConfig(), "position_noise_m": 0.1},
             InvalidValueError,
-            "position_noise_m is not an option beside localization",
+            "position_noise_m cannot be combined with localization",
         ),
         ({"channel": ChannelConfig(clocks={"car": AgentClock(5)})}, UnknownNameError, "unknown agent in clocks 'car'"),
     ],

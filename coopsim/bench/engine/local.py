@@ -76,7 +76,7 @@ class _Worker:
 
     @property
     def alive(self) -> bool:
-        """Whether the process had not ended at the last `take`."""
+        """Whether the process was still running at the last `take`."""
         return self._process.returncode is None
 
     def give(self, job: Job) -> None:

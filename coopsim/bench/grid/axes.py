@@ -12,7 +12,7 @@ from coopsim.bench.grid.cell import Condition
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One number of a condition, as it is shown.
+    """A number of a condition, with its labels.
 
     Attributes:
         field: of `Condition`.

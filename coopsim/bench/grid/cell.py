@@ -83,7 +83,7 @@ class CellResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the cell failed, and so has no values."""
+        """Whether the cell failed; it then has no values."""
         return self.traceback is not None
 
     @property

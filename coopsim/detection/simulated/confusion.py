@@ -63,7 +63,7 @@ class ClassConfusion:
 
 
 class LabelNoise:
-    """One agent's confusions over one episode; asked once in each frame, in order.
+    """Class confusions of one agent over one episode; call once per frame, in order.
 
     Args:
         config: the confusion matrix and its persistence.

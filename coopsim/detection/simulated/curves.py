@@ -57,10 +57,10 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class DetectionModel:
-    """Whether an object (or a phantom) is reported in a frame.
+    """Model of the detection of an object (or a phantom) in a frame.
 
     A Gaussian copula: a standard normal `evidence`, correlated over time, is compared with the quantile of
-    1 - probability. So misses come in runs, and some objects are missed always.
+    1 - probability. So misses come in runs, and some objects are always missed.
 
     Attributes:
         probability: probability of detection over the variable that decides it.

@@ -14,7 +14,7 @@ from coopsim.types import Ints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the middle of each pixel sees: one sample, so that all pictures made of it agree.
+    """Hit of the ray through the middle of each pixel: one sample, so that all pictures made of it agree.
 
     Attributes:
         face: (H, W) int, index of the triangle, -1 where there is nothing between near and far.

@@ -34,7 +34,7 @@ class Optics(NamedTuple):
 
 
 class Echoes(NamedTuple):
-    """What each of R rays hit.
+    """Hits of R rays.
 
     Attributes:
         range_m: (R,) inf where nothing was hit.

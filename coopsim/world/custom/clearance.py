@@ -83,14 +83,14 @@ def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: 
     """
     rows = np.array([_footprint(bay) for bay in bays]).reshape(-1, 7)
     for entry, corners in zip(entries, Boxes3D.from_array(rows).corners[:, :4, :2], strict=True):
-        kerbs.require_beside(along_outline(corners), entry, "the side of whoever is parked", _PASSING_M)
+        kerbs.require_beside(along_outline(corners), entry, "the side of the parked vehicle", _PASSING_M)
     rows[:, 3:5] += 2 * PARKED_ASIDE_M
     pair = _overlapping(rows)
     if pair is not None:
         first, second = pair
         raise entries[second].error(
-            f"who is parked here needs {rows[second, 3]:.1f} x {rows[second, 4]:.1f} m, and would stand in who is "
-            f"parked in line {entries[first].line}"
+            f"the vehicle parked here needs {rows[second, 3]:.1f} x {rows[second, 4]:.1f} m, and would overlap with "
+            f"the one parked in line {entries[first].line}"
         )
 
 
@@ -107,7 +107,9 @@ def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry],
     rows[:, 3:6] = _START_M, _LANE_APART_M, 1.0
     pair = _overlapping(rows)
     if pair is not None:
-        raise entries[pair[1]].error(f"who starts here would stand in who starts in line {entries[pair[0]].line}")
+        raise entries[pair[1]].error(
+            f"a vehicle that starts here would overlap with one that starts in line {entries[pair[0]].line}"
+        )
 
 
 def _overlapping(rows: Floats) -> tuple[int, int] | None:

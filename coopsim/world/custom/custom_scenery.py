@@ -28,7 +28,7 @@ def read_building(entry: Entry, number: int, kerbs: Kerbs) -> tuple[Floats, Stat
     once_round = np.isclose(abs(_turned_rad(edges)), 2 * np.pi)
     if not once_round or not ((turns > 0).all() or (turns < 0).all()):
         raise fields["outline"].error(
-            "outline must be convex, without a corner that is none: write a building of another shape as several"
+            "outline must be convex, without corners of 180 degrees: write a building of another shape as several"
         )
     kerbs.require_beside(along_outline(outline), fields["outline"], "outline")
     if turns[0] < 0:

@@ -7,17 +7,18 @@
 | | to turn round at the end of a street `turn: around`; `width_m`, `speed_m_s`, `priority: true` |
 | `starts` | list, where vehicles start: `road: [from, to]`, `at_m`; `route`, nodes to pass first; `connected`, rank |
 | | among those that become connected; without `starts`, every 15 m on straight roads that no other crosses |
-| `cars_first` | how many of the starts with a rank have cars, whatever else is drawn |
-| `speeds_m_s` | what a policy can choose from, evenly spaced, rising |
+| `cars_first` | number of starts with a rank that have cars, whatever else is drawn |
+| `speeds_m_s` | speeds that a policy can choose from, evenly spaced, rising |
 | `walks` | `nodes`, `ways` (lists of nodes) and `crosswalks` of people, who go along them both ways |
-| `rides` | the same for bicycles and scooters, along them one way; without it they are with who walks |
+| `rides` | the same for bicycles and scooters, along them one way; without it they use `walks` |
 | `parked` | list of bays: `at`, `heading_deg`, `label` (a class; without: a car or now and then a van) |
 | `buildings`, `trees` | lists: `outline` (convex) and `height_m`; `at`, `height_m` and `crown_m` |
 | `rsus`, `mast_m` | list of places for roadside units, in order: `at` and `look_at`; height of their masts |
 | `drones_around` | the middle of drones' circles |
 
-Only `nodes` and `roads` are needed. Where roads cross or join is found from how they lie. One waits at the beginning of
-the road, bend or piece that crosses, who asked first goes first, and all give way to a road that has `priority`.
+Only `nodes` and `roads` are needed. Crossings and junctions are found from the geometry of the roads. Vehicles wait at
+the beginning of the road, bend or piece that crosses; the first to ask goes first, and all give way to a road with
+`priority`.
 """
 
 from __future__ import annotations

@@ -205,7 +205,7 @@ def _require_ways_on(roads: Roads) -> None:
 
 
 def _require_no_kinks(roads: Roads) -> None:
-    """Refuse sharp corners, which nobody can drive around."""
+    """Refuse corners too sharp to drive around."""
     for road, pieces in roads.pieces.items():
         following = [(piece, road) for piece in pieces[1:]]
         following += [(other[0], name) for name, other in roads.pieces.items() if name[0] == road[1]]

@@ -1,4 +1,4 @@
-"""Where people go on a graph of ways: each from a node to the next, with the one after that drawn ahead."""
+"""Itineraries of people on a graph of ways: each from a node to the next, with the one after that drawn ahead."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Itinerary:
         self._offset = offset
         self._from = self._to = self._then = np.zeros(len(offset), dtype=np.int64)
 
-    def start_anew(self, who: Mask, rng: np.random.Generator) -> Floats | None:
+    def start_anew(self, chosen: Mask, rng: np.random.Generator) -> Floats | None:
         """Move people of the mask (N,) to drawn ways that cross no road; everyone draws.
 
         Returns:
@@ -37,12 +37,12 @@ class Itinerary:
         places = np.argwhere((self._ways.neighbours >= 0) & ~self._ways.crossing[nodes, self._ways.neighbours])
         if not len(places):
             return None
-        node, branch = places[rng.integers(len(places), size=len(who))].T
-        self._from = np.where(who, node, self._from)
-        self._to = np.where(who, self._ways.neighbours[node, branch], self._to)
-        self._then = np.where(who, self._next(self._from, self._to, rng.random(len(who))), self._then)
+        node, branch = places[rng.integers(len(places), size=len(chosen))].T
+        self._from = np.where(chosen, node, self._from)
+        self._to = np.where(chosen, self._ways.neighbours[node, branch], self._to)
+        self._then = np.where(chosen, self._next(self._from, self._to, rng.random(len(chosen))), self._then)
         start, end = self.ends()
-        walked = rng.random(len(who))[:, None]
+        walked = rng.random(len(chosen))[:, None]
         return np.asarray(start + walked * (end - start))
 
     def ends(self) -> tuple[Floats, Floats]:
@@ -68,11 +68,11 @@ class Itinerary:
         self._from = np.where(arrived, self._to, self._from)
         self._to, self._then = np.where(arrived, self._then, self._to), np.where(arrived, following, self._then)
 
-    def turn_back(self, who: Mask, draw: Floats) -> None:
+    def turn_back(self, chosen: Mask, draw: Floats) -> None:
         """Reverse the way of people of the mask (N,)."""
         following = self._next(self._to, self._from, draw)
-        self._from, self._to = np.where(who, self._to, self._from), np.where(who, self._from, self._to)
-        self._then = np.where(who, following, self._then)
+        self._from, self._to = np.where(chosen, self._to, self._from), np.where(chosen, self._from, self._to)
+        self._then = np.where(chosen, following, self._then)
 
     def _next(self, origin: Ints, node: Ints, draw: Floats) -> Ints:
         """Return a neighbour of `node`, not `origin` unless there is no other."""

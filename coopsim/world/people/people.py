@@ -43,12 +43,12 @@ _TRIES = 20  # draws of a place to start
 
 
 class Manner(NamedTuple):
-    """How a class moves.
+    """Manner of moving of a class.
 
     Attributes:
         speed_m_s: least and greatest speed.
-        offset_m: greatest distance beside the middle of a way.
-        swerve_m: how much farther aside others may push a person.
+        offset_m: greatest distance to the side of the middle of a way.
+        swerve_m: additional distance to the side to which others may push a person.
         bend_m_s: speed at the end of a way.
         clear_m: distance from the middle of any vehicle at the start.
         ahead_m: how far ahead of a person's middle the road has to be free.
@@ -213,11 +213,11 @@ class People:
         self._itinerary.turn_back(stuck, self._rng.random(len(self)))
         self._waited_s = np.where(stuck, 0.0, self._waited_s)
 
-    def _start_anew(self, who: Mask, rng: np.random.Generator) -> None:
+    def _start_anew(self, chosen: Mask, rng: np.random.Generator) -> None:
         """Draw new starts for people of the mask (N,)."""
-        places = self._itinerary.start_anew(who, rng)
+        places = self._itinerary.start_anew(chosen, rng)
         if places is not None:
-            self.position = np.where(who[:, None], places, self.position)
+            self.position = np.where(chosen[:, None], places, self.position)
 
     def _is_clear(self, taken: Floats) -> Mask:
         """Return the mask (N,) of people with a start that is not close to a vehicle on the road."""

@@ -19,9 +19,9 @@ _REACH_M = 2.5  # the push is below 1 per cent of its strength from here on
 _BEHIND = 0.3  # relative push from behind
 _RADIUS_M = 0.3
 
-_MARGIN_M = 0.6  # beside a vehicle
+_MARGIN_M = 0.6  # to the side of a vehicle
 _STANDING_M_S = 0.1
-_NEAR_M = 3.5  # farther vehicles are in nobody's way
+_NEAR_M = 3.5  # farther vehicles are ignored
 _NEARER_M = 0.05  # by which the next step may approach a vehicle when passing along it
 _FORESIGHT_S = 1.0  # during which people keep a vehicle's way free
 

@@ -201,7 +201,7 @@ class Episode:
             fields["models"] = {name: tuple(size_m) for name, size_m in fields["models"].items()}
             return EpisodeHeader(**fields), at + length
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"{self.path} has a header that is none of coopsim's: {error}") from error
+            raise RecordingError(f"{self.path} has an invalid header: {error}") from error
 
     def _scan(self, at: int) -> Iterator[tuple[bytes, int]]:
         """Yield payload and number of actors of every frame."""

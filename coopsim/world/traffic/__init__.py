@@ -1,1 +1,1 @@
-"""Vehicles: who starts where, and the engines that move them."""
+"""Vehicles: where they start, and the engines that move them."""

@@ -1,4 +1,4 @@
-"""Where vehicles start: choice of slots and classes, new vehicles, and parked ones."""
+"""Spawning of vehicles: choice of slots and classes, new vehicles, and parked ones."""
 
 from __future__ import annotations
 

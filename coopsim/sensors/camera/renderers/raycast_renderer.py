@@ -31,7 +31,7 @@ class RaycastRenderer(Renderer):
         hits = scene.cast(world_SE3_camera.translation, toward)
         depth, face = hits.range_m / lens.stretch.reshape(-1), hits.face
         near = depth < camera.near_m
-        if near.any():  # what is too near hides nothing, as where OpenGL draws
+        if near.any():  # surfaces that are too near hide nothing, as in OpenGL
             behind = scene.cast(world_SE3_camera.apply(camera.near_m * lens.rays[near]), toward[near])
             depth[near] = camera.near_m + behind.range_m / lens.stretch.reshape(-1)[near]
             face[near] = behind.face

@@ -23,7 +23,7 @@ _SECTOR_SLACK_RAD = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridHits:
-    """Where the rays of B beams and C columns end, in the order of the beam table.
+    """Hits of the rays of B beams and C columns, in the order of the beam table.
 
     Attributes:
         range_m: (B, C) float32, inf where nothing was hit.

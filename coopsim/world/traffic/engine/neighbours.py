@@ -23,20 +23,20 @@ class LaneLists(NamedTuple):
     Attributes:
         first: (L,) index of a lane's first entry.
         entries: (L,) number of its entries.
-        who: (E,) number of the body.
+        body: (E,) number of the body.
         along: (E,) m; increasing within a lane, equal ones by number.
         aside: (E,) m.
     """
 
     first: Ints
     entries: Ints
-    who: Ints
+    body: Ints
     along: Floats
     aside: Floats
 
 
 class Scene(NamedTuple):
-    """All that drivers know in one step; functions that take one are inlined, because passing it is slow.
+    """Input of all drivers in one step; functions that take one are inlined, because passing it is slow.
 
     Attributes:
         network: the roads.
@@ -62,8 +62,8 @@ def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
             capacity[k] += _may_be_near(lanes[k], bodies[i])
     first = np.cumsum(capacity) - capacity
     count = np.zeros(len(lanes), dtype=np.int64)
-    who = np.empty(capacity.sum(), dtype=np.int64)
-    along, aside = np.empty(len(who)), np.empty(len(who))
+    number = np.empty(capacity.sum(), dtype=np.int64)
+    along, aside = np.empty(len(number)), np.empty(len(number))
     for k in range(len(lanes)):
         lane: LaneRow = lanes[k]
         for i in range(len(bodies)):
@@ -76,11 +76,11 @@ def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
             # Insertion sort: a lane has tens of bodies, mostly in order.
             entry = first[k] + count[k]
             while entry > first[k] and along[entry - 1] > s:
-                who[entry], along[entry], aside[entry] = who[entry - 1], along[entry - 1], aside[entry - 1]
+                number[entry], along[entry], aside[entry] = number[entry - 1], along[entry - 1], aside[entry - 1]
                 entry -= 1
-            who[entry], along[entry], aside[entry] = i, s, d
+            number[entry], along[entry], aside[entry] = i, s, d
             count[k] += 1
-    return LaneLists(first, count, who, along, aside)
+    return LaneLists(first, count, number, along, aside)
 
 
 @njit(cache=True, nogil=True)
@@ -110,8 +110,8 @@ def in_front(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: f
     for entry in range(first_from(lists, lane, along), end):
         if lists.along[entry] > nearest:
             break
-        if lists.who[entry] != me and abs(lists.aside[entry]) <= limit:
-            found, nearest = lists.who[entry], lists.along[entry]
+        if lists.body[entry] != me and abs(lists.aside[entry]) <= limit:
+            found, nearest = lists.body[entry], lists.along[entry]
     return found
 
 
@@ -123,6 +123,6 @@ def behind(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: flo
     for entry in range(first_from(lists, lane, along) - 1, start - 1, -1):
         if lists.along[entry] < nearest:
             break
-        if lists.who[entry] != me and abs(lists.aside[entry]) <= limit:
-            found, nearest = lists.who[entry], lists.along[entry]
+        if lists.body[entry] != me and abs(lists.aside[entry]) <= limit:
+            found, nearest = lists.body[entry], lists.along[entry]
     return found

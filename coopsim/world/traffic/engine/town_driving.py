@@ -61,7 +61,7 @@ def look_ahead(scene: Scene, me: int) -> tuple[int, float]:
         number = lane_of_route(network, vehicle, route, k)
         lane: LaneRow = network.lanes[number]
         for entry in range(first_from(lists, number, max(0.0, -start_m)), lists.first[number] + lists.entries[number]):
-            along, other = lists.along[entry], lists.who[entry]
+            along, other = lists.along[entry], lists.body[entry]
             distance_m = start_m + along
             if along > lane.length or distance_m >= nearest_m:
                 break

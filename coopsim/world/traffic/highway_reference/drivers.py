@@ -143,7 +143,7 @@ class TownDriver(Driver):
 
     movements: frozenset[RoadIndex] = frozenset()
     waits = False
-    """Whether it has asked for the next of `movements`, and has no grant."""
+    """Whether the vehicle has asked for the next of `movements`, and has no grant."""
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
         self.leader, self.leader_m = self._tail_ahead(*self._look_ahead())

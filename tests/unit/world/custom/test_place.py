@@ -215,11 +215,11 @@ def test_what_is_wrong_with_roads_is_said_with_the_line(tmp_path: Path, change: 
         ),
         (
             "  parked:\n    - {at: [9, -8], heading_deg: 0}\n    - {at: [15, -8], heading_deg: 0}\n",
-            r"own.yaml:14: who is parked here needs 6.3 x 2.4 m, and would stand in who is parked in line 13",
+            r"own.yaml:14: the vehicle parked here needs 6.3 x 2.4 m, and would overlap with the one parked in line 13",
         ),
         (
             "  parked: [{at: [20, -8], heading_deg: 90, label: bus}]\n",
-            r"own.yaml:12: the side of whoever is parked must be at least 1.7 m from .* got 0.15 m from .* in line 8",
+            r"own.yaml:12: the side of the parked vehicle must be at least 1.7 m from .* got 0.15 m from .* in line 8",
         ),
         (
             "  buildings: [{outline: [[20, -9], [20.4, -9], [20.4, 9], [20, 9]], height_m: 5}]\n",
@@ -278,7 +278,9 @@ def test_nobody_starts_in_who_starts_on_a_road_that_crosses(tmp_path: Path) -> N
         "    - {road: [north_line, east_out], at_m: 18.5}\n    - {road: [east_line, west_out], at_m: 12}\n  cars_first"
     )
     path.write_text(VILLAGE.read_text().replace("  cars_first", crossing))
-    with pytest.raises(ScenarioFileError, match=r"own.yaml:\d+: who starts here would stand in who starts in line"):
+    with pytest.raises(
+        ScenarioFileError, match=r"own.yaml:\d+: a vehicle that starts here would overlap with one that starts in line"
+    ):
         load_scenario_file(path)
 
 

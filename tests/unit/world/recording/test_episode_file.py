@@ -141,8 +141,8 @@ def test_frames_of_two_recordings_are_not_mixed_up(tmp_path: Path) -> None:
         (MAGIC, "cut off in its header"),
         (MAGIC + struct.pack("<3I", 2, 0, 0), r"format version 2, .* accepted: version 1"),
         (MAGIC + struct.pack("<3I", 1, 99, 0), "cut off or damaged in its header"),
-        (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"{}")) + b"{}", "header that is none of coopsim's"),
-        (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"[]")) + b"[]", "header that is none of coopsim's"),
+        (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"{}")) + b"{}", "invalid header"),
+        (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"[]")) + b"[]", "invalid header"),
     ],
 )
 def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
@@ -194,7 +194,7 @@ def test_a_header_of_other_types_is_refused(tmp_path: Path, field: str, value: o
     text = json.dumps(json.loads(whole[at : at + length]) | {field: value}).encode()
     start = struct.pack("<3I", 1, len(text), zlib.crc32(text))
     (tmp_path / "other").write_bytes(MAGIC + start + text + whole[at + length :])
-    with pytest.raises(RecordingError, match="has a header that is none of coopsim's"):
+    with pytest.raises(RecordingError, match="has an invalid header"):
         Episode(tmp_path / "other")
 
 
