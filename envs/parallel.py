@@ -23,7 +23,7 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks
-from coopsim.envs.frames import Frame, FrameSource, actor_rows
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scored_view import ScoredView
 from coopsim.envs.scoring import MotaReward, Reward, Scorer
@@ -95,6 +95,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scorer: Scorer
+        self._observations: dict[str, Packed] = {}
         self._view = ScoredView(source.road_map)
 
     @property
@@ -195,6 +196,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         tracks, maneuvers = unpack_actions(self.agents, actions, drivers)
         self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
+        frame = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(frame, tracks)
         self._frame = frame = self._source.advance(maneuvers)
         observations = self._observe(frame)
@@ -310,7 +312,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _observe(self, frame: Frame) -> dict[str, Packed]:
         """Exchange messages, and return every agent's packed observation."""
         pack = self._source.format.pack
-        return {name: pack(observation) for name, observation in self._exchange.step(frame).items()}
+        # Kept until the next frame: memory freed at the end of the heap would be returned, and fetched page by page.
+        self._observations = {name: pack(observation) for name, observation in self._exchange.step(frame).items()}
+        return dict(self._observations)
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
         """Return the truth around each agent, where the environment was made to expose it."""

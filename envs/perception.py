@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from coopsim.detection.detector import Detector
 from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import Localizer
 from coopsim.support.rng import stream
-from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Mask, Observation, Sweep
+from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Mask, Observation, SensorView, Sweep
 from coopsim.world.snapshot import Actors, AgentBody
 
 
@@ -96,35 +97,47 @@ class Perception:
             images: by agent and camera, in any modes.
             sensed: whether the sensors ran in this frame; if not, nothing is detected.
         """
-        observations = {}
-        for name, vicinity in vicinities.items():
-            pose, odometry = self._localizers[name].localize(vicinity.body.world_SE3_base)
-            observations[name] = Observation(
+        located = {
+            name: self._localizers[name].localize(vicinity.body.world_SE3_base) for name, vicinity in vicinities.items()
+        }
+        views = {
+            name: SensorView(
+                agent=name,
+                time_ns=time_ns,
+                odometry=odometry,
+                sweeps={sensor: sweep.without_truth() for sensor, sweep in sweeps[name].items()},
+                images={camera: image.without_truth() for camera, image in images.get(name, {}).items()},
+                cameras=self._specs[name].cameras,
+                lidars=self._specs[name].lidars,
+            )
+            for name, (_, odometry) in located.items()
+        }
+        detections = self._detect(vicinities, views) if sensed else dict.fromkeys(views, Detections.empty())
+        return {
+            name: Observation(
                 time_ns,
-                pose,
-                odometry,
-                Detections.empty(),
-                {sensor: sweep.without_truth() for sensor, sweep in sweeps[name].items()},
-                {camera: image.without_truth() for camera, image in images.get(name, {}).items()},
+                located[name][0],
+                view.odometry,
+                detections[name],
+                dict(view.sweeps),  # copies, lest a detector change what is observed
+                dict(view.images),
                 sensed=sensed,
             )
-        if not sensed:
-            return observations
-        detections = self._detect(vicinities, observations)
-        return {name: replace(each, detections=detections[name]) for name, each in observations.items()}
+            for name, view in views.items()
+        }
 
-    def _detect(
-        self, vicinities: Mapping[str, Vicinity], observations: Mapping[str, Observation]
-    ) -> dict[str, Detections]:
-        views = {name: observation.view(self._specs[name]) for name, observation in observations.items()}
+    def _detect(self, vicinities: Mapping[str, Vicinity], views: Mapping[str, SensorView]) -> Mapping[str, Detections]:
         if isinstance(self._detector, OracleDetector):
-            detections = {
+            detections: Mapping[str, Detections] = {
                 name: self._detector.detect(view, vicinities[name].oracle, self._rngs[name])
                 for name, view in views.items()
             }
         else:
             assert isinstance(self._detector, Detector)
             detections = self._detector.detect_all(views, self._rngs)
+            if set(detections) != set(views):
+                name = type(self._detector).__name__
+                raise InvalidValueError(f"{name}.detect_all must return {sorted(views)}, got {sorted(detections)}")
         if self._embedder is None:
             return detections
         return {name: self._embedder.apply(detections[name], view) for name, view in views.items()}

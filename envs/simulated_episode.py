@@ -47,7 +47,7 @@ class SimulatedEpisode:
         self._lidars = self._lidar_sensing(specs, seed)
         self._perception = Perception(options, specs, seed)
         self._cycle = 0
-        self._sensed_ids, self._sensed_returns = np.zeros(0, np.int64), np.zeros((0, len(specs)), np.int64)
+        self._last_sensed: tuple[Ints, Ints]  # ids (N,) of all actors, returns (N, A) from each to each agent
 
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:
         """Step the world and return the next frame; `maneuvers` are those of the agents that drive."""
@@ -62,9 +62,10 @@ class SimulatedEpisode:
         actors, bodies = self._world.actors(), self._world.agents()
         sensed = self._cycle % self._options.sense_every == 0
         scene = cache(lambda: RayScene(self._geometry.triangles(actors)))
-        readings = self._sense(scene, actors, bodies) if sensed else {}
+        readings = self._lidars.sense(scene, actors, bodies) if sensed else {}
         probe = SceneProbe(self._equipment, scene, actors, bodies, readings)
         if sensed:
+            self._last_sensed = actors.id, np.stack([reading.returns for reading in readings.values()], axis=1)
             sweeps = {name: reading.sweeps for name, reading in readings.items()}
             images = probe.photograph() if self._equipment.has_cameras else {}
         else:
@@ -94,21 +95,15 @@ class SimulatedEpisode:
         expected = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
         return ExpectReturns(expected, options.drone_pitch_rad, self._world.static, options.chosen_weather)
 
-    def _sense(
-        self, scene: Callable[[], RayScene], actors: Actors, bodies: Mapping[str, AgentBody]
-    ) -> dict[str, LidarReading]:
-        """Run the LiDARs, and keep the returns from every actor."""
-        readings = self._lidars.sense(scene, actors, bodies)
-        order = np.argsort(actors.id)
-        self._sensed_ids = actors.id[order]
-        self._sensed_returns = np.stack([reading.returns for reading in readings.values()], axis=1)[order]
-        return readings
-
     def _returns(self, actors: Actors) -> Ints:
         """Return the number of returns (N, A) from each actor when last sensed; 0 for those that came since."""
-        place, known = look_up(self._sensed_ids, actors.id)
-        returns = np.zeros((len(actors), self._sensed_returns.shape[1]), np.int64)
-        returns[known] = self._sensed_returns[place[known]]
+        ids, sensed = self._last_sensed
+        if ids is actors.id:
+            return sensed
+        order = np.argsort(ids)
+        place, known = look_up(ids[order], actors.id)
+        returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
+        returns[known] = sensed[order[place[known]]]
         return returns
 
 

@@ -47,7 +47,8 @@ class StepTimes:
 
 def at_crossing(agents: int = 4, **options: Any) -> CooperativeEnv:
     """One roadside unit and otherwise cars."""
-    return coopsim.parallel_env("crossing", max_cycles=10**6, connected_cars=agents - 1, **{**BUSY, **options})
+    chosen = {"detector": "simulated", "connected_cars": agents - 1, **BUSY, **options}
+    return coopsim.parallel_env("crossing", max_cycles=10**6, **chosen)
 
 
 def on_highway(vehicles: int, **options: Any) -> CooperativeEnv:
@@ -58,7 +59,9 @@ def on_highway(vehicles: int, **options: Any) -> CooperativeEnv:
     layout = replace(layout, connected_order=tuple(inner))
     population = Population(vehicles=vehicles, pedestrians=0, connected_cars=4, rsus=0)
     scenario = Scenario("long", layout, population)
-    source = Simulation("long", scenario, SimulationOptions(max_cycles=10**6, **options), "detections")
+    source = Simulation(
+        "long", scenario, SimulationOptions(max_cycles=10**6, **{"detector": "simulated", **options}), "detections"
+    )
     return CooperativeEnv(source, CommonOptions())
 
 

@@ -92,7 +92,9 @@ def test_memory_at_the_largest() -> None:
 
 def start(max_cycles: int, **options: Any) -> tuple[Any, Any, Any]:
     policy = coopsim.make_policy("late_fusion")
-    env = coopsim.parallel_env("crossing", max_cycles=max_cycles, uplink=policy.needs.uplink, **options)
+    env = coopsim.parallel_env(
+        "crossing", detector="simulated", max_cycles=max_cycles, uplink=policy.needs.uplink, **options
+    )
     observations, _ = env.reset(seed=0)
     policy.reset(env.agent_specs, seed=0)
     return env, policy, observations

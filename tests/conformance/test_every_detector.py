@@ -13,7 +13,7 @@ from coopsim.detection.detector import DETECTORS, Detector, NoDetector, SensorNe
 from coopsim.detection.embedder import EMBEDDERS, Embedder
 from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.detection.simulated.simulated import SimulatedDetector
-from coopsim.errors import UnknownNameError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_detector, check_embedder
 from coopsim.types import AgentSpec, Detections, SensorView
@@ -273,6 +273,11 @@ def test_all_agents_are_detected_for_in_one_call(make_small: Callable[..., Any])
     assert all(len(observation["detections"]["score"]) == 1 for observation in observations.values())
 
 
+def test_an_agent_that_is_left_out_is_named(make_small: Callable[..., Any]) -> None:
+    with pytest.raises(InvalidValueError, match=r"Forgetful.detect_all must return \['cav_0', .*, got \['cav_1'"):
+        make_small(detector=Forgetful()).reset(seed=1)
+
+
 def test_no_detector_and_an_embedder_by_object_and_name(
     make_small: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -295,8 +300,6 @@ def test_no_detector_and_an_embedder_by_object_and_name(
 
 
 def test_what_needs_sensors_is_refused_where_there_are_none(make_small: Callable[..., Any]) -> None:
-    from coopsim.errors import InvalidValueError
-
     class Camera(NoDetector):
         needs = SensorNeeds(cameras=True)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtri
 
-from coopsim.detection.simulated.confusion import ClassConfusion, LabelNoise
+from coopsim.detection.simulated.confusion import ClassConfusion
 from coopsim.detection.simulated.curves import Curve, DetectionModel, ScoreModel, require_parts
 from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
@@ -100,7 +100,7 @@ class Clutter:
         self._reach_m = np.asarray(reach_m, dtype=np.float64)
         kinds = (config.detection.persistence, config.score.persistence, *(Persistence() for _ in range(3)))
         self._normals = PersistentNormals(seed, f"clutter of {agent}", kinds, dt_s)
-        self._labels = None if confusion is None else LabelNoise(confusion, seed, f"clutter of {agent}", dt_s)
+        self._confusion, self._labels_owner = confusion, f"classes of clutter of {agent}"
         factor, spread = 1.0, config.density_spread
         if spread > 0:
             factor = float(stream(seed, "clutter density").gamma(spread**-2, spread**2))
@@ -122,9 +122,6 @@ class Clutter:
         self._frame += 1
         center = world_SE3_base.inverse().apply(np.column_stack([centers, np.zeros(len(centers))]))[:, :2]
         normals = self._normals.step(ids)
-        label = np.full(len(ids), int(ObjectClass.CAR))
-        if self._labels is not None:
-            label = self._labels.step(ids, label)
         range_m = np.linalg.norm(center, axis=1)
         model = self._config.detection
         reported, margin = model.decide(model.probability(range_m), normals[:, 0])
@@ -135,7 +132,14 @@ class Clutter:
             rows = rows[gap_m > room_m]
         score = self._config.score.score(range_m[rows], margin[rows], normals[rows, 1])
         jitter = self._config.jitter_m * normals[rows, 2:]
-        return Detections(self._boxes(center[rows], looks[rows], jitter), score, label[rows])
+        return Detections(self._boxes(center[rows], looks[rows], jitter), score, self._label(ids[rows]))
+
+    def _label(self, ids: Ints) -> Ints:
+        """Return the reported classes of phantoms: those of cars, confused for a phantom's whole life."""
+        label = np.full(len(ids), int(ObjectClass.CAR))
+        if self._confusion is None:
+            return label
+        return self._confusion.confuse(label, chances(self._seed, self._labels_owner, ids, 1)[:, 0])
 
     def _boxes(self, center: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
         size = np.array(self._config.size_m) * np.exp(self._config.size_noise * ndtri(looks[:, :3] + _TINY))
