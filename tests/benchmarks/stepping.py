@@ -59,9 +59,8 @@ def on_highway(vehicles: int, **options: Any) -> CooperativeEnv:
     layout = replace(layout, connected_order=tuple(inner))
     population = Population(vehicles=vehicles, pedestrians=0, connected_cars=4, rsus=0)
     scenario = Scenario("long", layout, population)
-    source = Simulation(
-        "long", scenario, SimulationOptions(max_cycles=10**6, **{"detector": "simulated", **options}), "detections"
-    )
+    chosen = SimulationOptions(max_cycles=10**6, **{"detector": "simulated", **options})
+    source = Simulation("long", scenario, chosen)
     return CooperativeEnv(source, CommonOptions())
 
 

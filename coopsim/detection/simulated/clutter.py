@@ -139,7 +139,7 @@ class Clutter:
         label = np.full(len(ids), int(ObjectClass.CAR))
         if self._confusion is None:
             return label
-        return self._confusion.confuse(label, chances(self._seed, self._labels_owner, ids, 1)[:, 0])
+        return self._confusion.confuse(label, uniform_draws(self._seed, self._labels_owner, ids, 1)[:, 0])
 
     def _boxes(self, center: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
         size = np.array(self._config.size_m) * np.exp(self._config.size_noise * ndtri(looks[:, :3] + _TINY))
