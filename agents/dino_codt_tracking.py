@@ -39,7 +39,7 @@ class DinoCoDTTracking(PooledBoxes):
     Attributes:
         gate: smallest affinity of a match: in (0, 1] with "iou_3d", in [-1, 1] with "giou_3d". The paper finds -0.5 to
             -0.2 best (sec. IV-E-2), which only GIoU reaches.
-        affinity: what compares boxes, "iou_3d" (sec. III-G) or "giou_3d".
+        affinity: similarity of boxes, "iou_3d" (sec. III-G) or "giou_3d".
         motion: which of the paper's two assignments of motion models to classes. "section_3f": vehicles and trucks by
             constant velocity, people and two-wheelers by constant turn rate and acceleration (CTRA). "section_4b", with
             which its results were made: cars, people and two-wheelers by CTRA, vans, trucks and buses by constant

@@ -23,7 +23,7 @@ class PooledBoxes(TrackingPolicy):
 
     Attributes:
         merge_iou: BEV IoU from which two boxes of a class are the same object, in (0, 1].
-        merge: what stands for duplicates: their score-weighted "mean", or the best-scored one alone, "nms", as in the
+        merge: replacement of duplicates: their score-weighted "mean", or the best-scored one alone, "nms", as in the
             papers' late fusion.
     """
 

@@ -68,7 +68,7 @@ class Policy(ABC):
     """Tracks for any number of agents. One object serves all; make the state of an agent in `begin`.
 
     Attributes:
-        needs: what the environment must provide; of the class, or set on the object.
+        needs: requirements on the environment; of the class, or set on the object.
         specs: the agents of the running episode, in the environment's order.
         rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
     """

@@ -41,7 +41,7 @@ class TrackingPolicy(Policy):
     Subclasses are keyword-only dataclasses: their fields are the policy's parameters.
 
     Attributes:
-        delayed: what to do with delayed messages: "as_current", "predict" or "replay" (see
+        delayed: treatment of delayed messages: "as_current", "predict" or "replay" (see
             `coopsim.tracking.delayed`).
         align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
     """

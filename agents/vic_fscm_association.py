@@ -25,7 +25,7 @@ from coopsim.tracking.tracker import Tracker
 @POLICIES.register("vic_fscm_association")
 @dataclass(kw_only=True, eq=False)
 class VicFSCMAssociation(PooledBoxes):
-    """Sure tracks and sure detections are matched first, doubtful ones among what is left, in four stages.
+    """Association in four stages: sure tracks and sure detections first, doubtful ones among the rest.
 
     Each stage compares by XIOU, in which a half-turn error of the heading excludes a match: detectors must know front
     from back. Only sure detections begin tracks. Further parameters: `PooledBoxes`.

@@ -15,7 +15,7 @@ class CoopsimError(Exception):
     """Root of all coopsim errors."""
 
     place: str | None = None
-    """"file:line" of what is wrong, if that is known; the message then begins with it."""
+    """"file:line" of the error, if known; the message then begins with it."""
 
     def at(self, place: str | None) -> Self:
         """Set the place of an error that has none yet, and return the error."""

@@ -41,7 +41,7 @@ class Exchange:
         self._buildings = buildings if options.channel_config.radio is not None else None
 
     def step(self, frame: Frame) -> dict[str, Observation]:
-        """Send every agent's message, deliver all that are due, and return the frame's observations with inboxes."""
+        """Send every agent's message, deliver all due messages, and return the frame's observations with inboxes."""
         bodies = {name: agent.body for name, agent in frame.agents.items()}
         positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
         around = None

@@ -114,7 +114,7 @@ class ExpectReturns(LidarSensing):
 
     Args:
         config: the LiDAR that every agent would carry.
-        drone_pitch_rad: how far a drone's LiDAR would look down, on all sides.
+        drone_pitch_rad: angle by which a drone's LiDAR looks down, on all sides.
         static: the scenery.
         weather: dims the returns; None is dry and clear.
     """

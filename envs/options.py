@@ -36,10 +36,10 @@ class CommonOptions:
     """Options of every environment, simulated or replayed.
 
     Attributes:
-        uplink: what agents broadcast: a name with or without parameters ("detections", "tracks", "points(keep=0.5)",
+        uplink: content of broadcasts: a name with or without parameters ("detections", "tracks", "points(keep=0.5)",
             "none"), a policy (its `make_uplink` is asked), or a factory that returns the `Uplink` of an agent for its
             spec and a random stream. `coopsim.evaluate` passes the policy.
-        codec: the codec of what they broadcast, as "compact" or "points(number=float16)", see
+        codec: the codec of broadcasts, as "compact" or "points(number=float16)", see
             `docs/reference/codecs.md`; None: the uplink's own choice.
         latency_s: delay of every message, any value in [0, 3600].
         latency_jitter_s: standard deviation of the delay, in [0, 3600].

@@ -22,7 +22,7 @@ def as_recorded(episode: Episode, scenario: str | Place, options: Mapping[str, A
 
     Raises:
         RecordingError: the recording is of another scenario, of one that does not exist, or has a single frame.
-        InvalidValueError: an option differs from what was recorded.
+        InvalidValueError: an option differs from the recorded one.
     """
     header, steps = episode.header, episode.frames - 1
     name = scenario.name if isinstance(scenario, Place) else scenario

@@ -26,7 +26,7 @@ class Simulation(FrameSource):
     Args:
         name: the environment's id.
         scenario: the place and its population.
-        options: how the world is sensed and scored.
+        options: of sensing and scoring.
         recording: a recorded world, to be sensed instead of one that is simulated now.
     """
 

@@ -52,7 +52,7 @@ class SimulationOptions:
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
             returns to expect (see `coopsim.sensors.lidar.expected_returns`).
-        drone_pitch_rad: how far a drone's LiDARs look down, in [0, pi / 2], in addition to their own pitch.
+        drone_pitch_rad: angle by which a drone's LiDARs look down, in [0, pi / 2], in addition to their own pitch.
         lidar_columns: firings per revolution; not with a `LidarConfig`, which has its own.
         lidar_range_m: farthest return; the nearest is at 1 m. Not with a `LidarConfig`, either.
         weather: rain, fog and wet surfaces, for the LiDARs and cameras: a `Weather` or its mapping; None is dry and
@@ -155,7 +155,7 @@ class SimulationOptions:
         if self.record is not None:
             require_writable(Path(self.record))
         if self.record is not None and self.playback is not None:
-            raise InvalidValueError("record and playback exclude each other: what is played back is recorded already")
+            raise InvalidValueError("record and playback exclude each other: a played episode is recorded already")
         if self.playback is not None and self.control == "policy":
             raise InvalidValueError(
                 'control="policy" cannot be played back: a recording\'s cars have driven already; '

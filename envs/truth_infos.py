@@ -4,7 +4,7 @@
 |---|---|
 | `ground_truth` | all objects but the agent itself, see below |
 | `true_pose` | (4,): the agent's true x, y, z m and heading rad in the world frame |
-| `actor_id` | the agent's own id among the actors; None for an agent that is none, as a roadside unit |
+| `actor_id` | the agent's own id among the actors; None for an agent that is no actor, as a roadside unit |
 | `instances` | by LiDAR, (P,): id of the actor behind each point, 0 for the scenery, -1 for clutter |
 | `segmentation` | by camera: `instance` and `semantic` (H, W), where `camera_modes` has them |
 | `visibility` | how well the agent's LiDARs see each actor (`Visibility`), with `expose_visibility` |

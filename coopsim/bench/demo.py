@@ -112,7 +112,7 @@ class Demo:
         return {**self.config.options, **latency, "max_cycles": self.config.frames}
 
     def _warm_up(self, policy: str) -> None:
-        """Compile what is compiled at its first call: on a new machine the table would show its time."""
+        """Compile functions that are compiled at their first call, to keep that out of the table's times."""
         options = self._options(self.config.latencies_s[0]) | {"max_cycles": min(2, self.config.frames)}
         evaluate(policy, self.config.environment, seed=self.config.seed, **options)
 

@@ -19,8 +19,8 @@ class MetricSpec:
 
     Attributes:
         name: as it is registered.
-        module: that registers it.
-        path: of the module's file, where it is not importable because it came with a policy (`file.py:Class`).
+        module: name of the module that registers it.
+        path: of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
         source: text of that file; None for an importable module.
     """
 

@@ -123,7 +123,7 @@ def _import(name: str) -> ModuleType:
         close = difflib.get_close_matches(missing, _modules_beside(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
         message = f"policy module {name!r}: there is no module {missing!r}.{hint}"
-        raise InvalidValueError(f"{message} Accepted: what is installed or on PYTHONPATH") from error
+        raise InvalidValueError(f"{message} Accepted: modules that are installed or on PYTHONPATH") from error
     except Exception as error:  # a user's module may raise anything when it is imported
         raise InvalidValueError(f"policy module {name!r} cannot be imported: {_describe(error)}") from error
 

@@ -71,7 +71,7 @@ def read_mapping(what: str, accepted: str, given: Any) -> Mapping[str, Any]:
 
     Args:
         what: its name, for errors.
-        accepted: what else the user may give, for errors.
+        accepted: alternatives that the user may give, for errors.
         given: the mapping or path.
 
     Raises:
@@ -118,7 +118,7 @@ def _model(given: Mapping[str, Any], what: str, known: Mapping[str, Callable[...
 
 
 def _make(make: Callable[..., Any], given: Mapping[str, Any], what: str, models: Models, skipped: str = "") -> Any:
-    """Call a class or factory with all that is given but the key `skipped`."""
+    """Call a class or factory with all given keys except `skipped`."""
     parameters, annotations = inspect.signature(make).parameters, get_type_hints(make)
     names = [name for name in given if name != skipped]
     for name in names:

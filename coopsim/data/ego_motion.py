@@ -42,7 +42,7 @@ STANDS_M = 0.06
 """Growth in a second of the standard deviation of a map position: what stands may start to move."""
 
 MEMORY_S = 1.0
-"""How long an unseen position stays in the map."""
+"""Time for which an unseen position stays in the map."""
 
 GATE = 3.0
 """Largest distance, in standard deviations, at which a box updates a map position."""
@@ -139,7 +139,7 @@ class EgoMotion:
         return motion, information
 
     def _update_map(self, boxes: Floats, label: Ints) -> None:
-        """Average matched positions (a Kalman filter of what stands), add unmatched boxes, forget what is unseen."""
+        """Average matched positions (a Kalman filter of standing objects), add unmatched boxes, drop old ones."""
         self._unseen_s = self._unseen_s + self._dt_s
         self._variance = self._variance + STANDS_M**2 * self._dt_s
         box, position = self._matches(boxes, label)

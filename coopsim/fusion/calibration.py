@@ -15,8 +15,8 @@ from coopsim.geometry.se3 import Floats
 class Calibration:
     """The probability that a box is on an object: by its score, its distance, its volume and the agents' agreement.
 
-    A score says how much some points look like an object, not whether the box around them overlaps it. Of two boxes
-    with the same score, one far from what is seen clearly misses more often, most of all in height, and a larger one
+    A score rates how much some points look like an object, not whether the box around them overlaps it. Of two boxes
+    with the same score, one far from the clearly seen area misses more often, most of all in height, and a larger one
     overlaps more often: the same error is a smaller part of it. The log odds are linear in these. Where agents differ,
     at most one of them is right, so the result is multiplied by a power of `FusedBoxes.chance`.
 

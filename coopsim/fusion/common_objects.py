@@ -18,7 +18,7 @@ from coopsim.support.arrays import frozen
 from coopsim.types import Ints, Mask
 
 ANYTHING = -1
-"""The label of an object of unknown class: an agent does not state what it looks like from outside."""
+"""The label of an object of unknown class: an agent does not state its own class."""
 
 _REACH_M = 1.0
 """Boxes farther apart than this do not vote for an error that would bring them together. Detections of one object are

@@ -1,4 +1,4 @@
-"""Tracking and detection metrics: from logs of what was reported and what was true to scores."""
+"""Tracking and detection metrics: from logs of reports and ground truth to scores."""
 
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.metrics.evaluator import Evaluator, FrameCounts

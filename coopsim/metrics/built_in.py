@@ -196,6 +196,6 @@ def custom_metrics() -> dict[str, Metric]:
 
 
 def less_is_better(name: str) -> bool:
-    """Tell whether the smaller of two values of a metric is the better one; False for one that is not registered."""
+    """Return whether smaller values of a metric are better; False for a metric that is not registered."""
     metric = all_metrics().get(name)
     return metric is not None and metric.less_is_better

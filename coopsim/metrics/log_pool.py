@@ -21,12 +21,12 @@ BANDS_M: Mapping[str, tuple[float, float]] = {"0-30 m": (0, 30), "30-50 m": (30,
 
 
 class LogPool:
-    """One agent's logs over any number of sequences, pooled. Everything is computed when first asked for, and kept.
+    """Pool of one agent's logs over any number of sequences. Everything is computed on first use, and kept.
 
     Args:
         logs: one per sequence, with the pairs of an object and a track of one class.
         superclass_logs: the same with the pairs of one superclass; None: the same as `logs`.
-        bytes_per_s: what the agent broadcast per second; None: not known.
+        bytes_per_s: broadcast by the agent per second; None: not known.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from coopsim.support.registry import Registry
 
 
 class Metric(ABC):
-    """One number of a score, computed from what a policy reported and what was true.
+    """A number of a score, computed from a policy's reports and the ground truth.
 
     A subclass sets the attributes, defines `value`, and is registered by the name that users read::
 
@@ -23,10 +23,10 @@ class Metric(ABC):
                 return float(np.concatenate(counts).mean()) if pool.tracks else None
 
     Attributes:
-        meaning: one line that says what the value is, for reports.
+        meaning: description of the value in one line, for reports.
         unit: of the value, as "%", "m" or "frames"; "" for a count.
-        form: how tables show the value, as `format` takes it.
-        less_is_better: whether the smaller of two values is the better one.
+        form: format of the value in tables, as `format` takes it.
+        less_is_better: whether smaller values are better.
         whole_only: compute the value for a whole score only, not for its classes, superclasses and bands of distance.
     """
 

@@ -146,7 +146,7 @@ def summarize(
         logs: one per sequence.
         false_positives: "count", or "ignore": an unmatched track costs nothing. Published V2V4Real tables
             ignore them, because their script drops unmatched boxes that are low in an image which does not exist.
-        bytes_per_s: what the agent broadcast per second; None: the score has no such value.
+        bytes_per_s: broadcast by the agent per second; None: the score has no such value.
 
     Raises:
         UnknownNameError: `false_positives` is neither "count" nor "ignore".

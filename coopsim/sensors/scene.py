@@ -86,7 +86,7 @@ class SceneGeometry:
     pose, one rotation and one translation of all vertices together.
 
     Args:
-        models: that actors' `model` is an index into.
+        models: list that actors' `model` is an index into.
         static: the scenery.
     """
 

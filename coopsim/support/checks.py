@@ -16,7 +16,7 @@ def require_number(accepted: str, accepts: Callable[[float], bool], **values: ob
     """Require real numbers that `accepts` takes; None, a flag or a text is no number.
 
     Args:
-        accepted: what `accepts` takes, in words, as "in [0, 1]".
+        accepted: description of the accepted values, as "in [0, 1]".
         accepts: the check; False for NaN, as every comparison is.
         **values: the numbers, by the names that the user knows.
     """

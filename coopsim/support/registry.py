@@ -19,7 +19,7 @@ class Registry(Generic[T]):
     Args:
         kind: the kind of the objects, in the singular, for error messages ("policy").
         home: a module that is imported at the first look-up, and registers the built-in entries. It is given by name,
-            so that the library does not import what is plugged into it.
+            so that the library does not import its plug-ins.
         group: an entry-point group through which installed packages add entries. Their names are known at once; their
             modules are loaded when an entry is looked up.
     """

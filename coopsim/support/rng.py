@@ -30,7 +30,7 @@ def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
 
     Args:
         seed: the episode's seed, a non-negative integer.
-        purpose: what is drawn, as "lidar", "pose", "latency".
+        purpose: name of the quantity drawn, as "lidar", "pose", "latency".
         *owners: names that own the draw, in order.
 
     Raises:
@@ -52,7 +52,7 @@ def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
 
     Args:
         seed: the episode's seed, an integer >= 0.
-        purpose: what is drawn.
+        purpose: name of the quantity drawn.
         owner: (N,) integers >= 0, as ids of actors.
         count: numbers for each owner.
     """

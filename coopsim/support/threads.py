@@ -21,7 +21,7 @@ def run_all(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
 
     Args:
         tasks: independent of each other. A task may itself call `run_all`.
-        threads: that share them, the calling one included.
+        threads: number of threads that share them, the calling one included.
 
     Raises:
         Exception: of a task that failed, once no other is running.

@@ -1,4 +1,4 @@
-"""Conformance checks for what users plug in; each raises `AssertionError` with what is wrong."""
+"""Conformance checks for users' plug-ins; each raises `AssertionError` with the violation."""
 
 from coopsim.testing.codec import check_codec
 from coopsim.testing.detector import check_detector

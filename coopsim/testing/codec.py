@@ -32,7 +32,7 @@ def check_codec(codec: str | Codec[Any] | type[Codec[Any]], contents: Sequence[A
         contents: content to try it on: several sizes, one of them empty.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         UnknownNameError: no codec of that name is registered, or the class is not.
     """
     made = _make(codec)
@@ -88,7 +88,7 @@ def _check_refusals(name: str, codec: Codec[Any], payloads: Sequence[bytes]) -> 
 
 
 def _decodes(name: str, codec: Codec[Any], payload: bytes) -> bool:
-    """Return whether bytes are decoded; what was decoded must be content that can be encoded."""
+    """Return whether bytes are decoded; the decoded content must be encodable."""
     try:
         content = codec.decode(payload)
     except CodecError:

@@ -34,7 +34,7 @@ def check_detector(detector: str | DetectorBase | Callable[[], DetectorBase], **
         **options: of the environment whose sensors it is given, as `lidar="HDL-32E"` or `cameras="surround"`.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         UnknownNameError: no detector of that name is registered.
     """
     made, name = _make(detector), _name(detector)

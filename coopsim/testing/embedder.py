@@ -29,7 +29,7 @@ def check_embedder(embedder: str | Embedder | Callable[[], Embedder], **options:
         **options: of the environment whose sensors it is given, as `cameras="surround"`.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         UnknownNameError: no embedder of that name is registered.
     """
     name = embedder if isinstance(embedder, str) else getattr(embedder, "__name__", type(embedder).__name__)

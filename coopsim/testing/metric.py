@@ -26,7 +26,7 @@ def check_metric(metric: str | Metric | type[Metric]) -> None:
         metric: a registered name, a class or an object.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         UnknownNameError: no metric of that name is registered.
     """
     entry = METRICS.get(metric) if isinstance(metric, str) else metric
@@ -66,7 +66,7 @@ def _value(metric: Metric, name: str, evaluator: Evaluator) -> float | None:
 
 
 def _log(shift_m: float = 0.0, first_id: int = 1, objects: int = 3, tracks: int = 3, gaps: bool = True) -> Evaluator:
-    """Score objects in a row, and as many tracks `shift_m` beside them; with gaps, both are absent at times."""
+    """Score objects in a row, and as many tracks shifted by `shift_m`; with gaps, both are absent at times."""
     evaluator = Evaluator()
     for frame in range(_FRAMES):
         present = [k for k in range(3) if (frame + 2 * k) % 5 or not gaps]

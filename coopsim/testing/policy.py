@@ -40,7 +40,7 @@ def check_policy(policy: str | Policy | Callable[[], Policy], environment: str =
         **options: of the environment.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         CoopsimError: there is no such policy, or the environment cannot give what it needs.
     """
     made, name = _make(policy), _name(policy)

@@ -46,7 +46,7 @@ class SensorFrames:
 
 
 class _Recorder(OracleDetector):
-    """A simulated detector that notes what it is given, and its output."""
+    """A simulated detector that records its inputs and outputs."""
 
     def __init__(self) -> None:
         self.specs: Mapping[str, AgentSpec] = {}

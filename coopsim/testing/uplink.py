@@ -35,7 +35,7 @@ def check_uplink(uplink: Any, **options: Any) -> None:
         **options: of the environment whose observations it is given, as `lidar="HDL-32E"` or `cameras="surround"`.
 
     Raises:
-        AssertionError: says what is wrong.
+        AssertionError: a check failed; the message names it.
         UnknownNameError: no uplink of that name is registered.
     """
     make = uplink_factory(uplink)

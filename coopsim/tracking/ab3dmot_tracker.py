@@ -18,7 +18,7 @@ def ab3dmot(gate: float = -0.2, hits: int = 3, age: int = 2, later: AssociationR
         gate: smallest 3D GIoU of a match, in [-1, 1].
         hits: frames with a detection, consecutive or not, until a track is reported.
         age: frames without a detection until a track is dropped.
-        later: how groups of detections after the first are associated, see `Tracker`; None: as the first.
+        later: association of groups of detections after the first, see `Tracker`; None: as the first.
     """
     require_between(-1, 1, gate=gate)
     stages = Cascade([Stage(giou_3d, hungarian, gate=gate)])

@@ -23,7 +23,7 @@ class PublicIds:
     never used twice.
 
     Args:
-        memory_ns: how long a pair is remembered after its last use.
+        memory_ns: time for which a pair is kept after its last use.
     """
 
     def __init__(self, memory_ns: int) -> None:

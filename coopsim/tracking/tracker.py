@@ -64,10 +64,10 @@ class Tracker:
         motion: the motion model and its filter.
         association: matches predicted tracks to detections.
         lifecycle: selects the tracks that are reported and kept.
-        scoring: how a track's score follows the scores of its detections; None: `Latest`.
+        scoring: model of a track's score from the scores of its detections; None: `Latest`.
         initiator: selects the unmatched detections that begin a track.
         later: rules for the groups after the first, see `step_in_turn`; None: the same.
-        appearance: how embeddings are kept and compared; None: not at all.
+        appearance: model of embeddings; None: embeddings are not used.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ class Sweep:
         intensity: (N,) in [0, 1], float32.
         beam: (N,) row of the beam table, int64.
         instance: (N,) id of the actor that was hit, 0 for the static scene and -1 for clutter. For training and tests:
-            None in all that a policy or a `Detector` sees.
+            None in all inputs of a policy or a `Detector`.
     """
 
     points: NDArray[np.float32]

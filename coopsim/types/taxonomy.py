@@ -1,4 +1,4 @@
-"""Object classes, in the fixed order in which labels are numbered everywhere, and what they are pooled into."""
+"""Object classes, in the fixed order in which labels are numbered everywhere, and their superclasses."""
 
 from __future__ import annotations
 

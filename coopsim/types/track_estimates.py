@@ -1,4 +1,4 @@
-"""Tracks with their uncertainty: what agents send each other of what they track."""
+"""Tracks with their uncertainty, as agents send them to each other."""
 
 from __future__ import annotations
 

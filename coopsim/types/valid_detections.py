@@ -8,7 +8,7 @@ from coopsim.types.estimates import Detections
 from coopsim.types.taxonomy import CLASS_NAMES
 
 FARTHEST_M = 10_000.0
-"""Largest distance from an agent along any axis of what is taken in: no sensor sees and no radio reaches as far."""
+"""Largest accepted distance from an agent along any axis: beyond the reach of every sensor and radio."""
 
 
 def drop_invalid(detections: Detections) -> Detections:

@@ -70,7 +70,7 @@ class Outcome:
     Attributes:
         job: the job.
         result: the same in every run.
-        circumstances: what differs between runs: seconds, machine, versions, and how a process died.
+        circumstances: data that differ between runs: seconds, machine, versions, and how a process died.
     """
 
     job: Job

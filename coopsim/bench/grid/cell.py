@@ -63,7 +63,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellResult:
-    """The result of a cell: only what is the same in every run of it.
+    """Result of a cell: only data that are the same in every run of it.
 
     Attributes:
         cell: the cell.

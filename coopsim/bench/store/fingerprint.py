@@ -1,4 +1,4 @@
-"""The fingerprint of a cell: all that decides its result, as text. Equal fingerprints mean equal results."""
+"""The fingerprint of a cell: everything that decides its result, as text. Equal fingerprints mean equal results."""
 
 from __future__ import annotations
 

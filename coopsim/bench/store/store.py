@@ -1,8 +1,8 @@
 """The store of a benchmark: a folder with one Parquet file for each finished cell.
 
-It is a cache: the name of a file is a hash of all that decides its content, so any number of grids, versions and
-commands may share a folder. Results hold only what is the same in every run; seconds, versions and the like are in a
-JSON file next to each.
+It is a cache: the name of a file is a hash of all inputs of its content, so any number of grids, versions and
+commands may share a folder. Results hold only data that are the same in every run; seconds, versions and the like are
+in a JSON file next to each.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Store:
         except StoreError as error:
             raise StoreError(f"{path} is broken: {error}") from error
         if key_of(decided_by) != key:
-            raise StoreError(f"{path} is broken: what it says has another key, {key_of(decided_by)}")
+            raise StoreError(f"{path} is broken: its content has another key, {key_of(decided_by)}")
         return result
 
     def put(self, result: CellResult, decided_by: str, circumstances: Mapping[str, Any] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Uplinks: what an agent broadcasts of what it observes. Importing registers them."""
+"""Uplinks: the messages that agents make of their observations. Importing registers them."""
 
 from coopsim.comms.uplinks import share_detections, share_features, share_points, share_tracks
 

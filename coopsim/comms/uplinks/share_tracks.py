@@ -1,4 +1,4 @@
-"""The uplink `tracks`: each agent shares what it tracks by itself."""
+"""The uplink `tracks`: each agent shares its own tracks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ShareTracks(ContentUplink[TrackEstimates]):
     No message reaches these tracks, so no agent receives an echo of its own.
 
     Args:
-        track: how agents track; None: by an `OnBoardTracker` each.
+        track: makes the tracks of an agent; None: an `OnBoardTracker` each.
     """
 
     content = "tracks"

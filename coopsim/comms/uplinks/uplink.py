@@ -1,7 +1,7 @@
-"""The uplink interface: what agents broadcast of what they observe.
+"""The uplink interface: the messages that agents make of their observations.
 
 An environment's option `uplink` names one, or brings one as an object: a factory, or a policy, whose `make_uplink` is
-the factory. So a policy can broadcast what it computes, and share the computation with its `track`.
+the factory. So a policy can broadcast its own results, and share the computation with its `track`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Uplink(ABC):
 
 
 class ContentUplink(Uplink, Generic[T]):
-    """An uplink that makes content, and leaves it to a codec to write it: the base of all that come with coopsim.
+    """An uplink that makes content for a codec to encode: the base of all uplinks in coopsim.
 
     Its messages can be kept within a budget of bytes, if the codec can leave something out.
 

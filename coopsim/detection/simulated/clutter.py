@@ -161,7 +161,7 @@ class Clutter:
 
 
 def cell_ids(cells: Ints) -> Ints:
-    """Number cells (N, 2) by (N,) ints in [0, 2^20)."""
+    """Assign integers (N,) in [0, 2^20) to cells (N, 2)."""
     wrapped = cells % _WRAP
     numbers: Ints = wrapped[:, 0] * _WRAP + wrapped[:, 1]
     return numbers

@@ -21,7 +21,7 @@ def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: 
         sensor: its name, for the message.
         config: its mounting.
         height_m: of the agent's body.
-        body: that carries it; None for a mast, which is as thin as a line.
+        body: of the carrier; None for a mast, which is as thin as a line.
 
     Raises:
         InvalidValueError: it is under the ground, or inside the body.

@@ -43,7 +43,7 @@ class Kerbs:
 
         Args:
             points: of the object.
-            entry: that describes it.
+            entry: its description in the file.
             what: the object, for the error.
             least_m: required distance from the middle of a lane; None: half the lane's width.
 

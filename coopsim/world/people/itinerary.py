@@ -17,7 +17,7 @@ class Itinerary:
 
     Args:
         ways: the graph; None: one node without ways.
-        offset: (N, 2) m, of each person beside the middle of all their ways.
+        offset: (N, 2) m, of each person from the middle of all their ways.
     """
 
     def __init__(self, ways: Footways | None, offset: Floats) -> None:

@@ -51,7 +51,7 @@ class Manner(NamedTuple):
         swerve_m: additional distance to the side to which others may push a person.
         bend_m_s: speed at the end of a way.
         clear_m: distance from the middle of any vehicle at the start.
-        ahead_m: how far ahead of a person's middle the road has to be free.
+        ahead_m: length of free road needed ahead of a person's middle.
         passes: passes close along standing vehicles, in their lane.
     """
 

@@ -73,7 +73,7 @@ def is_blocked(
         ahead: (N, 2) m, from there to where the road has to be free.
         rows: (V,) `VEHICLE`.
         passes: whether they may go along a standing vehicle, however close: it may stand because of them.
-        foresight_s: how much of a vehicle's way counts; 0: only where it is now.
+        foresight_s: time over which vehicles are predicted; 0: only their present positions count.
     """
     blocked = np.zeros(len(position), dtype=np.bool_)
     for i in range(len(position)):

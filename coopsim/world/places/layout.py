@@ -136,13 +136,13 @@ class Layout:
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
         priority: movements to which others give way.
         window_m: vehicles farther than this along x from all cars that keep together are replaced; None: never.
-        cars_first: how many of the first slots in `connected_order` have cars, whatever else is drawn.
+        cars_first: number of the first slots in `connected_order` that have cars, whatever else is drawn.
         convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
         cycleways: where people ride, as along the right edge of lanes; None: on the footways.
-        bays: where vehicles may stand parked; those with a class of their own are taken first.
+        bays: places for parked vehicles; those with a given class are taken first.
         flights: ways of possible drones, in order.
         cruise_m_s: speed at which possibly connected cars keep together; None: each drives for itself.
-        roads_ahead: how many roads a driver plans ahead, its present one included: all that it may have to brake for.
+        roads_ahead: number of roads that a driver plans ahead, its present one included, to brake in time.
         clearance_m: straight movements whose middle lines come closer than this conflict; bent ones at `CLEARANCE_M`,
             because long vehicles swing out.
     """

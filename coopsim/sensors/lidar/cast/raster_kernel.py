@@ -147,7 +147,7 @@ def resolve(
     incidence float32 would be off by some millimetres.
 
     Args:
-        shapes: that were drawn.
+        shapes: the drawn ones.
         beams: the rays.
         blocks: of `LANES` columns, from the first to before the last.
         owner: of the canvas that was drawn on.

@@ -31,7 +31,7 @@ PARKED_ASIDE_M = 0.15
 """Largest distance along a bay between a parked vehicle and the bay's middle."""
 
 BESIDE_M = 0.4
-"""Vehicles keep behind an obstacle unless this much room is left beside it."""
+"""Vehicles keep behind an obstacle unless this width is left next to it."""
 
 SAME_WAY = 0.5
 """Least cosine between the headings of a vehicle and a lane that it travels along."""
@@ -151,7 +151,7 @@ def is_vehicle_in_way(
         width_m: of the other.
         stands: whether the other stands or is a wreck.
         reach_m: see `reach_beside`.
-        swing: how far the driver swings out on the lane.
+        swing: distance by which the driver swings out on the lane.
     """
     same_way = math.cos(angle) > SAME_WAY
     if same_way:

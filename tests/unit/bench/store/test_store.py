@@ -79,7 +79,7 @@ def test_a_file_of_another_key_is_broken(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.put(RESULT, "a")
     store.path_of(key_of("a")).rename(store.path_of(key_of("b")))
-    with pytest.raises(StoreError, match=f"{key_of('b')}.parquet is broken: what it says has another key"):
+    with pytest.raises(StoreError, match=f"{key_of('b')}.parquet is broken: its content has another key"):
         store.get(key_of("b"))
     store.path_of(key_of("b")).write_bytes(b"PAR1")
     with pytest.raises(StoreError, match=r"\.parquet is broken: "):
