@@ -16,14 +16,14 @@ class Calibration:
     """The probability that a box is on an object: by its score, its distance, its volume and the agents' agreement.
 
     A score rates how much some points look like an object, not whether the box around them overlaps it. Of two boxes
-    with the same score, one far from the clearly seen area misses more often, most of all in height, and a larger one
+    with the same score, one far from the clear area misses more often, most of all in height, and a larger one
     overlaps more often: the same error is a smaller part of it. The log odds are linear in these. Where agents differ,
     at most one of them is right, so the result is multiplied by a power of `FusedBoxes.chance`.
 
     Attributes:
         bias: log odds with everything else 0.
         score: per unit of score.
-        away: per metre from the middle of what the nearest agent that sees it sees clearly.
+        away: per metre from the middle of the clear area of the nearest agent that detects it, see `Doubt`.
         volume: per unit of the logarithm of its volume in m^3.
         chance: power of the chance; below 1 where small chances come true more often than their value.
     """

@@ -34,8 +34,8 @@ class Doubt:
 
     A detector's height is good where it sees the road; far away it guesses a flat world, and another agent's boxes come
     through a relative pose whose tilt lifts or sinks those far from the sender. So the log odds are linear in the
-    scores, in the distance of each box from the middle of what its agent sees clearly (the mean centre, weighted by
-    score^4, which needs no pose), and in the difference of their heights.
+    scores, in the distance of each box from the middle of its agent's clear area (the mean centre of its boxes,
+    weighted by score^4, which needs no pose), and in the difference of their heights.
 
     The weights are those of a logistic regression on the training recordings 0001 to 0031 of V2V4Real: all pairs of
     boxes of which one has a 3D IoU of at least 0.25 with a label and the other has not (`scripts/fit_coop_fuse.py`).
@@ -44,7 +44,7 @@ class Doubt:
         bias: log odds with everything else 0.
         own_score: per unit of score.
         other_score: per unit of score.
-        own_away: per metre from the middle of what the agent sees clearly.
+        own_away: per metre from the middle of the agent's clear area.
         other_away: per metre.
         gap: per metre between the boxes' bottoms.
         gap_away: per metre between the bottoms, times metres of `own_away`.
@@ -74,7 +74,7 @@ def pair_features(
 
 
 def clear_middle(detections: Detections) -> Floats:
-    """Return the middle (2,) m over ground of what an agent sees clearly; the origin if it sees nothing."""
+    """Return the middle (2,) m over ground of an agent's clear area; the origin without detections."""
     if not len(detections):
         return np.zeros(2)
     score = np.maximum(detections.score, 1e-6)
@@ -84,7 +84,7 @@ def clear_middle(detections: Detections) -> Floats:
 
 
 def away_from_middle(detections: Detections) -> Floats:
-    """Return the distances (N,) m over ground from the middle of what an agent sees clearly."""
+    """Return the distances (N,) m over ground from the middle of an agent's clear area."""
     return _away(detections.boxes, clear_middle(detections))
 
 
@@ -101,9 +101,9 @@ class FusedBoxes:
         detections: the boxes, each with the best score of all agents that see it.
         chance: (K,) probability that the box is on the object if one of the agents is right about it; 1 if only one
             agent sees it and nothing points to another place.
-        nearest_m: (K,) m over ground from the middle of what the nearest agent that sees it sees clearly.
+        nearest_m: (K,) m over ground from the middle of the clear area of the nearest agent that detects it.
         score: (K,) score of the likeliest agent.
-        away_m: (K,) m over ground from the middle of what that agent sees clearly.
+        away_m: (K,) m over ground from the middle of that agent's clear area.
     """
 
     detections: Detections
@@ -157,7 +157,7 @@ def correspond(own: FusedBoxes, other: FusedBoxes, gate: float) -> Correspondenc
     if not registration.common:
         return Correspondence(own_rows, other_rows, new, None)
     boxes, alone = placed[new], other[new]
-    # No agent saw them there: the score is 0, and only the distance from what the receiver sees is its own.
+    # No agent detected them there: the score is 0, and only the distance is from the receiver's clear area.
     away_m = _away(boxes, clear_middle(own.detections))
     expected = replace(
         alone, detections=replace(alone.detections, boxes=boxes), away_m=away_m, score=np.zeros(len(new))
@@ -183,7 +183,7 @@ def trust_likelier(
         groups: one per agent, in one frame, the receiver's own first. Invalid boxes are dropped.
         gate: smallest BEV GIoU of boxes on one object, in [-1, 1].
         doubt: weights for boxes of objects that both agents see.
-        hearsay: weights for boxes of objects that only another agent sees; None: they are believed.
+        hearsay: weights for boxes of objects that only another agent sees; None: they are trusted.
         least_chance: smallest chance, in [0, 1], that a replaced box is right where the fused one is not, from which it
             is kept; 1: none is.
     """

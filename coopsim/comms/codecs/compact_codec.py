@@ -90,7 +90,7 @@ class CompactDetectionsCodec(PlainDetections):
         score = rows["score"].astype(np.float64)
         good = np.isfinite(score) & (rows["size"] > 0).all(axis=1) & (rows["label"] < len(CLASS_NAMES))
         if not good.all():
-            raise CodecError(f"detection {int(np.argmin(good))} is none: accepted are {self.accepted}")
+            raise CodecError(f"detection {int(np.argmin(good))} is invalid: accepted are {self.accepted}")
         boxes = Boxes3D(rows["center"] * _STEP_M, rows["size"] * _STEP_M, wrap_angle(rows["yaw"] * _STEP_RAD))
         spread = np.frombuffer(rest, dtype=_SPREAD, offset=_FLAGS.size) if stated else None
         return Detections(boxes, score, rows["label"], None if spread is None else _covariance(spread))

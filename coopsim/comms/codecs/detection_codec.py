@@ -44,7 +44,7 @@ def require_objects(rows: NDArray[np.void], what: str) -> None:
         raise CodecError(f"{what} label {int(rows['label'].max())} is not in 0..{len(CLASS_NAMES) - 1}")
     good = np.isfinite(rows["box"]).all(axis=1) & np.isfinite(rows["score"]) & (rows["box"][:, 3:6] > 0).all(axis=1)
     if not good.all():
-        raise CodecError(f"{what} {int(np.argmin(good))} is none: numbers must be finite and sizes > 0")
+        raise CodecError(f"{what} {int(np.argmin(good))} is invalid: numbers must be finite and sizes > 0")
 
 
 class SharesDetections(Codec[T]):

@@ -100,7 +100,7 @@ def unpack_grid(block: bytes, shape: tuple[int, int]) -> BevGrid:
     try:
         grid = BevGrid((x_low, x_high), (y_low, y_high), cell_m)
     except InvalidValueError as error:
-        raise CodecError(f"the grid of features is none: {error}") from error
+        raise CodecError(f"the grid of features is invalid: {error}") from error
     if grid.shape != shape:
         raise CodecError(f"the grid of features has {grid.shape} cells, announced were {shape}")
     return grid

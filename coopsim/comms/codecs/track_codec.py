@@ -70,7 +70,7 @@ class TracksCodec(Codec[TrackEstimates]):
         covariance[:, *_UPPER] = covariance[:, *_UPPER[::-1]] = upper
         content = TrackEstimates(tracks, covariance)
         if not (good := sendable(content)).all():
-            raise CodecError(f"track {int(np.argmin(good))} is none: {_ACCEPTED}")
+            raise CodecError(f"track {int(np.argmin(good))} is invalid: {_ACCEPTED}")
         return content
 
 

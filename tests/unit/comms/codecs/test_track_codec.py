@@ -115,7 +115,7 @@ def hostile(field: str, value: float, offset: int = 0, row: int = 1) -> bytes:
     ],
 )
 def test_what_is_no_track_is_refused_by_its_number(payload: bytes) -> None:
-    with pytest.raises(CodecError, match=r"track 1 is none: accepted are .* eigenvalues in \[1e-06, 1e\+07\]"):
+    with pytest.raises(CodecError, match=r"track 1 is invalid: accepted are .* eigenvalues in \[1e-06, 1e\+07\]"):
         TracksCodec().decode(payload)
 
 
