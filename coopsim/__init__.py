@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
-    from coopsim.envs.record_episode import record as record
+    from coopsim.envs.simulated.record_episode import record as record
     from coopsim.errors import CoopsimError as CoopsimError
 
 __version__ = "0.1.0"
@@ -48,7 +48,7 @@ _HOMES = {
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
-    "record": "coopsim.envs.record_episode",
+    "record": "coopsim.envs.simulated.record_episode",
 }
 
 __all__ = ["__version__", *_HOMES]

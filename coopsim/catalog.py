@@ -81,7 +81,7 @@ def scenario_files() -> list[str]:
 
 
 def _scenario_files() -> ModuleType:
-    return importlib.import_module(f"{ENVIRONMENTS_HOME}.scenario_file")
+    return importlib.import_module(f"{ENVIRONMENTS_HOME}.simulated.scenario_file")
 
 
 def newest(name: str) -> str:

@@ -12,12 +12,12 @@ import pettingzoo
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.playback import as_recorded
 from coopsim.envs.replay import Replay
-from coopsim.envs.scenario_file import load_scenario_file
 from coopsim.envs.scoring import MotaReward, Reward
-from coopsim.envs.simulation import Simulation
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.playback import as_recorded
+from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.envs.simulated.simulation import Simulation
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_frame_time
 from coopsim.types.maneuvers import IDLE, MANEUVERS
@@ -66,7 +66,7 @@ def simulation_env(
 
 
 def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:
-    """Make a simulated environment from a scenario file; see `coopsim.envs.scenario_file`.
+    """Make a simulated environment from a scenario file; see `coopsim.envs.simulated.scenario_file`.
 
     Args:
         name: the environment's id.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from coopsim.envs.scenario_file import load_scenario_file
+from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Scenario, make_scenario
 from coopsim.world.traffic.engine.fleet import PARKED

@@ -14,7 +14,7 @@ from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bev_data import thinned
-from coopsim.bench.report.scene import Scene, SceneRun
+from coopsim.bench.report.demo_scene import Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks

@@ -16,8 +16,8 @@ from test_traffic_speed import long_highway
 import coopsim
 from coopsim.envs import CooperativeEnv
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.simulation import Simulation
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.simulation import Simulation
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.types import Tracks

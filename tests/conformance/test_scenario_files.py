@@ -8,7 +8,7 @@ import pytest
 
 import coopsim
 from coopsim.cli import main
-from coopsim.envs.scenario_file import SHIPPED
+from coopsim.envs.simulated.scenario_file import SHIPPED
 from coopsim.errors import InvalidValueError, ScenarioFileError
 from coopsim.world.recording.episode_file import Episode
 

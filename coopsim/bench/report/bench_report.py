@@ -13,8 +13,8 @@ from coopsim.bench.grid.axes import Axis, label, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.bev_data import DRAWING
 from coopsim.bench.report.clips import Clip
+from coopsim.bench.report.demo_scene import Scene
 from coopsim.bench.report.formats import definitions, fill_page
-from coopsim.bench.report.scene import Scene
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better

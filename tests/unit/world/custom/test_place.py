@@ -11,7 +11,7 @@ from shapely import Polygon
 from worlds import DT_S, table
 
 import coopsim
-from coopsim.envs.scenario_file import SHIPPED, load_scenario_file
+from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file
 from coopsim.errors import RecordingError, ScenarioFileError
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass

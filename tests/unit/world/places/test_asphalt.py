@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Point, Polygon, union_all
 
-from coopsim.envs.scenario_file import SHIPPED, load_scenario_file
+from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file
 from coopsim.world.places.layout import lane_outline
 from coopsim.world.places.road_network import CircularLane
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from coopsim.envs.equipment import Equipment
 from coopsim.envs.frames import Frame, FrameSource
-from coopsim.envs.simulated_episode import SimulatedEpisode
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.equipment import Equipment
+from coopsim.envs.simulated.simulated_episode import SimulatedEpisode
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec
 from coopsim.wire.observation_format import ObservationFormat

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.catalog import is_scenario_file
-from coopsim.envs.scenario_file import load_scenario_file
+from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.errors import CoopsimError
 from coopsim.world.population import drop_overridden
 from coopsim.world.recording import recorded_world

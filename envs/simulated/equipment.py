@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import Rig, agent_rigs

@@ -21,7 +21,7 @@ from typing import Any
 
 from coopsim.config.yaml_file import Entry, Section, read_yaml
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.world.custom.place import read_place
 from coopsim.world.population import Population

@@ -13,8 +13,8 @@ from coopsim.detection.detector import Detector, DetectorBase
 from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
 from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
-from coopsim.envs.lidar_options import LidarOption, lidar_configs
 from coopsim.envs.options import refuse_overridden
+from coopsim.envs.simulated.lidar_options import LidarOption, lidar_configs
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise

@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from coopsim.envs.equipment import Equipment
 from coopsim.envs.frames import AgentFrame, Frame, FrameProbe
-from coopsim.envs.lidar_sensing import CastSweeps, ExpectReturns, LidarReading, LidarSensing
-from coopsim.envs.perception import Perception, Vicinity
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.equipment import Equipment
+from coopsim.envs.simulated.lidar_sensing import CastSweeps, ExpectReturns, LidarReading, LidarSensing
+from coopsim.envs.simulated.perception import Perception, Vicinity
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry

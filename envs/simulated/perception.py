@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.detection.detector import Detector
 from coopsim.detection.oracle import Oracle, OracleDetector
-from coopsim.envs.simulation_options import SimulationOptions
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import Localizer
 from coopsim.support.rng import stream

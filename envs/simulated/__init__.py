@@ -1,0 +1,1 @@
+"""Simulated environments: options, scenario files, and the frames that sensors make of a world."""
