@@ -150,7 +150,7 @@ class Policy(ABC):
             if needs.uplink not in ("none", spec.uplink):
                 raise PolicyMismatchError(
                     f"{me} needs uplink {needs.uplink!r}, but {spec.name} broadcasts {spec.uplink!r}: make the "
-                    f"environment with uplink={needs.uplink!r}, {hint}"
+                    f"environment with uplink=policy, {hint}"
                 )
             if needs.lidar and not getattr(spec, "lidars", True):
                 raise PolicyMismatchError(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import Self
+from typing import Any, Self
 
 
 class CoopsimError(Exception):
@@ -30,15 +30,25 @@ class InvalidValueError(CoopsimError, ValueError):
 
 
 class UnknownNameError(CoopsimError, LookupError):
-    """A name is not among the known ones; the message lists the close ones."""
+    """A name is not among the known ones; the message lists the close ones.
 
-    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
-        self.kind, self.name, self.known = kind, name, tuple(sorted(known))
+    Args:
+        kind: the kind of thing that the name stands for, as "policy".
+        name: the unknown name.
+        known: all accepted names.
+        where: what the name is a part of, as "of policy 'late_fusion'"; it follows the name.
+    """
+
+    def __init__(self, kind: str, name: object, known: Iterable[str], where: str = "") -> None:
+        self.kind, self.name, self.known, self.where = kind, name, tuple(sorted(known)), where
         # The cut-off is loose on purpose: a wrong suggestion costs a glance, a missing one a search.
         close = difflib.get_close_matches(str(name), self.known, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(map(repr, close))}? " if close else ""
-        accepted = ", ".join(self.known) or "none registered"
-        super().__init__(f"unknown {kind} {name!r}. {hint}Accepted: {accepted}")
+        accepted = f"Accepted: {', '.join(self.known)}" if self.known else "There are none"
+        super().__init__(f"unknown {kind} {name!r}{where and ' ' + where}. {hint}{accepted}")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # errors of worker processes are pickled
+        return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
 class DuplicateNameError(CoopsimError, ValueError):

@@ -73,7 +73,7 @@ def _results(folder: Path) -> list[CellResult]:
     if not (folder / CELLS).is_dir():
         siblings = folder.parent.iterdir() if folder.parent.is_dir() else ()
         known = [path.name for path in siblings if (path / CELLS).is_dir()]
-        raise UnknownNameError(f"folder of results (policies need --results) in {folder.parent}", folder.name, known)
+        raise UnknownNameError("folder of results", folder.name, known, f"in {folder.parent} (policies need --results)")
     results = Store(folder).results()
     if not results:
         raise InvalidValueError(f"there are no results in {folder}: run `coopsim bench` first")

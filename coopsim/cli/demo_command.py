@@ -90,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
             write_whole(options.json, as_json([{**about, **values} for about, values in rows]))
         print(f"report: {demo.write_report(options.report, options.typed)}")
     if interrupted:
-        print(f"coopsim: interrupted; {len(demo.runs)} finished runs were kept", file=sys.stderr)
+        kept = f"{len(demo.runs)} finished {'run was' if len(demo.runs) == 1 else 'runs were'} kept"
+        print(f"coopsim: interrupted; {kept}", file=sys.stderr)
     return INTERRUPTED if interrupted else 0
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 import coopsim
 
-HELP = "list the names of policies, environments, scenario files, detectors, codecs, camera rigs, metrics, presets"
+if TYPE_CHECKING:
+    from coopsim.support.registry import Registry
+
+HELP = "list the names of all that is registered or shipped: policies, environments, detectors, uplinks, codecs, ..."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,21 +21,29 @@ def run(options: argparse.Namespace) -> int:
     """Run the command. Return the exit status."""
     from coopsim.bench.grid.grid_file import PRESETS
     from coopsim.catalog import scenario_files
-    from coopsim.comms.codecs.codec import codecs_of
+    from coopsim.comms.codecs.codec import CODECS
+    from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.detection.detector import DETECTORS
+    from coopsim.detection.embedder import EMBEDDERS
     from coopsim.metrics.metric import METRICS
     from coopsim.sensors.camera.rig_names import RIG_NAMES
 
     listed = {
-        "policies": coopsim.POLICIES.names(),
+        "policies": [_with_aliases(coopsim.POLICIES, name) for name in coopsim.POLICIES],
         "environments": coopsim.ENVIRONMENTS.names(),
         "scenario files": scenario_files(),
         "detectors": DETECTORS.names(),
-        "codecs": codecs_of("detections"),
+        "embedders": EMBEDDERS.names(),
+        "uplinks": UPLINKS.names(),
+        "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
         "camera rigs": RIG_NAMES,
         "metrics": METRICS.names(),
         "presets": PRESETS,
     }
     for kind, names in listed.items():
-        print(f"{kind + ':':<16}{', '.join(names)}")
+        print(f"{kind + ':':<16}{', '.join(names) or '(none)'}")
     return 0
+
+
+def _with_aliases(registry: Registry[Any], name: str) -> str:
+    return f"{name} (or {', '.join(aliases)})" if (aliases := registry.aliases_of(name)) else name

@@ -131,7 +131,8 @@ def _make(make: Callable[..., Any], given: Mapping[str, Any], what: str, models:
     try:
         return make(**values)
     except UnknownNameError as error:
-        raise UnknownNameError(f"{what} {error.kind}", error.name, error.known).at(_place_of(given, error)) from error
+        unknown = UnknownNameError(f"{what} {error.kind}", error.name, error.known, error.where)
+        raise unknown.at(_place_of(given, error)) from error
     except InvalidValueError as error:
         raise InvalidValueError(f"{what}: {error}{_hint(given)}").at(_place_of(given, error)) from error
 

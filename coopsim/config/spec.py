@@ -73,7 +73,7 @@ def instantiate(kind: str, name: str, make: Callable[..., T], parameters: Mappin
     kinds = {parameter.name: parameter.kind for parameter in signature.parameters.values()}
     if inspect.Parameter.VAR_KEYWORD not in kinds.values():
         for parameter in parameters:
-            require_choice(f"parameter of {kind} {name!r}", parameter, kinds)
+            require_choice("parameter", parameter, kinds, f"of {kind} {name!r}")
     if inspect.isabstract(make):
         missing = ", ".join(sorted(getattr(make, "__abstractmethods__", ())))
         raise InvalidValueError(f"{kind} {name!r} cannot be made: its class has no {missing}")

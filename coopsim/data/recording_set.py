@@ -89,7 +89,7 @@ class RecordingSet:
             raise InvalidValueError(f"detections must be a sequence of names, got {names!r}; accepted: {accepted}")
         chosen = (names,) if isinstance(names, str) else tuple(names)
         for name in chosen:
-            require_choice(f"detections in {self.path}", name, self.detection_names)
+            require_choice("detections", name, self.detection_names, f"in {self.path}")
             if chosen.count(name) > 1:
                 raise InvalidValueError(f"detections must be different names, got {name!r} more than once")
         return chosen
@@ -111,7 +111,7 @@ class RecordingSet:
             UnknownNameError: no such sequence or detections.
             RecordingError: a file is missing or broken; the message names file and line.
         """
-        require_choice(f"sequence in {self.path}", sequence, self.sequences)
+        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
         names = self.require_detections(names)
         truth_frame, truth_id, truth_boxes, truth_label, last = read_labels(self._labels(sequence), self._axes)
         found = {name: self._read(name, sequence) for name in names}

@@ -38,17 +38,18 @@ class SensorNeeds:
 
         Args:
             option: name of the option that the needs come from, for the message.
-            value: its value, for the message.
+            value: its value, an object whose class the message names.
             lidar: whether agents have LiDARs.
             cameras: whether agents have cameras.
 
         Raises:
             InvalidValueError: they have not.
         """
+        me = type(value).__name__
         if self.lidar and not lidar:
-            raise InvalidValueError(f"{option} must need no sweeps where lidar is None, got {value!r}")
+            raise InvalidValueError(f"{option} must need no sweeps where lidar is None, got {me}, which does")
         if self.cameras and not cameras:
-            raise InvalidValueError(f"{option} must need no images where cameras is False, got {value!r}")
+            raise InvalidValueError(f"{option} must need no images where cameras is False, got {me}, which does")
 
 
 class DetectorBase:

@@ -81,11 +81,11 @@ def require_flag(**values: object) -> None:
             raise InvalidValueError(f"{name} must be True or False, got {value!r}")
 
 
-def require_choice(name: str, value: object, accepted: Iterable[str]) -> None:
-    """Require one of the accepted names; raise `UnknownNameError` otherwise."""
+def require_choice(name: str, value: object, accepted: Iterable[str], where: str = "") -> None:
+    """Require one of the accepted names; raise `UnknownNameError` otherwise, with `name` as the kind."""
     known = tuple(accepted)
     if not (isinstance(value, str) and value in known):
-        raise UnknownNameError(name, value, known)
+        raise UnknownNameError(name, value, known, where)
 
 
 def require_instance(wanted: type[Any], **values: object) -> None:

@@ -79,6 +79,10 @@ class Registry(Generic[T]):
             raise UnknownNameError(f"{self.kind} class", entry.__qualname__, self.names())
         return names[0]
 
+    def aliases_of(self, name: str) -> tuple[str, ...]:
+        """Return the second names of the entry called `name`."""
+        return tuple(alias for alias, entry in self._aliases.items() if entry == name)
+
     def names(self) -> tuple[str, ...]:
         """Return all known names, sorted."""
         self._load_home()

@@ -216,7 +216,7 @@ class RewindAndReplay(DelayedMeasurements):
         return tracks
 
 
-DELAYED: Registry[type[DelayedMeasurements]] = Registry("way to take in delayed measurements")
+DELAYED: Registry[type[DelayedMeasurements]] = Registry("delayed")
 DELAYED.register("as_current")(AsIfCurrent)
 DELAYED.register("predict")(PredictForward)
 DELAYED.register("replay")(RewindAndReplay)

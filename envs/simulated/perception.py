@@ -138,6 +138,11 @@ class Perception:
             if set(detections) != set(views):
                 name = type(self._detector).__name__
                 raise InvalidValueError(f"{name}.detect_all must return {sorted(views)}, got {sorted(detections)}")
+        returned: Mapping[str, object] = detections  # custom detectors may ignore the annotation
+        for agent, found in returned.items():
+            if not isinstance(found, Detections):
+                me = type(self._detector).__name__
+                raise InvalidValueError(f"{me} must return Detections, got {type(found).__name__} for {agent}")
         if self._embedder is None:
             return detections
         return {name: self._embedder.apply(detections[name], view) for name, view in views.items()}

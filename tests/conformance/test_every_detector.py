@@ -299,12 +299,34 @@ def test_no_detector_and_an_embedder_by_object_and_name(
         make_small(embedder="rangs")
 
 
+@pytest.mark.parametrize(
+    ("found", "match"),
+    [
+        (None, "Returning must return Detections, got NoneType for cav_0"),
+        ({}, "Returning must return Detections, got dict for cav_0"),
+    ],
+)
+def test_an_environment_refuses_what_a_detector_must_not_return(
+    found: Any, match: str, make_small: Callable[..., Any]
+) -> None:
+    class Returning(NoDetector):
+        def detect(self, view: SensorView, rng: np.random.Generator) -> Detections:
+            wrong: Detections = found
+            return wrong
+
+    with pytest.raises(InvalidValueError, match=match):
+        make_small(detector=Returning()).reset(seed=0)
+
+
 def test_what_needs_sensors_is_refused_where_there_are_none(make_small: Callable[..., Any]) -> None:
     class Camera(NoDetector):
         needs = SensorNeeds(cameras=True)
 
     cases = [
-        ({"lidar": None, "detector": Nearest()}, "^detector must need no sweeps where lidar is None"),
+        (
+            {"lidar": None, "detector": Nearest()},
+            "^detector must need no sweeps where lidar is None, got Nearest",
+        ),
         ({"detector": Camera()}, "^detector must need no images where cameras is False"),
         ({"embedder": Sighted()}, "^embedder must need no images where cameras is False"),
     ]

@@ -263,7 +263,9 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    for name in ("late_fusion", "crossing-v1", "village.yaml", "pointpillars_v2v4real", "compact", "quick"):
+    for name in ("late_fusion", "no_fusion (or ab3dmot)", "crossing-v1", "village.yaml", "pointpillars_v2v4real"):
+        assert name in out
+    for name in ("sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):
         assert name in out
 
 
@@ -301,7 +303,7 @@ def test_ctrl_c_later_keeps_what_is_finished(
     monkeypatch.setattr("tqdm.tqdm.update", update)
     assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == INTERRUPTED
     shown = capsys.readouterr()
-    assert "1 finished runs were kept" in shown.err and shown.out.count("no_fusion") == 2  # a row in each table
+    assert "1 finished run was kept" in shown.err and shown.out.count("no_fusion") == 2  # a row in each table
     assert len(json.loads(numbers.read_text())) == 1 and report.stat().st_size > 10_000
 
 

@@ -191,12 +191,28 @@ def test_a_message_that_nobody_could_read_is_refused_where_it_is_sent(changes: d
         env.reset(seed=0)
 
 
+@pytest.mark.parametrize("budget_bytes", [None, 500])
+def test_content_of_a_wrong_class_is_refused_with_the_name_of_the_uplink(budget_bytes: int | None) -> None:
+    class Rubbish(ShareDetections):
+        def content_of(self, sender: str, observation: Observation) -> Any:
+            return 5
+
+    env = coopsim.parallel_env("crossing", uplink=lambda spec, rng: Rubbish(), budget_bytes=budget_bytes, **SHORT)
+    match = "Rubbish must make content that codec 'detections' encodes, got int for cav_0"
+    with pytest.raises(InvalidValueError, match=match):
+        env.reset(seed=0)
+
+
 @pytest.mark.parametrize(
     ("options", "error", "match"),
     [
-        ({"uplink": "points(kep=0.5)"}, UnknownNameError, "unknown parameter of uplink 'points' 'kep'.*'keep'"),
+        ({"uplink": "points(kep=0.5)"}, UnknownNameError, "unknown parameter 'kep' of uplink 'points'.*'keep'"),
         ({"uplink": "points(keep=2)"}, InvalidValueError, r"keep must be in \(0, 1\], got 2"),
-        ({"uplink": "points(codec=compact)"}, UnknownNameError, "unknown codec 'compact'.*points, voxels"),
+        (
+            {"uplink": "points(codec=compact)"},
+            UnknownNameError,
+            "unknown codec 'compact' for points: it carries detections. Accepted: points, voxels",
+        ),
         ({"uplink": "features"}, InvalidValueError, "uplink 'features' needs encode, which a name cannot give"),
         ({"uplink": ShareDetections}, InvalidValueError, "uplink must be an object, got the class ShareDetections"),
         ({"uplink": ShareDetections()}, InvalidValueError, "uplink must be .*: write lambda spec, rng: uplink"),
@@ -206,7 +222,11 @@ def test_a_message_that_nobody_could_read_is_refused_where_it_is_sent(changes: d
             InvalidValueError,
             "codec must be None for ShareDetections, which is made without regard to it, got 'compact'",
         ),
-        ({"codec": "points(number=float16)"}, UnknownNameError, "unknown codec 'points'. .*compact, cpm, detections"),
+        (
+            {"codec": "points(number=float16)"},
+            UnknownNameError,
+            "unknown codec 'points' for detections: it carries points. .*compact, cpm, detections",
+        ),
         ({"uplink": "points", "codec": "points(number=int4)"}, UnknownNameError, "unknown number 'int4'"),
     ],
 )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.errors import CodecError
+from coopsim.errors import CodecError, UnknownNameError
 from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
 
@@ -95,6 +95,12 @@ def codecs_of(content: str) -> tuple[str, ...]:
     return tuple(name for name in CODECS if CODECS.get(name).content == content)
 
 
+def require_codec(name: str, content: str) -> None:
+    """Raise `UnknownNameError` unless there is a codec called `name` for this kind of content."""
+    where = f"for {content}: it carries {CODECS.get(name).content}" if name in CODECS else ""
+    require_choice("codec", name, codecs_of(content), where)
+
+
 def make_codec(spec: object, content: str) -> tuple[str, Codec[Any]]:
     """Make a codec by its spec, as `sparse_features(most_cells=500, number=int8)`.
 
@@ -111,9 +117,9 @@ def make_codec(spec: object, content: str) -> tuple[str, Codec[Any]]:
         MissingDependencyError: the codec needs a package that is not installed.
     """
     if not isinstance(spec, str):
-        require_choice("codec", spec, codecs_of(content))
+        raise UnknownNameError("codec", spec, codecs_of(content))
     name, parameters = parse_spec("codec", spec)
-    require_choice("codec", name, codecs_of(content))
+    require_codec(name, content)
     return name, instantiate("codec", name, CODECS.get(name), parameters)
 
 

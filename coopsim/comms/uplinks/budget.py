@@ -62,7 +62,7 @@ class WithinBudget(Uplink):
             self._selection(receiver).hear(observation, self._decoded)
 
     def _fitting(self, uplink: ContentUplink[Any], sender: str, observation: Observation, content: Any) -> Message:
-        message = uplink.message_with(sender, observation, uplink.codec.encode(content))
+        message = uplink.message_with(sender, observation, uplink.encode_content(sender, content))
         size_bytes = len(encode_message(message))
         if size_bytes > self._budget_bytes:
             if self.content == "detections":

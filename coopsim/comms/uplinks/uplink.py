@@ -13,10 +13,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from coopsim.comms.codecs.codec import CODECS, Codec, codecs_of, make_codec
+from coopsim.comms.codecs.codec import CODECS, Codec, make_codec, require_codec
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
 from coopsim.types import AgentSpec, Message, Observation
 
@@ -80,7 +79,7 @@ class ContentUplink(Uplink, Generic[T]):
         self.codec: Codec[T]
         if isinstance(codec, Codec):
             self.codec_name, self.codec = CODECS.name_of(type(codec)), codec
-            require_choice("codec", self.codec_name, codecs_of(self.content))
+            require_codec(self.codec_name, self.content)
         else:
             self.codec_name, self.codec = make_codec(codec, self.content)
 
@@ -98,9 +97,24 @@ class ContentUplink(Uplink, Generic[T]):
 
     def messages(self, observations: Mapping[str, Observation]) -> dict[str, Message]:
         return {
-            sender: self.message_with(sender, observations[sender], self.codec.encode(content))
+            sender: self.message_with(sender, observations[sender], self.encode_content(sender, content))
             for sender, content in self.contents(observations).items()
         }
+
+    def encode_content(self, sender: str, content: T) -> bytes:
+        """Return the payload of the content of `sender`.
+
+        Raises:
+            CodecError: the codec cannot carry the content within its error bounds.
+            InvalidValueError: the content is of another class than the codec's.
+        """
+        try:
+            return self.codec.encode(content)
+        except (AttributeError, TypeError) as error:
+            raise InvalidValueError(
+                f"{type(self).__name__} must make content that codec {self.codec_name!r} encodes, got "
+                f"{type(content).__name__} for {sender}: {error}"
+            ) from error
 
     def message_with(self, sender: str, observation: Observation, payload: bytes) -> Message:
         """Return the message of `sender` with this payload."""

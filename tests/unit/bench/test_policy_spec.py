@@ -84,7 +84,7 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
     ("written", "error", "message"),
     [
         ("late_fusoin", UnknownNameError, "Did you mean 'late_fusion'"),
-        ("late_fusion(delay=replay)", UnknownNameError, "unknown parameter of policy 'late_fusion' 'delay'.*'delayed'"),
+        ("late_fusion(delay=replay)", UnknownNameError, "unknown parameter 'delay' of policy 'late_fusion'.*'delayed'"),
         ("late_fusion(delayed=reply)", CoopsimError, "Did you mean 'replay'"),
         ("late_fusion(replay)", InvalidValueError, "parameters must be name=value"),
         ("late_fusion(delayed=a+b)", InvalidValueError, "parameters must be name=value"),

@@ -68,7 +68,7 @@ def test_two_policies_of_a_folder(folder: Path, capsys: pytest.CaptureFixture[st
     [
         (
             ["{}/befor", "{}/before"],
-            "(policies need --results) in {} 'befor'. Did you mean 'before'? Accepted: before, empty",
+            "unknown folder of results 'befor' in {} (policies need --results). Did you mean 'before'?",
         ),
         (["{}/none/a", "{}/before"], "unknown folder of results"),
         (["good", "goood", "--results", "{}/before"], "unknown policy of the results 'goood'. Did you mean 'good'?"),

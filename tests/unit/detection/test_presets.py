@@ -90,7 +90,7 @@ def test_a_spec_sets_parameters() -> None:
     quiet = make_detector(f"{NAME}(clutter=None, confusion=None, reach_x_m=50)")
     assert isinstance(quiet, CorrelatedDetector)
     assert quiet.config == replace(preset(NAME), clutter=None, confusion=None, reach_x_m=50)
-    with pytest.raises(UnknownNameError, match=r"unknown parameter of detector 'simulated' 'recall'"):
+    with pytest.raises(UnknownNameError, match=r"unknown parameter 'recall' of detector 'simulated'"):
         make_detector("simulated(recall=1)")
     with pytest.raises(InvalidValueError, match=r"max_recall must be in \[0, 1\]"):
         coopsim.parallel_env("highway", detector="simulated(max_recall=2)")

@@ -1,5 +1,7 @@
 """Look-up by name, and the errors of those who mistype."""
 
+import pickle
+
 import pytest
 
 from coopsim.errors import DuplicateNameError, UnknownNameError
@@ -53,3 +55,19 @@ def test_home_is_imported_at_first_lookup(monkeypatch: pytest.MonkeyPatch, tmp_p
     import orchard_registry  # type: ignore[import-not-found]
 
     assert orchard_registry.TREES.get("oak") == "an oak"
+
+
+def test_an_unknown_name_is_told_with_what_it_is_a_part_of_and_survives_pickling() -> None:
+    error = UnknownNameError("parameter", "colr", ["colour"], "of fruit 'apple'").at("fruit.yaml:3")
+    assert str(error).startswith("fruit.yaml:3: unknown parameter 'colr' of fruit 'apple'. Did you mean 'colour'?")
+    copy = pickle.loads(pickle.dumps(error))
+    assert (str(copy), copy.known, copy.place) == (str(error), ("colour",), "fruit.yaml:3")
+    assert str(UnknownNameError("fruit", "fig", [])) == "unknown fruit 'fig'. There are none"
+
+
+def test_aliases_of_an_entry() -> None:
+    fruits = Registry[str]("fruit")
+    fruits.register("apple", alias="pomme")("red")
+    fruits.register("banana")("yellow")
+    assert fruits.aliases_of("apple") == ("pomme",)
+    assert fruits.aliases_of("banana") == ()

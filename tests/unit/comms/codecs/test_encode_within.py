@@ -118,7 +118,7 @@ def test_a_codec_is_made_by_its_spec() -> None:
         ("sparse_featurs", UnknownNameError, "unknown codec 'sparse_featurs'. Did you mean 'sparse_features'"),
         ("points", UnknownNameError, "Accepted: features, sparse_features"),
         ("features(", InvalidValueError, r"codec must be name or name\(parameter=value, ...\), got 'features\('"),
-        ("features(numbr=int8)", UnknownNameError, "unknown parameter of codec 'features' 'numbr'.*'number'"),
+        ("features(numbr=int8)", UnknownNameError, "unknown parameter 'numbr' of codec 'features'.*'number'"),
         ("features(number=int4)", UnknownNameError, "unknown number 'int4'"),
         ("sparse_features(most_cells=-1)", InvalidValueError, "most_cells must be an integer >= 0, got -1"),
         (7, UnknownNameError, "unknown codec 7"),
