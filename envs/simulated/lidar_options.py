@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 from coopsim.config.load import has_parameters, load
@@ -40,7 +41,7 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
     require_number(accepted, lambda far: usual.min_range_m < far <= FARTHEST_M, lidar_range_m=range_m)
     if lidar is None:
         return {}
-    if not isinstance(lidar, Mapping) or has_parameters(LidarConfig, lidar):
+    if not isinstance(lidar, Mapping) or _has_fields(lidar):
         named = {LIDAR: _lidar(lidar, "lidar", ", a mapping of its fields, a dict of these by name, or None")}
     elif not lidar:
         raise InvalidValueError("lidar must name at least one LiDAR, or be None for none; got an empty dict")
@@ -56,6 +57,17 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
         name: one if isinstance(one, LidarConfig) else LidarConfig(one, columns=columns, max_range_m=range_m)
         for name, one in named.items()
     }
+
+
+def _has_fields(lidar: Mapping[str, Any]) -> bool:
+    """Return whether the keys are fields of a `LidarConfig`, misspelt ones included, and not names of LiDARs.
+
+    A LiDAR may be called "above", almost as the field `above_m`: its value tells them apart.
+    """
+    if any(field.name in lidar for field in fields(LidarConfig)):
+        return True
+    named = any(isinstance(one, (LidarConfig, BeamPattern, Mapping)) for one in lidar.values())
+    return not named and has_parameters(LidarConfig, lidar)
 
 
 def _lidar(given: Any, what: str, more: str) -> OneLidar:

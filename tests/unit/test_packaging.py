@@ -17,10 +17,13 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 def test_every_package_is_listed() -> None:
     """A package missing from the list is silently missing from the wheel."""
-    inits = (ROOT / "coopsim").rglob("__init__.py")
-    found = {".".join(init.parent.relative_to(ROOT).parts) for init in inits}
-    # rglob does not follow the links to envs/ and agents/ in every Python version; they are two more.
-    found |= {"coopsim.envs", "coopsim.agents"}
+    # rglob does not follow the links to envs/ and agents/ in every Python version: they are looked through themselves.
+    homes = {"coopsim": ROOT / "coopsim", "coopsim.envs": ROOT / "envs", "coopsim.agents": ROOT / "agents"}
+    found = {
+        ".".join((package, *init.parent.relative_to(folder).parts))
+        for package, folder in homes.items()
+        for init in folder.rglob("__init__.py")
+    }
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(found)
 
 
