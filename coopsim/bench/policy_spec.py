@@ -79,9 +79,8 @@ class PolicySpec:
         module = _import(place) if self.source is None else load_source(place, self.source)
         found = getattr(module, name, None)
         if found is None:
-            raise UnknownNameError(
-                f"policy in {place}", name, [each for each in vars(module) if _is_policy(module, each)]
-            )
+            known = [each for each in vars(module) if _is_policy(module, each)]
+            raise UnknownNameError("policy", name, known, f"in {place}")
         if not (isinstance(found, type) and issubclass(found, coopsim.Policy)):
             raise InvalidValueError(
                 f"policy {self.target!r} must be a class derived from coopsim.Policy, got {found!r}"

@@ -131,7 +131,9 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
 
 
 def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace) -> int:
+    from coopsim.bench.report.bench_text import leaderboard_text
     from coopsim.bench.report.publish import about, publish
+    from coopsim.bench.results.result_table import ResultTable
 
     written = publish(
         options.out,
@@ -141,6 +143,7 @@ def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace
         clips=options.clips,
         with_plots=options.plots,
     )
+    print(leaderboard_text(ResultTable.of(results)))
     for path in written:
         print(f"written: {path}")
     failed = sum(result.failed for result in results)

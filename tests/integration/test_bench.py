@@ -182,6 +182,7 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
         out, err = process.communicate(timeout=120)
         assert process.returncode == 0 and "%" not in err and "Traceback" not in err  # no bar without a terminal
         assert out.count("written: ") == 3 and "report.html" in out
+        assert out.startswith("|   rank | policy ") and out.count("late_fusion") == 1  # the leaderboard
     monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
     assert main(["bench", *flags, "--out", str(tmp_path / "uninterrupted")]) == 0
     assert stored(out_dir) == stored(tmp_path / "uninterrupted")

@@ -33,10 +33,8 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     Raises:
         UnknownNameError: the results have no such metric.
     """
-    usual = (name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown)
-    chosen = tuple(metrics) or tuple(usual) or table.shown
-    parts = [f"# {_escaped(title)}"]
-    parts.append(_leaderboard(table, chosen[0]) if chosen else "No cell was finished.")
+    chosen = tuple(metrics) or _usual(table)
+    parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
     means = f"Mean over {len(table.conditions)} conditions"
     interval = f", ± half of its 95 % interval over {len(table.seeds)} seeds (Student's t)"
     parts.append(means + (interval if len(table.seeds) > 1 else " of one seed") + ".")
@@ -45,6 +43,12 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     if table.failures:
         parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
     return "\n\n".join(parts) + "\n"
+
+
+def leaderboard_text(table: ResultTable, metrics: Sequence[str] = ()) -> str:
+    """Format the leaderboard alone; the arguments and errors are those of `to_markdown`."""
+    chosen = tuple(metrics) or _usual(table)
+    return _leaderboard(table, chosen[0]) if chosen else "No cell was finished."
 
 
 def to_csv(table: ResultTable) -> str:
@@ -65,6 +69,10 @@ def to_csv(table: ResultTable) -> str:
             }
         )
     return to_csv_text(rows)
+
+
+def _usual(table: ResultTable) -> tuple[str, ...]:
+    return tuple(name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown) or table.shown
 
 
 def _leaderboard(table: ResultTable, metric: str) -> str:
