@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -76,8 +75,8 @@ def size_bytes(content: object) -> int:
         return content.nbytes
     if isinstance(content, (bytes, str)):
         return len(content)
-    if is_dataclass(content):
-        return sum(size_bytes(getattr(content, field.name)) for field in fields(content))
+    if names := getattr(content, "__dataclass_fields__", None):  # `fields` takes several times as long
+        return sum(size_bytes(getattr(content, name)) for name in names)
     if isinstance(content, Mapping):
         return sum(size_bytes(value) for value in content.values())
     if isinstance(content, (list, tuple)):

@@ -89,7 +89,10 @@ class Registry(Generic[T]):
         return tuple(sorted({*self._entries, *(point.name for point in self._points)}))
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and self._aliases.get(name, name) in self.names()
+        if not isinstance(name, str):
+            return False
+        known = self._aliases.get(name, name)
+        return known in self._entries or known in self.names()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())

@@ -178,8 +178,9 @@ class Tracker:
         before = self.state.tracked
         elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
         beliefs = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
-        older = replace(before, misses=before.misses + 1, age=before.age + 1)
-        return self._with_beliefs(older, beliefs)
+        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
+        misses, age = before.misses + 1, before.age + 1
+        return replace(before, beliefs=beliefs, boxes=boxes, velocity=velocity, misses=misses, age=age)
 
     def reported(self) -> Tracked:
         """Return the full tracks behind the rows of `report`."""
@@ -212,8 +213,19 @@ class Tracker:
         memory = tracked.appearance
         if found.embedding is not None:
             memory = memory.update(rows, memory.readable(found))
-        tracked = replace(tracked, score=score, latest=latest, hits=hits, misses=misses, foreign=foreign)
-        return self._with_beliefs(replace(tracked, appearance=memory), Beliefs(mean, covariance))
+        beliefs = Beliefs(mean, covariance)
+        return replace(
+            tracked,
+            beliefs=beliefs,
+            boxes=self._motion.boxes(beliefs),
+            velocity=self._motion.velocity(beliefs),
+            score=score,
+            latest=latest,
+            hits=hits,
+            misses=misses,
+            foreign=foreign,
+            appearance=memory,
+        )
 
     def _initiate(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
         """Return new tracks, one for each detection."""
@@ -237,10 +249,6 @@ class Tracker:
             seen_by_others(found),
             appearance,
         )
-
-    def _with_beliefs(self, tracked: Tracked, beliefs: Beliefs) -> Tracked:
-        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        return replace(tracked, beliefs=beliefs, boxes=boxes, velocity=velocity)
 
 
 def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:
