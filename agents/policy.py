@@ -152,7 +152,7 @@ class Policy(ABC):
                     f"{me} needs uplink {needs.uplink!r}, but {spec.name} broadcasts {spec.uplink!r}: make the "
                     f"environment with uplink=policy, {hint}"
                 )
-            if needs.lidar and not getattr(spec, "lidars", True):
+            if needs.lidar and not spec.lidars:
                 raise PolicyMismatchError(
                     f"{me} needs a LiDAR, but {spec.name} has none: make the environment with one, as "
                     'lidar="HDL-32E"; with lidar=None, or in a replay, there are no sweeps'
