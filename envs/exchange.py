@@ -12,6 +12,7 @@ from coopsim.comms.radio.obstruction import Surroundings
 from coopsim.comms.uplinks.budget import WithinBudget
 from coopsim.comms.uplinks.selection import SELECTIONS, Selection
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
+from coopsim.config.spec import parse_spec
 from coopsim.envs.frames import Frame
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import InvalidValueError
@@ -97,8 +98,9 @@ def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: i
 def _require_uplink(uplink: object, codec: str | None) -> None:
     if not isinstance(uplink, Uplink):
         raise InvalidValueError(f"uplink must make an Uplink for each agent, got {uplink!r}")
-    chosen = isinstance(uplink, ContentUplink) and codec is not None and uplink.codec_name == codec.partition("(")[0]
-    if codec is not None and not chosen:
+    if codec is None:
+        return
+    if not (isinstance(uplink, ContentUplink) and uplink.codec_name == parse_spec("codec", codec)[0]):
         raise InvalidValueError(
             f"codec must be None for {type(uplink).__name__}, which is made without regard to it, got {codec!r}"
         )

@@ -62,6 +62,26 @@ def room_graph(files: Graph) -> dict[str, set[str]]:
     return {name: imported - {name} for name, imported in rooms.items()}
 
 
+def folder_graph(package: str, *, loose_apart: bool = False) -> dict[str, set[str]]:
+    """Return which folders of a package import which.
+
+    Loose files of the package are its own folder or, with `loose_apart`, a node each.
+    """
+    files = module_files()
+
+    def folder(module: str) -> str:
+        apart = loose_apart and module.count(".") == package.count(".") + 1
+        return module if apart or files[module].name == "__init__.py" else module.rpartition(".")[0]
+
+    start = f"{package}." if loose_apart else package
+    folders: dict[str, set[str]] = {}
+    for name, imported in file_graph().items():
+        if name.startswith(start):
+            inside = {folder(each) for each in imported if each.startswith(start)}
+            folders.setdefault(folder(name), set()).update(inside - {folder(name)})
+    return folders
+
+
 def room(module: str) -> str:
     """Return the room of a module: `coopsim.comms` for `coopsim.comms.codecs.codec`."""
     return ".".join(module.split(".")[:2])

@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from import_graph import circles, file_graph, module_files
+from import_graph import circles, folder_graph
 
 
 def test_folders_form_no_circle() -> None:
-    files = module_files()
-
-    def folder(module: str) -> str:
-        return module if files[module].name == "__init__.py" else module.rpartition(".")[0]
-
-    folders: dict[str, set[str]] = {}
-    for module, imported in file_graph().items():
-        if module.startswith("coopsim.sensors"):
-            others = {folder(other) for other in imported if other.startswith("coopsim.sensors")}
-            folders.setdefault(folder(module), set()).update(others - {folder(module)})
+    folders = folder_graph("coopsim.sensors")
     assert len(folders) == 7
     assert circles(folders) == []

@@ -3,23 +3,13 @@
 import subprocess
 import sys
 
-from import_graph import circles, file_graph, module_files
+from import_graph import circles, folder_graph
 
-FILES = module_files()
 WING = "coopsim.world.traffic.highway_reference"
 
 
-def _folder(module: str) -> str:
-    """Return the folder of a module of the world; a loose file is one by itself."""
-    return module if FILES[module].name == "__init__.py" or module.count(".") < 3 else module.rpartition(".")[0]
-
-
 def test_no_circle_among_the_folders_of_the_world() -> None:
-    graph: dict[str, set[str]] = {}
-    for name, imported in file_graph().items():
-        if name.startswith("coopsim.world."):
-            inside = {_folder(other) for other in imported if other.startswith("coopsim.world.")}
-            graph.setdefault(_folder(name), set()).update(inside - {_folder(name)})
+    graph = folder_graph("coopsim.world", loose_apart=True)
     assert circles(graph) == []
     assert not {name for name, others in graph.items() if WING in others}  # it is imported when it is asked for
 
