@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.candidate_pairs import NEAR_M, CandidatePairs
+from coopsim.metrics.growing_columns import GrowingColumns
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceMatches, frame_of, match_sequence
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Tracks
@@ -20,7 +20,8 @@ from coopsim.types import GroundTruth, Ints, Tracks
 _TRUTH = {"truth_id": "q", "truth_label": "b", "truth_range_m": "f", "truth_seen_by": "b"}
 _TRACK = {"track_id": "q", "track_label": "b", "track_range_m": "f", "score": "d"}
 _PAIR = {"pair_truth": "i", "pair_track": "i", "iou_3d": "d", "iou_bev": "d", "distance_m": "d"}
-_COLUMNS = {**_TRUTH, **_TRACK, **_PAIR}
+_START = {"truth_start": "q", "track_start": "q", "pair_start": "q"}
+_COLUMNS = {**_START, **_TRUTH, **_TRACK, **_PAIR}
 """The logged columns, with the type codes of `array` and numpy."""
 
 _WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.float64}
@@ -30,7 +31,7 @@ _WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.f
 class TrackLog:
     """The log of one sequence of one agent, which grows frame by frame.
 
-    Columns are flat arrays, so that a long sequence takes no Python object per frame.
+    Its memory is bounded: all but the last frames of a long sequence wait in a temporary file (`GrowingColumns`).
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
@@ -39,28 +40,31 @@ class TrackLog:
     def __init__(self, match_iou: float) -> None:
         require_threshold(match_iou=match_iou)
         self.match_iou = match_iou
-        self._starts = {name: array("q", [0]) for name in ("truth_start", "track_start", "pair_start")}
-        self._columns = {name: array(code) for name, code in _COLUMNS.items()}
+        self._frames = 0
+        self._ends = dict.fromkeys(_START, 0)
+        self._columns = GrowingColumns(_COLUMNS)
+        self._columns.append({name: [0] for name in _START})
 
     def __len__(self) -> int:
-        return len(self._starts["truth_start"]) - 1
+        return self._frames
 
     def append(self, truth: GroundTruth, tracks: Tracks, pairs: CandidatePairs) -> None:
         """Add a frame, with its candidate pairs of one superclass."""
-        for start, count in zip(self._starts.values(), (len(truth), len(tracks), len(pairs)), strict=True):
-            start.append(start[-1] + count)
+        for name, count in zip(_START, (len(truth), len(tracks), len(pairs)), strict=True):
+            self._ends[name] += count
         seen_by = np.full(len(truth), -1) if truth.visible_to is None else truth.visible_to
+        ends = ([end] for end in self._ends.values())
         objects = (truth.id, truth.label, _range_m(truth.boxes), seen_by)
         reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
         candidates = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)
-        for column, values in zip(self._columns.values(), (*objects, *reported, *candidates), strict=True):
-            if len(values):
-                column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
+        self._columns.append(dict(zip(_COLUMNS, (*ends, *objects, *reported, *candidates), strict=True)))
+        self._frames += 1
 
     def flat(self) -> FlatLog:
         """Return all frames as flat arrays, with the pairs of one superclass (see `FlatLog.by_class`)."""
-        columns = {**self._starts, **self._columns}
-        arrays: dict[str, Any] = {name: np.array(column, _WIDE[column.typecode]) for name, column in columns.items()}
+        arrays: dict[str, Any] = {
+            name: self._columns.column(name).astype(_WIDE[code]) for name, code in _COLUMNS.items()
+        }
         return FlatLog(**arrays, match_iou=self.match_iou)
 
 
