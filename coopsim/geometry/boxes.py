@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.support.arrays import frozen, require_finite
+from coopsim.support.arrays import frozen, require_finite, sealed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +35,15 @@ class Boxes3D:
         object.__setattr__(self, "yaw", frozen(self.yaw, (len(center),), np.float64, "yaw"))
 
     @classmethod
+    def trusted(cls, center: Floats, size: Floats, yaw: Floats) -> Boxes3D:
+        """Make boxes without a check, of new or read-only float64 arrays that are known to have these shapes."""
+        boxes = object.__new__(cls)
+        object.__setattr__(boxes, "center", sealed(center))
+        object.__setattr__(boxes, "size", sealed(size))
+        object.__setattr__(boxes, "yaw", sealed(yaw))
+        return boxes
+
+    @classmethod
     def empty(cls) -> Boxes3D:
         """Return no boxes."""
         return cls.from_array(np.zeros((0, 7)))
@@ -43,7 +52,7 @@ class Boxes3D:
     def from_array(cls, array: ArrayLike) -> Boxes3D:
         """Make boxes from rows (N, 7): x, y, z, l, w, h, yaw."""
         rows = frozen(array, (None, 7), np.float64, "boxes")
-        return cls(rows[:, :3], rows[:, 3:6], rows[:, 6])
+        return cls.trusted(rows[:, :3], rows[:, 3:6], rows[:, 6])
 
     @classmethod
     def concatenate(cls, parts: Iterable[Boxes3D]) -> Boxes3D:
@@ -77,12 +86,14 @@ class Boxes3D:
         return len(self.center)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Boxes3D:
-        return Boxes3D(self.center[index], self.size[index], self.yaw[index])
+        center = self.center[index]
+        make = Boxes3D.trusted if center.ndim == 2 else Boxes3D  # which refuses a single row
+        return make(center, self.size[index], self.yaw[index])
 
     def transform(self, dst_SE3_src: SE3) -> Boxes3D:
         """Return the boxes in dst; the transform must be gravity-aligned (rotation about z)."""
         center = dst_SE3_src.apply(self.center)
-        return Boxes3D(center, self.size, wrap_angle(self.yaw + dst_SE3_src.yaw))
+        return Boxes3D.trusted(center, self.size, wrap_angle(self.yaw + dst_SE3_src.yaw))
 
     def validate(self, what: str = "boxes") -> None:
         """Raise `InvalidValueError` unless all numbers are finite and all sizes positive."""

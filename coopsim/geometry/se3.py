@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.support.arrays import Floats as Floats
-from coopsim.support.arrays import frozen
+from coopsim.support.arrays import frozen, sealed
 
 
 def wrap_angle(angle_rad: ArrayLike) -> Floats:
@@ -37,6 +37,14 @@ class SE3:
         object.__setattr__(self, "translation", frozen(self.translation, (3,), np.float64, "translation"))
 
     @classmethod
+    def trusted(cls, rotation: Floats, translation: Floats) -> SE3:
+        """Make a transform without a check, of new or read-only float64 arrays that are known to fit."""
+        transform = object.__new__(cls)
+        object.__setattr__(transform, "rotation", sealed(rotation))
+        object.__setattr__(transform, "translation", sealed(translation))
+        return transform
+
+    @classmethod
     def identity(cls) -> SE3:
         """Return the transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
@@ -54,11 +62,11 @@ class SE3:
 
     def inverse(self) -> SE3:
         """Return `src_SE3_dst`."""
-        return SE3(self.rotation.T, -self.rotation.T @ self.translation)
+        return SE3.trusted(self.rotation.T, -self.rotation.T @ self.translation)
 
     def compose(self, other: SE3) -> SE3:
         """Chain transforms: `a_SE3_b.compose(b_SE3_c)` is `a_SE3_c`."""
-        return SE3(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        return SE3.trusted(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def apply(self, points_m: ArrayLike) -> Floats:
         """Transform points (..., 3) from src to dst."""

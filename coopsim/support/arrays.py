@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -14,6 +14,8 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 Shape = tuple[int | None, ...]
+
+T = TypeVar("T", bound=np.generic)
 
 
 def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArray[Any]:
@@ -32,6 +34,12 @@ def frozen(value: ArrayLike, shape: Shape, dtype: DTypeLike, what: str) -> NDArr
         wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
         raise InvalidValueError(f"{what} must have shape {wanted}, got {array.shape}")
     array.flags.writeable = False
+    return array
+
+
+def sealed(array: NDArray[T]) -> NDArray[T]:
+    """Make an array read-only and return it. It must be new, or a view that nobody else writes to."""
+    array.setflags(write=False)
     return array
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import frozen, require_finite
+from coopsim.support.arrays import frozen, require_finite, sealed
 from coopsim.types.taxonomy import require_identified
 from coopsim.types.units import Ints, Mask
 
@@ -50,6 +50,26 @@ class Detections:
             object.__setattr__(self, "seen_by", frozen(self.seen_by, (count, None), np.bool_, "seen_by"))
 
     @classmethod
+    def trusted(
+        cls,
+        boxes: Boxes3D,
+        score: Floats,
+        label: Ints,
+        covariance: Floats | None = None,
+        embedding: Floats | None = None,
+        seen_by: Mask | None = None,
+    ) -> Detections:
+        """Make detections without a check, of new or read-only arrays that are known to have shape and type."""
+        detections = object.__new__(cls)
+        object.__setattr__(detections, "boxes", boxes)
+        object.__setattr__(detections, "score", sealed(score))
+        object.__setattr__(detections, "label", sealed(label))
+        object.__setattr__(detections, "covariance", covariance if covariance is None else sealed(covariance))
+        object.__setattr__(detections, "embedding", embedding if embedding is None else sealed(embedding))
+        object.__setattr__(detections, "seen_by", seen_by if seen_by is None else sealed(seen_by))
+        return detections
+
+    @classmethod
     def empty(cls) -> Detections:
         """Return no detections."""
         return cls(Boxes3D.empty(), np.zeros(0), np.zeros(0, dtype=np.int64))
@@ -68,7 +88,7 @@ class Detections:
         if len(full) == 1:
             return replace(full[0], seen_by=None)
         covariances = [part.covariance for part in full if part.covariance is not None]
-        return cls(
+        return cls.trusted(
             Boxes3D.concatenate(part.boxes for part in full),
             np.concatenate([part.score for part in full]),
             np.concatenate([part.label for part in full]),
@@ -80,7 +100,7 @@ class Detections:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Detections:
-        return Detections(
+        return Detections.trusted(
             self.boxes[index],
             self.score[index],
             self.label[index],
@@ -97,7 +117,7 @@ class Detections:
             jacobian[:3, :3] = dst_SE3_src.rotation
             covariance = jacobian @ covariance @ jacobian.T
         boxes = self.boxes.transform(dst_SE3_src)
-        return replace(self, boxes=boxes, covariance=covariance)
+        return Detections.trusted(boxes, self.score, self.label, covariance, self.embedding, self.seen_by)
 
 
 def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
@@ -141,6 +161,17 @@ class Tracks:
         object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
 
     @classmethod
+    def trusted(cls, ids: Ints, boxes: Boxes3D, velocity: Floats, score: Floats, label: Ints) -> Tracks:
+        """Make tracks without a check, of new or read-only arrays that are known to have shape and type."""
+        tracks = object.__new__(cls)
+        object.__setattr__(tracks, "id", sealed(ids))
+        object.__setattr__(tracks, "boxes", boxes)
+        object.__setattr__(tracks, "velocity", sealed(velocity))
+        object.__setattr__(tracks, "score", sealed(score))
+        object.__setattr__(tracks, "label", sealed(label))
+        return tracks
+
+    @classmethod
     def empty(cls) -> Tracks:
         """Return no tracks."""
         none = np.zeros(0, dtype=np.int64)
@@ -150,12 +181,13 @@ class Tracks:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Tracks:
-        return Tracks(self.id[index], self.boxes[index], self.velocity[index], self.score[index], self.label[index])
+        boxes, columns = self.boxes[index], (self.velocity[index], self.score[index], self.label[index])
+        return Tracks.trusted(self.id[index], boxes, *columns)
 
     def transform(self, dst_SE3_src: SE3) -> Tracks:
         """Move the tracks from frame src to frame dst (gravity-aligned)."""
         velocity = dst_SE3_src.rotate_planar(self.velocity)
-        return Tracks(self.id, self.boxes.transform(dst_SE3_src), velocity, self.score, self.label)
+        return Tracks.trusted(self.id, self.boxes.transform(dst_SE3_src), velocity, self.score, self.label)
 
     def validate(self) -> None:
         """Raise `InvalidValueError` if a value is not finite, a size not positive, or an id not unique."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import frozen
+from coopsim.support.arrays import frozen, sealed
 from coopsim.types.estimates import Tracks
 
 PLANAR = 4
@@ -35,6 +35,14 @@ class TrackEstimates:
         object.__setattr__(self, "covariance", frozen(self.covariance, shape, np.float64, "covariance"))
 
     @classmethod
+    def trusted(cls, tracks: Tracks, covariance: Floats) -> TrackEstimates:
+        """Make estimates without a check, of a new or read-only covariance that is known to fit."""
+        estimates = object.__new__(cls)
+        object.__setattr__(estimates, "tracks", tracks)
+        object.__setattr__(estimates, "covariance", sealed(covariance))
+        return estimates
+
+    @classmethod
     def concatenate(cls, parts: Iterable[TrackEstimates]) -> TrackEstimates:
         """Join the estimates of all parts, in order; at least one part."""
         whole = list(parts)
@@ -53,7 +61,7 @@ class TrackEstimates:
         return len(self.tracks)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> TrackEstimates:
-        return TrackEstimates(self.tracks[index], self.covariance[index])
+        return TrackEstimates.trusted(self.tracks[index], self.covariance[index])
 
     @property
     def mean(self) -> Floats:
@@ -63,7 +71,7 @@ class TrackEstimates:
     def transform(self, dst_SE3_src: SE3) -> TrackEstimates:
         """Return the estimates in dst (gravity-aligned); the transform is taken to be exact."""
         turn = np.kron(np.eye(2), dst_SE3_src.rotation[:2, :2])
-        return TrackEstimates(self.tracks.transform(dst_SE3_src), _symmetric(turn @ self.covariance @ turn.T))
+        return TrackEstimates.trusted(self.tracks.transform(dst_SE3_src), _symmetric(turn @ self.covariance @ turn.T))
 
     def with_pose_noise(self, origin_m: Floats, position_noise_m: float, heading_noise_rad: float) -> TrackEstimates:
         """Add the uncertainty of the pose by which the estimates were moved to their covariances.

@@ -1,0 +1,83 @@
+"""Groups of detections, one per agent, with their columns joined: for whole-array work on all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+
+from coopsim.types.estimates import Detections
+from coopsim.types.units import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionGroups(Sequence[Detections]):
+    """A sequence of G groups of detections in one frame of reference, stored end to end.
+
+    A fusion that wants arrays takes `joined` and `starts`; any other takes the groups one after another, each of which
+    is cut out when it is asked for.
+
+    Attributes:
+        joined: the detections (N) of all groups in order, as `Detections.concatenate` joins them.
+        starts: (G + 1,) group g is rows starts[g] to starts[g + 1] - 1 of `joined`.
+        parts: the groups as they are, where `joined` lacks a column that some of them have, or has one that others
+            lack; None: every group is a part of `joined`.
+    """
+
+    joined: Detections
+    starts: Ints
+    parts: tuple[Detections, ...] | None = None
+
+    @classmethod
+    def of(cls, groups: Iterable[Detections]) -> DetectionGroups:
+        """Join groups; what is joined already is returned as it is."""
+        if isinstance(groups, DetectionGroups):
+            return groups
+        parts = tuple(groups)
+        starts = np.zeros(len(parts) + 1, dtype=np.int64)
+        np.cumsum([len(part) for part in parts], out=starts[1:])
+        return cls(Detections.concatenate(parts), starts, None if are_alike(parts) else parts)
+
+    @property
+    def group(self) -> Ints:
+        """The number (N,) of the group of each row of `joined`."""
+        return np.repeat(np.arange(len(self)), np.diff(self.starts))
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    @overload
+    def __getitem__(self, index: int) -> Detections: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Detections]: ...
+
+    def __getitem__(self, index: int | slice) -> Detections | Sequence[Detections]:
+        if isinstance(index, slice):
+            return self.take(range(len(self))[index])
+        number = range(len(self))[index]
+        if self.parts is not None:
+            return self.parts[number]
+        return self.joined[self.starts[number] : self.starts[number + 1]]
+
+    def take(self, numbers: Sequence[int]) -> DetectionGroups:
+        """Return the groups of these numbers, in their order."""
+        if list(numbers) == list(range(len(self))):
+            return self
+        if self.parts is not None:
+            return DetectionGroups.of(self.parts[number] for number in numbers)
+        first, last = self.starts[:-1][list(numbers)], self.starts[1:][list(numbers)]
+        starts = np.concatenate([[0], np.cumsum(last - first)])
+        rows = np.arange(starts[-1]) + np.repeat(first - starts[:-1], last - first)
+        return DetectionGroups(self.joined[rows], starts)
+
+
+def are_alike(parts: Iterable[Detections]) -> bool:
+    """Return whether all parts with detections have the same columns, and none has `seen_by`, so that no part of their
+    concatenation gains or lacks anything.
+    """
+    full = [part for part in parts if len(part)]
+    kinds = {(part.covariance is None, None if part.embedding is None else part.embedding.shape[1]) for part in full}
+    return len(kinds) <= 1 and all(part.seen_by is None for part in full)
