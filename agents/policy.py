@@ -81,6 +81,17 @@ class Policy(ABC):
     def track(self, agent: str, observation: Observation) -> Tracks:
         """Return the tracks that `agent` reports for this observation, in its base frame at the observation's time."""
 
+    def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
+        """Return the tracks that each agent reports for its observation of one frame, by agent.
+
+        By default `track` is asked for each agent, in order. Override it to compute all agents in one batch, as by one
+        forward pass of a network.
+
+        Args:
+            observations: by agent. Receivers of one broadcast have the same `Message` object in their inboxes.
+        """
+        return {agent: self.track(agent, observation) for agent, observation in observations.items()}
+
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         """Make the state of one agent; called once per agent when an episode begins.
 
@@ -169,17 +180,22 @@ class Policy(ABC):
         Raises:
             EpisodeStateError: before `reset`.
             UnknownNameError: an agent is not among those given to `reset`.
-            InvalidActionError: `track` returned something other than `Tracks`.
+            InvalidActionError: `track` returned something other than `Tracks`, or `track_all` left out an agent.
         """
         if not hasattr(self, "specs"):
             raise EpisodeStateError("act before reset: call policy.reset(env.agent_specs) first")
         for name in observations:
             require_choice("agent", name, self.specs)
-        return {name: self._act_one(name, observation) for name, observation in observations.items()}
+        seen = self._format.unpack_all(observations)
+        reported: Mapping[str, object] = self.track_all(seen)  # custom policies may ignore the annotation
+        if not (isinstance(reported, Mapping) and set(reported) == set(seen)):
+            got = sorted(reported) if isinstance(reported, Mapping) else type(reported).__name__
+            raise InvalidActionError(
+                f"{type(self).__name__}.track_all must return Tracks by agent for {list(seen)}, got {got}"
+            )
+        return {name: self._action(name, observation, reported[name]) for name, observation in seen.items()}
 
-    def _act_one(self, agent: str, packed: Mapping[str, Any]) -> dict[str, Any]:
-        observation = self._format.unpack(packed)
-        tracks: object = self.track(agent, observation)
+    def _action(self, agent: str, observation: Observation, tracks: object) -> dict[str, Any]:
         if not isinstance(tracks, Tracks):
             got = type(tracks).__name__
             raise InvalidActionError(f"{type(self).__name__}.track must return Tracks, got {got} for {agent}")

@@ -311,9 +311,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def _observe(self, frame: Frame) -> dict[str, Packed]:
         """Exchange messages, and return every agent's packed observation."""
-        pack = self._source.format.pack
         # Kept until the next frame: memory freed at the end of the heap would be returned, and fetched page by page.
-        self._observations = {name: pack(observation) for name, observation in self._exchange.step(frame).items()}
+        self._observations = self._source.format.pack_all(self._exchange.step(frame))
         return dict(self._observations)
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:

@@ -41,8 +41,7 @@ class DecodeOnce:
         Raises:
             CodecError: the message cannot be read; that, too, is remembered.
         """
-        pose = message.pose.xyz_yaw.tobytes()
-        key = (decode, message.sender, message.captured_ns, message.codec, pose, message.payload)
+        key = decode, message.identity
         known = self._known.get(key)
         if known is None:
             known = self._decode(key, message, decode)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from coopsim.errors import InvalidValueError
 from coopsim.types.estimates import Detections
@@ -36,10 +36,22 @@ class Message:
     pose: PoseEstimate
     payload: bytes
     codec: str
+    _identity: tuple[Any, ...] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.sender:
             raise InvalidValueError("sender must be an agent's name, got ''")
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """All of the message as a key, equal for copies of one broadcast. Made once for an object."""
+        if self._identity is None:
+            spread = self.pose.covariance
+            pose = self.pose.xyz_yaw.tobytes(), None if spread is None else spread.tobytes()
+            identity = self.sender, self.captured_ns, self.codec, *pose, self.payload
+            object.__setattr__(self, "_identity", identity)
+            return identity
+        return self._identity
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats
 from coopsim.types import (
     AgentSpec,
     CameraImage,
@@ -32,6 +31,7 @@ from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types.taxonomy import CLASS_NAMES, require_classes
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
+from coopsim.wire.inbox_format import InboxPacker, InboxReader, pack_covariances, stated_covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +100,23 @@ class ObservationFormat:
         )
 
     def pack(self, observation: Observation) -> dict[str, Any]:
-        """Return an observation as its space's dict of arrays.
+        """Return an observation as its space's dict of arrays; see `pack_all` for all observations of a frame.
 
         Raises:
             InvalidValueError: the detections' embeddings have another length than announced, or they have covariances
                 and none were announced.
         """
+        return self._pack(observation, self._inbox_packer(observation.inbox))
+
+    def pack_all(self, observations: Mapping[str, Observation]) -> dict[str, dict[str, Any]]:
+        """Return one frame's observations as `pack` does, by agent, with each message's numbers written once."""
+        packer = self._inbox_packer([message for each in observations.values() for message in each.inbox])
+        return {name: self._pack(observation, packer) for name, observation in observations.items()}
+
+    def _inbox_packer(self, messages: Sequence[Message]) -> InboxPacker:
+        return InboxPacker(self.agents, messages, covariances=self.pose_covariances)
+
+    def _pack(self, observation: Observation, inboxes: InboxPacker) -> dict[str, Any]:
         packed: dict[str, Any] = {
             "time_ns": np.int64(observation.time_ns),
             "pose": observation.pose.xyz_yaw,
@@ -113,32 +124,40 @@ class ObservationFormat:
             "detections": self._pack_detections(observation.detections),
             "sweeps": {name: _pack_sweep(sweep) for name, sweep in observation.sweeps.items()},
             "cameras": {name: pack_image(image, OBSERVED_MODES) for name, image in observation.cameras.items()},
-            **self._pack_inbox(observation.inbox),
+            **inboxes.pack(observation.inbox),
         }
         if self.pose_covariances:
-            packed["pose_covariance"] = _pack_covariances([observation.pose])[0]
+            packed["pose_covariance"] = pack_covariances([observation.pose])[0]
         if self.skips_frames:
             packed["sensed"] = np.int64(observation.sensed)
         return packed
 
     def unpack(self, packed: Mapping[str, Any]) -> Observation:
-        """Return the typed observation that `pack` was given."""
+        """Return the typed observation that `pack` was given; see `unpack_all` for all observations of a frame."""
+        return self._unpack(packed, InboxReader(self.agents))
+
+    def unpack_all(self, packed: Mapping[str, Mapping[str, Any]]) -> dict[str, Observation]:
+        """Return the typed observations, by agent; receivers of one broadcast share its `Message` object."""
+        inboxes = InboxReader(self.agents)
+        return {name: self._unpack(each, inboxes) for name, each in packed.items()}
+
+    def _unpack(self, packed: Mapping[str, Any], inboxes: InboxReader) -> Observation:
         rows = packed["detections"]
         sensed = bool(packed.get("sensed", True))
         return Observation(
             time_ns=int(packed["time_ns"]),
-            pose=PoseEstimate(packed["pose"], _stated(packed.get("pose_covariance"))),
+            pose=PoseEstimate(packed["pose"], stated_covariance(packed.get("pose_covariance"))),
             odometry=Odometry(packed["odometry"]),
             detections=Detections(
                 Boxes3D.from_array(rows["box"]),
                 np.reshape(rows["score"], -1),
                 rows["label"],
-                _stated(rows.get("covariance")),
+                stated_covariance(rows.get("covariance")),
                 rows.get("embedding"),
             ),
             sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
             cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()} if sensed else {},
-            inbox=self._unpack_inbox(packed),
+            inbox=inboxes.read(packed),
             sensed=sensed,
         )
 
@@ -173,45 +192,6 @@ class ObservationFormat:
             rows["covariance"] = np.zeros((len(detections), 7, 7)) if covariance is None else covariance
         return rows
 
-    def _pack_inbox(self, inbox: Sequence[Message]) -> dict[str, Any]:
-        codecs = CODECS.names()
-        heads: dict[str, Any] = {
-            "sender": np.array([self.agents.index(message.sender) for message in inbox], dtype=np.int64),
-            "codec": np.array([codecs.index(message.codec) for message in inbox], dtype=np.int64),
-            "captured_ns": np.array([message.captured_ns for message in inbox], dtype=np.int64),
-            "pose": np.array([message.pose.xyz_yaw for message in inbox]).reshape(-1, 4),
-            "payload_bytes": np.array([len(message.payload) for message in inbox], dtype=np.int64),
-        }
-        if self.pose_covariances:
-            heads["pose_covariance"] = _pack_covariances([message.pose for message in inbox])
-        payload = np.frombuffer(b"".join(message.payload for message in inbox), dtype=np.uint8)
-        return {"inbox": heads, "inbox_payload": payload[:, None]}
-
-    def _unpack_inbox(self, packed: Mapping[str, Any]) -> tuple[Message, ...]:
-        heads, heap, codecs = packed["inbox"], np.asarray(packed["inbox_payload"], dtype=np.uint8), CODECS.names()
-        covariances = heads.get("pose_covariance", [None] * len(heads["sender"]))
-        ends = np.cumsum(heads["payload_bytes"])
-        starts = ends - heads["payload_bytes"]
-        return tuple(
-            Message(
-                self.agents[sender],
-                int(captured_ns),
-                PoseEstimate(pose, _stated(covariance)),
-                heap[start:end].tobytes(),
-                codecs[codec],
-            )
-            for sender, codec, captured_ns, pose, covariance, start, end in zip(
-                heads["sender"],
-                heads["codec"],
-                heads["captured_ns"],
-                heads["pose"],
-                covariances,
-                starts,
-                ends,
-                strict=True,
-            )
-        )
-
 
 def pack_image(image: CameraImage, modes: Sequence[str]) -> dict[str, Any]:
     """Return an image's pixels in those of `modes` that it has, by mode."""
@@ -226,14 +206,3 @@ def _pack_sweep(sweep: Sweep) -> NDArray[np.float32]:
 
 def _unpack_sweep(points: NDArray[np.float32]) -> Sweep:
     return Sweep(points[:, :3], points[:, 3], points[:, 4].astype(np.int64))
-
-
-def _pack_covariances(poses: Sequence[PoseEstimate]) -> Floats:
-    """Return the poses' covariances (N, 3, 3), zeros where a pose states none."""
-    stated = [np.zeros((3, 3)) if pose.covariance is None else pose.covariance for pose in poses]
-    return np.array(stated).reshape(-1, 3, 3)
-
-
-def _stated(covariance: Any) -> Any:
-    """Return a covariance, or None for the zeros that stand for none."""
-    return None if covariance is None or not np.any(covariance) else covariance
