@@ -12,13 +12,17 @@ while env.agents:
 print(env.score().table())
 ```
 
-Names are loaded when first used: importing coopsim is quick, and loads neither torch nor OpenGL.
+Names are loaded when first used: importing coopsim is quick, and loads neither torch nor OpenGL. It registers the
+environments with gymnasium, whose `gymnasium.make("coopsim/crossing-v1", ego="cav_0", others="late_fusion")` makes one
+for a single agent that learns.
 """
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
+
+from coopsim.gymnasium_ids import register_environments
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs as Needs
@@ -31,10 +35,13 @@ if TYPE_CHECKING:
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
+    from coopsim.catalog import single_env as single_env
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.errors import CoopsimError as CoopsimError
 
 __version__ = "0.1.0"
+
+register_environments()
 
 _HOMES = {
     "Needs": "coopsim.agents.policy",
@@ -47,6 +54,7 @@ _HOMES = {
     "POLICIES": "coopsim.catalog",
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
+    "single_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
     "record": "coopsim.envs.simulated.record_episode",
 }

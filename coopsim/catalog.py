@@ -15,6 +15,8 @@ from coopsim.support.registry import Registry
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
     from coopsim.envs.parallel import CooperativeEnv
+    from coopsim.envs.single.cast import Others, PolicyLike
+    from coopsim.envs.single.single_agent_env import SingleAgentEnv
 
 NAMESPACE = "coopsim"
 
@@ -56,6 +58,33 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         return ENVIRONMENTS.get(newest("file"))(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
+
+
+def single_env(
+    name: str | Path,
+    /,
+    *,
+    ego: str | None = None,
+    others: Others = None,
+    tracker: PolicyLike = None,
+    **options: Any,
+) -> SingleAgentEnv:
+    """Make the environment called `name` for one agent that learns, with gymnasium's API; the others follow policies.
+
+    Args:
+        name: as of `parallel_env`.
+        ego: name of the agent that acts; None: the first one.
+        others: the policy of the other agents, by name, spec or object; a mapping of agents to such policies; or None:
+            they report nothing.
+        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
+        **options: as of `parallel_env`.
+
+    Raises:
+        CoopsimError: as `parallel_env` and `coopsim.envs.single.single_agent_env.SingleAgentEnv` do.
+    """
+    home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single.single_agent_env")
+    env: SingleAgentEnv = home.SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)
+    return env
 
 
 def is_scenario_file(name: object) -> bool:

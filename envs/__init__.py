@@ -1,4 +1,4 @@
-"""Environments. Importing registers them, here and with PettingZoo, as `coopsim/<name>-v<version>`."""
+"""Environments. Importing registers them as `coopsim/<name>-v<version>`: here, with PettingZoo, and with gymnasium."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.gymnasium_ids import register_with_gymnasium
 from coopsim.support.checks import require_frame_time
 from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.world.population import Population, drop_overridden
@@ -131,6 +132,7 @@ def _register() -> None:
         make = partial(maker, full)
         ENVIRONMENTS.register(versioned)(make)
         pettingzoo.register("parallel", full, make)
+        register_with_gymnasium(versioned)
 
 
 _register()

@@ -119,6 +119,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Names that `reset(options={"sequence": name})` can play, sorted; empty in a simulation."""
         return self._source.sequences
 
+    @property
+    def default_seed(self) -> int | None:
+        """The option `seed`: of every episode for which `reset` is given none; None: a fresh one each time."""
+        return self._options.seed
+
     def observation_space(self, agent: str) -> spaces.Dict:
         """Return the space of an agent's observations; always the same object."""
         return self._observation_spaces[agent]
@@ -142,7 +147,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             UnknownNameError: an option's value is unknown. The environment is as it was before.
             RecordingError: the recording to replay is broken. The environment is as it was before.
         """
-        seed = self._options.seed if seed is None else seed
+        seed = self.default_seed if seed is None else seed
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
         if not (options is None or isinstance(options, Mapping)):

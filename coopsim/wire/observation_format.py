@@ -133,7 +133,10 @@ class ObservationFormat:
         return packed
 
     def unpack(self, packed: Mapping[str, Any]) -> Observation:
-        """Return the typed observation that `pack` was given; see `unpack_all` for all observations of a frame."""
+        """Return the typed observation that `pack` was given; empty sweeps and cameras may be left out.
+
+        See `unpack_all` for all observations of a frame.
+        """
         return self._unpack(packed, InboxReader(self.agents))
 
     def unpack_all(self, packed: Mapping[str, Mapping[str, Any]]) -> dict[str, Observation]:
@@ -155,8 +158,8 @@ class ObservationFormat:
                 stated_covariance(rows.get("covariance")),
                 rows.get("embedding"),
             ),
-            sweeps={name: _unpack_sweep(points) for name, points in packed["sweeps"].items()},
-            cameras={name: CameraImage(**image) for name, image in packed["cameras"].items()} if sensed else {},
+            sweeps={name: _unpack_sweep(points) for name, points in packed.get("sweeps", {}).items()},
+            cameras={name: CameraImage(**image) for name, image in packed.get("cameras", {}).items()} if sensed else {},
             inbox=inboxes.read(packed),
             sensed=sensed,
         )

@@ -1,0 +1,40 @@
+"""The ids under which gymnasium makes the single-agent environments, `coopsim/<name>-v<version>`.
+
+`import coopsim` registers them, as gymnasium 1 has no plug-ins that it would find by itself. No environment is loaded:
+gymnasium imports it when one is made.
+"""
+
+from __future__ import annotations
+
+from gymnasium.envs.registration import register, registry
+
+from coopsim.catalog import ENVIRONMENTS_HOME, NAMESPACE
+
+VERSIONED_NAMES = (
+    "crossing-v1",
+    "file-v1",
+    "highway-v1",
+    "merge-v1",
+    "occluded_crossing-v1",
+    "parking_street-v1",
+    "platoon-v1",
+    "replay-v1",
+    "roundabout-v1",
+    "t_junction-v1",
+    "urban_grid-v1",
+)
+"""The environments that come with coopsim, as `ENVIRONMENTS` has them: they are listed here as well, because looking
+them up would load the simulator."""
+
+
+def register_with_gymnasium(versioned: str) -> None:
+    """Let `gymnasium.make` know an environment, unless it does already."""
+    name = f"{NAMESPACE}/{versioned}"
+    if name not in registry:
+        register(name, f"{ENVIRONMENTS_HOME}.single.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
+
+
+def register_environments() -> None:
+    """Let `gymnasium.make` know the environments that come with coopsim."""
+    for versioned in VERSIONED_NAMES:
+        register_with_gymnasium(versioned)

@@ -1,0 +1,1 @@
+"""One agent acts, as gymnasium has it; the others follow given policies."""

@@ -1,0 +1,222 @@
+"""The single-agent environment: gymnasium's API for one agent of a cooperative environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopsim.agents.policy import Policy
+from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.single.cast import Cast, Others, PolicyLike
+from coopsim.envs.single.provision import make_provided
+from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
+from coopsim.support.checks import require_choice
+from coopsim.support.rng import require_seed
+from coopsim.types import Tracks
+from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.wire.actions import pack_tracks
+
+Packed = dict[str, Any]
+
+
+class SingleAgentEnv(gymnasium.Env[Packed, Any]):
+    """An environment in which one agent, the ego, acts, and the others follow given policies.
+
+    Observation, reward and info are the ego's own in `CooperativeEnv`; sweeps and cameras are left out of the
+    observation where there are none. The action is the ego's, too, a dict with `tracks` and, for
+    a car that its action drives, `maneuver`; with a `tracker` it is the maneuver alone, `Discrete(5)`.
+
+    Where the options `uplink` and `cameras` are not given, the policies decide them. Every agent broadcasts what its
+    policy makes; one without a policy that reads messages broadcasts the same kind of content.
+
+    A seed gives the same episode as in the environment of all agents. `reset` without a seed draws the next episode's
+    seed from `np_random`, or takes the option `seed`.
+
+    Attributes:
+        parallel: the environment of all agents: its `score()`, `agent_specs`, `bev_frame()` and more.
+        ego: name of the agent that acts.
+        policies: of the agents that have one; of the ego it is the tracker.
+
+    Args:
+        environment: name of the environment or path of a scenario file, see `coopsim.parallel_env`.
+        ego: name of the agent that acts; None: the first of `possible_agents`.
+        others: the other agents' policy: a name or spec ("late_fusion(merge_iou=0.2)"), a `Policy`, a mapping of agents
+            to either, or None. Agents without a policy report nothing. Agents with equal specs share one policy. A
+            `Policy` is copied, so that two environments never share its state.
+        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
+        **options: of the environment, see `coopsim.parallel_env`.
+
+    Raises:
+        UnknownNameError: no such environment, ego, agent, policy or option; the message lists the close ones.
+        InvalidValueError: a value is not accepted, or the tracker leaves nothing for the ego to decide.
+        PolicyMismatchError: two policies need different things, or the environment or the options exclude what one
+            needs.
+    """
+
+    observation_space: spaces.Dict
+    metadata: dict[str, Any] = {  # noqa: RUF012  # gymnasium reads it of the class, which an object may override
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 10,
+    }
+
+    def __init__(
+        self,
+        environment: str | Path,
+        *,
+        ego: str | None = None,
+        others: Others = None,
+        tracker: PolicyLike = None,
+        **options: Any,
+    ) -> None:
+        cast = Cast.make(tracker, others)
+        self.parallel, broadcasts = make_provided(environment, cast.roles, options)
+        try:
+            self.ego = _chosen_ego(self.parallel, ego)
+            self.policies = _assigned(cast, self.parallel.possible_agents, self.ego)
+            self._drives = self.parallel.agent_specs[self.ego].drives
+            if tracker is not None and not self._drives:
+                raise InvalidValueError(
+                    f"tracker leaves only driving to the ego, and {self.ego} does not drive: leave out tracker, or "
+                    'make a simulation with control="policy" and a car as ego'
+                )
+        except CoopsimError:
+            self.parallel.close()
+            raise
+        if broadcasts is not None:
+            broadcasts.by_agent = {name: each for name, each in self.policies.items() if each.needs.uplink != "none"}
+        self._tracked = tracker is not None
+        self.metadata = type(self).metadata | {"render_fps": self.parallel.metadata["render_fps"]}
+        self.render_mode = self.parallel.render_mode
+        self.observation_space = _without_empty(self.parallel.observation_space(self.ego))
+        self.action_space = spaces.Discrete(len(MANEUVERS)) if self._tracked else self.parallel.action_space(self.ego)
+        self._observations: dict[str, Packed] = {}
+        self._policies_actions: dict[str, Packed] | None = None
+        self._refusal: str | None = "there is no episode yet: call reset first"
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Packed, dict[str, Any]]:
+        """Begin an episode; return the ego's observation and info, which has the episode's `seed`.
+
+        Args:
+            seed: integer >= 0 that decides everything: this episode, and those of the calls without a seed after it.
+            options: as of `CooperativeEnv.reset`.
+
+        Raises:
+            CoopsimError: as `CooperativeEnv.reset` does.
+            EpisodeStateError: the ego is not in the episode's first frame.
+        """
+        if seed is not None:
+            require_seed(seed)
+        of_episode = self._next_seed() if seed is None else int(seed)
+        observations, infos = self.parallel.reset(of_episode, options)
+        super().reset(seed=None if seed is None else of_episode)
+        self._refusal = "the last reset ended halfway in an error: call reset to begin an episode"
+        for policy in dict.fromkeys(self.policies.values()):
+            policy.reset(self.parallel.agent_specs, seed=of_episode)
+        if self.ego not in observations:
+            raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
+        self._observations, self._policies_actions, self._refusal = observations, None, None
+        return self._own(observations[self.ego]), infos[self.ego]
+
+    def step(self, action: Any) -> tuple[Packed, float, bool, bool, dict[str, Any]]:
+        """Act, let the others act, and go to the next frame.
+
+        The episode is truncated at its last frame, or when the ego is no more in it: then the observation is the last
+        one again.
+
+        Raises:
+            EpisodeStateError: there is no running episode.
+            InvalidActionError: says what is wrong. The environment and the policies are as they were before.
+        """
+        if self._refusal is not None:
+            raise EpisodeStateError(self._refusal)
+        if self._policies_actions is None:
+            self._refusal = "the last step ended halfway in an error: call reset to begin an episode"
+            self._policies_actions = self._ask_policies()
+            self._refusal = None
+        actions = self._policies_actions | {self.ego: self._whole(action)}
+        observations, rewards, terminations, truncations, infos = self.parallel.step(actions)
+        self._observations, self._policies_actions = self._observations | observations, None
+        terminated = terminations[self.ego]
+        truncated = not terminated and (truncations[self.ego] or self.ego not in self.parallel.agents)
+        if terminated or truncated:
+            self._refusal = "the episode is over: call reset to begin another"
+        return self._own(self._observations[self.ego]), rewards[self.ego], terminated, truncated, infos[self.ego]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the scene from above; see `CooperativeEnv.render`."""
+        return self.parallel.render()
+
+    def close(self) -> None:
+        """Close the window and release the sensors' resources."""
+        self.parallel.close()
+
+    def _next_seed(self) -> int:
+        usual = self.parallel.default_seed
+        return int(self.np_random.integers(2**32)) if usual is None else usual
+
+    def _ask_policies(self) -> dict[str, Packed]:
+        """Return the actions of all agents that are present; those without a policy report nothing."""
+        asked: dict[Policy, dict[str, Packed]] = {}
+        actions: dict[str, Packed] = {}
+        for agent in self.parallel.agents:
+            if agent in self.policies:
+                asked.setdefault(self.policies[agent], {})[agent] = self._observations[agent]
+            else:
+                actions[agent] = {"tracks": pack_tracks(Tracks.empty())}
+                if self.parallel.agent_specs[agent].drives:
+                    actions[agent]["maneuver"] = IDLE
+        for policy, observations in asked.items():
+            actions |= policy.act(observations)
+        return actions
+
+    def _own(self, packed: Packed) -> Packed:
+        """Return the observation in the space of this environment, sharing no array with another or a recording.
+
+        Gymnasium asks for that. Sweeps and images are large, and made anew in every frame.
+        """
+        new = ("sweeps", "cameras")
+        return {key: packed[key] if key in new else _copied(packed[key]) for key in self.observation_space}
+
+    def _whole(self, action: Any) -> Any:
+        """Return the ego's action as the environment of all agents takes it, which checks it."""
+        if not self._tracked:
+            return action
+        if isinstance(action, np.ndarray) and action.shape == ():  # gymnasium counts these as elements of Discrete
+            action = action[()]
+        assert self._policies_actions is not None
+        return self._policies_actions[self.ego] | {"maneuver": action}
+
+
+def _chosen_ego(env: CooperativeEnv, ego: object) -> str:
+    if ego is None:
+        first: str = env.possible_agents[0]
+        return first
+    require_choice("ego", ego, env.possible_agents)
+    return str(ego)
+
+
+def _assigned(cast: Cast, agents: list[str], ego: str) -> dict[str, Policy]:
+    """Return the policies by agent."""
+    for agent in cast.others:
+        if agent == ego:
+            raise InvalidValueError(f"others must not have the ego {ego!r}, which acts itself; tracker= can help it")
+        require_choice("agent in others", agent, agents)
+    assigned = {agent: cast.of(agent, ego=ego) for agent in agents}
+    return {agent: policy for agent, policy in assigned.items() if policy is not None}
+
+
+def _without_empty(space: spaces.Dict) -> spaces.Dict:
+    """Return the space without its parts that are always empty, sweeps or cameras: gymnasium refuses these."""
+    return spaces.Dict({key: each for key, each in space.items() if not isinstance(each, spaces.Dict) or len(each)})
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _copied(each) for key, each in value.items()}
+    return value.copy() if isinstance(value, np.ndarray) else value
