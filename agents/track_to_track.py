@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from coopsim.agents.policy import Needs, Policy
-from coopsim.agents.tracking_policy import over_origin, within_reach
+from coopsim.agents.tracking_policy import covers, within_reach
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
 from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
@@ -140,7 +140,8 @@ class TrackToTrack(Policy):
         """Return each sender's pose in the odometry frame at capture time."""
         frame = state.frame
         if state.alignment is None:
-            return [frame.odom_SE3_sender(message, observation) for message, _ in read]
+            senders = frame.odom_SE3_senders([message for message, _ in read], observation)
+            return [senders[number] for number in range(len(read))]
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
         heard = [
             ReceivedBoxes(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
@@ -158,7 +159,7 @@ class TrackToTrack(Policy):
         estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= FARTHEST_M]
         if state.is_object:
             then = frame.pose_at(captured_ns)
-            estimates = estimates[~over_origin(estimates.tracks.boxes.transform(then.inverse()))]
+            estimates = estimates[~covers(estimates.tracks.boxes, then.translation[:2])]
         for pose in (odom_SE3_sender, frame.odom_SE3_base):
             estimates = estimates.with_pose_noise(pose.translation[:2], *self._pose_noise)
         return estimates

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 
@@ -12,13 +13,15 @@ from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_flag
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurement
+from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurements
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 
@@ -85,44 +88,56 @@ class TrackingPolicy(Policy):
         state = self._states[agent]
         state.frame.move(observation)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = drop_unreportable(self.perceive(agent, observation)).transform(odom_SE3_base)
+        own = drop_unreportable(self.perceive(agent, observation))
         reads = self.needs.uplink == "detections"
-        read = self.read(agent, within_reach(observation), decode_detections) if reads else []
-        received = [ReceivedBoxes(message, drop_unreportable(found)) for message, found in read]
-        poses = _sender_poses(received, own, observation, state)
-        measured = [Measurement(RECEIVER, observation.time_ns, own)]
-        measured += [_measurement(each, pose, state) for each, pose in zip(received, poses, strict=True)]
+        received = self.read(agent, within_reach(observation), _decode_reportable) if reads else []
+        # In the order in which they are tracked: then groups that are joined here need not be sorted later.
+        received.sort(key=lambda each: each[0].sender)
+        measured = _measurements(own, received, observation, state)
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
 
-def _sender_poses(
-    received: Sequence[ReceivedBoxes], own: Detections, observation: Observation, state: _AgentState
-) -> list[SE3]:
-    """Return the pose of each message's sender in the odometry frame, at capture."""
-    if state.alignment is not None:
-        return state.alignment.place(observation, state.frame, own, received)
-    return [state.frame.odom_SE3_sender(each.message, observation) for each in received]
+def _decode_reportable(message: Message) -> Detections:
+    """Return the detections in a message that a report can name; a pure function, as `Policy.read` wants."""
+    return drop_unreportable(decode_detections(message))
 
 
-def _measurement(received: ReceivedBoxes, odom_SE3_sender: SE3, state: _AgentState) -> Measurement:
-    """Return a message's boxes in the odometry frame, without the receiver itself, which is not its own object."""
-    message, found = received.message, received.detections.transform(odom_SE3_sender)
-    if state.is_object:
-        then = state.frame.pose_at(message.captured_ns)
-        found = found[~over_origin(found.boxes.transform(then.inverse()))]
-    return Measurement(message.sender, message.captured_ns, found)
+def _measurements(
+    own: Detections, received: Sequence[tuple[Message, Detections]], observation: Observation, state: _AgentState
+) -> Measurements:
+    """Return the receiver's own boxes and those of each message, in the odometry frame.
+
+    Those on the receiver itself are left out: it is not its own object.
+    """
+    frame, messages = state.frame, [message for message, _ in received]
+    captured_ns = [observation.time_ns, *(message.captured_ns for message in messages)]
+    if state.alignment is None:
+        senders = frame.odom_SE3_senders(messages, observation)
+    else:
+        heard = [ReceivedBoxes(message, found) for message, found in received]
+        placed = own.transform(frame.odom_SE3_base)
+        senders = SE3Batch.of(state.alignment.place(observation, frame, placed, heard))
+    groups = DetectionGroups.of([own, *(found for _, found in received)])
+    groups = groups.transform_each(senders.with_first(frame.odom_SE3_base))
+    if state.is_object and messages:
+        over = covers(groups.joined.boxes, frame.positions_at(captured_ns)[groups.group, :2])
+        over[: len(own)] = False
+        groups = groups.keep(~over)
+    return Measurements([RECEIVER, *(message.sender for message in messages)], captured_ns, groups)
 
 
 def within_reach(observation: Observation) -> list[Message]:
     """Return the messages with a stated sender pose within `FARTHEST_M` of the receiver."""
-    here = observation.pose.xyz_yaw[:3]
-    return [each for each in observation.inbox if np.abs(each.pose.xyz_yaw[:3] - here).max() <= FARTHEST_M]
+    inbox = observation.inbox
+    away_m = np.reshape([each.pose.xyz_yaw for each in inbox], (-1, 4))[:, :3] - observation.pose.xyz_yaw[:3]
+    farthest_m: Floats = np.abs(away_m).max(axis=1)
+    return list(compress(inbox, (farthest_m <= FARTHEST_M).tolist()))
 
 
-def over_origin(boxes: Boxes3D) -> Mask:
-    """Return the mask (N,) of boxes that cover the origin on the ground."""
+def covers(boxes: Boxes3D, point_m: Floats) -> Mask:
+    """Return the mask (N,) of boxes that cover a point on the ground, one (2,) for all or one for each (N, 2)."""
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
-    x, y = boxes.center[:, 0], boxes.center[:, 1]
+    x, y = (boxes.center[:, :2] - point_m).T
     ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)
     over: Mask = (ahead <= boxes.size[:, 0] / 2) & (aside <= boxes.size[:, 1] / 2)
     return over

@@ -57,7 +57,11 @@ class Boxes3D:
     @classmethod
     def concatenate(cls, parts: Iterable[Boxes3D]) -> Boxes3D:
         """Join the boxes of all parts, in order; no parts give no boxes."""
-        return cls.from_array(np.concatenate([np.zeros((0, 7)), *(part.array for part in parts)]))
+        whole = list(parts)
+        if not whole:
+            return cls.empty()
+        center, size = np.concatenate([part.center for part in whole]), np.concatenate([part.size for part in whole])
+        return cls.trusted(center, size, np.concatenate([part.yaw for part in whole]))
 
     @property
     def array(self) -> Floats:

@@ -5,7 +5,12 @@ Standing objects stand still in it, its drift is slow, and noise of the global p
 
 from __future__ import annotations
 
-from coopsim.geometry.se3 import SE3
+from collections.abc import Sequence
+
+import numpy as np
+
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types import NS_PER_S, Message, Observation
 
 _MEMORY_NS = 2 * NS_PER_S
@@ -34,7 +39,12 @@ class OdometryFrame:
         """Return the remembered `odom_SE3_base` nearest in time to `time_ns`."""
         return self._path[min(self._path, key=lambda known_ns: abs(known_ns - time_ns))]
 
-    def odom_SE3_sender(self, message: Message, observation: Observation) -> SE3:
-        """Return a sender's pose at capture, by its *estimated* pose then and the receiver's estimated pose now."""
-        base_SE3_world = observation.pose.world_SE3_base.inverse()
-        return self.odom_SE3_base.compose(base_SE3_world).compose(message.pose.world_SE3_base)
+    def positions_at(self, times_ns: Sequence[int]) -> Floats:
+        """Return the remembered positions (M, 3) m nearest in time to M times."""
+        known = {time_ns: self.pose_at(time_ns).translation for time_ns in set(times_ns)}
+        return np.reshape([known[time_ns] for time_ns in times_ns], (-1, 3))
+
+    def odom_SE3_senders(self, messages: Sequence[Message], observation: Observation) -> SE3Batch:
+        """Return each sender's pose at capture, by its *estimated* pose then and the receiver's estimated pose now."""
+        world_SE3_senders = SE3Batch.from_xyz_yaw(np.reshape([each.pose.xyz_yaw for each in messages], (-1, 4)))
+        return world_SE3_senders.seen_from(self.odom_SE3_base.compose(observation.pose.world_SE3_base.inverse()))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from coopsim.support.registry import Registry
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
+from coopsim.types.groups import DetectionGroups
 
 RECEIVER = ""
 """The source of the receiver's own measurements; it sorts before the names of all senders."""
@@ -49,6 +50,43 @@ class Measurement:
     detections: Detections
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements(Sequence[Measurement]):
+    """Measurements with their detections joined, so that those of one moment stay joined up to the fusion.
+
+    Attributes:
+        sources: name of each sender, as in `Measurement`.
+        captured_ns: the capture times.
+        groups: the detections.
+    """
+
+    sources: Sequence[str]
+    captured_ns: Sequence[int]
+    groups: DetectionGroups
+
+    @classmethod
+    def of(cls, measurements: Sequence[Measurement]) -> Measurements:
+        """Join measurements; what is joined already is returned as it is."""
+        if isinstance(measurements, Measurements):
+            return measurements
+        sources, captured_ns = [each.source for each in measurements], [each.captured_ns for each in measurements]
+        return cls(sources, captured_ns, DetectionGroups.of(each.detections for each in measurements))
+
+    def __len__(self) -> int:
+        return len(self.sources)
+
+    @overload
+    def __getitem__(self, index: int) -> Measurement: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Measurement]: ...
+
+    def __getitem__(self, index: int | slice) -> Measurement | Sequence[Measurement]:
+        if isinstance(index, slice):
+            return [self[number] for number in range(len(self))[index]]
+        return Measurement(self.sources[index], self.captured_ns[index], self.groups[index])
+
+
 class DelayedMeasurements(ABC):
     """A tracker together with a strategy for delayed measurements.
 
@@ -61,7 +99,6 @@ class DelayedMeasurements(ABC):
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         self.tracker, self._fusion, self._first = make_tracker(), fusion, first
 
-    @abstractmethod
     def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
         """Take in the measurements that arrived since the last step and return the tracks at `now_ns`.
 
@@ -72,6 +109,12 @@ class DelayedMeasurements(ABC):
         Raises:
             InvalidValueError: time went back.
         """
+        self.tracker.require_time(now_ns)
+        return self._step(Measurements.of(measurements), now_ns)
+
+    @abstractmethod
+    def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
+        """Take in the measurements; the time is known not to go back."""
 
     def _track(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
         return self.tracker.step_in_turn(self._fusion(groups), time_ns, incomplete=incomplete)
@@ -79,21 +122,23 @@ class DelayedMeasurements(ABC):
     def _in_order(self, sources: Iterable[str]) -> list[str]:
         return sorted(sources, key=lambda source: (source != self._first, source))
 
-    def _newest(self, measurements: Sequence[Measurement]) -> list[Measurement]:
-        """Return the last captured measurement of each source."""
-        latest: dict[str, Measurement] = {}
-        for measurement in measurements:
-            known = latest.get(measurement.source)
-            if known is None or measurement.captured_ns >= known.captured_ns:
-                latest[measurement.source] = measurement
+    def _newest(self, measurements: Measurements) -> list[int]:
+        """Return the number of each source's last captured measurement, in the order of `_in_order`."""
+        latest: dict[str, int] = {}
+        for number, (source, captured_ns) in enumerate(
+            zip(measurements.sources, measurements.captured_ns, strict=True)
+        ):
+            known = latest.get(source)
+            if known is None or captured_ns >= measurements.captured_ns[known]:
+                latest[source] = number
         return [latest[source] for source in self._in_order(latest)]
 
 
 class AsIfCurrent(DelayedMeasurements):
     """The newest measurement of each source counts as captured now: objects lag behind by the delay."""
 
-    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        return self._track([measurement.detections for measurement in self._newest(measurements)], now_ns)
+    def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
+        return self._track(measurements.groups.take(self._newest(measurements)), now_ns)
 
 
 _EXPIRY_NS = 5 * NS_PER_S
@@ -113,11 +158,11 @@ class PredictForward(DelayedMeasurements):
         self._make_tracker = make_tracker
         self._sources: dict[str, Tracker | TrackersByClass] = {}
 
-    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        self.tracker.require_time(now_ns)
+    def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
         oldest_ns = now_ns - _EXPIRY_NS
         self._sources = {name: each for name, each in self._sources.items() if (each.time_ns or 0) >= oldest_ns}
-        return self._track([self._moved(measurement, now_ns) for measurement in self._newest(measurements)], now_ns)
+        newest = (measurements[number] for number in self._newest(measurements))
+        return self._track(DetectionGroups.of(self._moved(measurement, now_ns) for measurement in newest), now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         """Return the detections where their objects should be at `now_ns`; none if they are overtaken or expired."""
@@ -137,12 +182,32 @@ class PredictForward(DelayedMeasurements):
 
 @dataclass(slots=True)
 class _Moment:
-    """A step of the tracker: its state before, the groups by source, and whether more groups may come."""
+    """A step of the tracker.
+
+    Attributes:
+        time_ns: its time.
+        groups: by source, the detections: a group, by its number, among those that came with it.
+        joined: the groups in order; None: not joined yet, or not since the last came.
+        before: the tracker's state before the step.
+        incomplete: more groups may come.
+    """
 
     time_ns: int
-    groups: dict[str, Detections] = field(default_factory=dict)
+    groups: dict[str, tuple[DetectionGroups, int]] = field(default_factory=dict)
+    joined: DetectionGroups | None = None
     before: Any = None
     incomplete: bool = False
+
+    def joined_in(self, order: Sequence[str]) -> DetectionGroups:
+        """Return the groups of these sources, which must be all; joined once, until another group comes."""
+        if self.joined is None:
+            groups = [self.groups[source] for source in order]
+            together = {id(whole): whole for whole, _ in groups}
+            if len(together) == 1:
+                self.joined = groups[0][0].take([number for _, number in groups])
+            else:
+                self.joined = DetectionGroups.of(whole[number] for whole, number in groups)
+        return self.joined
 
 
 class RewindAndReplay(DelayedMeasurements):
@@ -171,21 +236,20 @@ class RewindAndReplay(DelayedMeasurements):
         self._moments: list[_Moment] = []
         self._newest_ns: dict[str, int] = {}
 
-    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
-        self.tracker.require_time(now_ns)
+    def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
         self._moments = [moment for moment in self._moments if moment.time_ns >= now_ns - self._window_ns]
         moments = {moment.time_ns: moment for moment in self._moments}
         moments.setdefault(now_ns, _Moment(now_ns))
         oldest_ns, first_ns = min(moments), now_ns
-        for measurement in measurements:
-            captured_ns = min(measurement.captured_ns, now_ns)
+        for number, source in enumerate(measurements.sources):
+            captured_ns = min(measurements.captured_ns[number], now_ns)
             if captured_ns < oldest_ns:
                 continue
             moment = moments.setdefault(captured_ns, _Moment(captured_ns))
-            if measurement.source not in moment.groups:
-                moment.groups[measurement.source] = measurement.detections
+            if source not in moment.groups:
+                moment.groups[source], moment.joined = (measurements.groups, number), None
                 first_ns = min(first_ns, captured_ns)
-                self._newest_ns[measurement.source] = max(captured_ns, self._newest_ns.get(measurement.source, 0))
+                self._newest_ns[source] = max(captured_ns, self._newest_ns.get(source, 0))
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
         return self._replay(min(first_ns, self._mark_incomplete(now_ns)))
 
@@ -211,7 +275,7 @@ class RewindAndReplay(DelayedMeasurements):
             self.tracker.state = known
         for moment in again:
             moment.before = self.tracker.state
-            groups = [moment.groups[source] for source in self._in_order(moment.groups)]
+            groups = moment.joined_in(self._in_order(moment.groups))
             tracks = self._track(groups, moment.time_ns, incomplete=moment.incomplete)
         return tracks
 

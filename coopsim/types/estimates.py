@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.arrays import frozen, require_finite, sealed
 from coopsim.types.taxonomy import require_identified
 from coopsim.types.units import Ints, Mask
@@ -111,13 +112,26 @@ class Detections:
 
     def transform(self, dst_SE3_src: SE3) -> Detections:
         """Move the detections from frame src to frame dst (gravity-aligned)."""
-        covariance = self.covariance
+        boxes, covariance = self.boxes.transform(dst_SE3_src), self.covariance
         if covariance is not None:
-            jacobian = np.eye(7)
-            jacobian[:3, :3] = dst_SE3_src.rotation
-            covariance = jacobian @ covariance @ jacobian.T
-        boxes = self.boxes.transform(dst_SE3_src)
+            covariance = _turned(covariance, dst_SE3_src.rotation)
         return Detections.trusted(boxes, self.score, self.label, covariance, self.embedding, self.seen_by)
+
+    def transform_each(self, transforms: SE3Batch, number: Ints) -> Detections:
+        """Move each detection by the transform of its number (N,), as `transform` does."""
+        boxes, covariance = transforms.boxes(self.boxes, number), self.covariance
+        if covariance is not None:
+            covariance = _turned(covariance, transforms.rotation[number])
+        return Detections.trusted(boxes, self.score, self.label, covariance, self.embedding, self.seen_by)
+
+
+def _turned(covariance: Floats, rotation: Floats) -> Floats:
+    """Return covariances (N, 7, 7) of boxes that are turned, all (3, 3) or each by its own (N, 3, 3)."""
+    jacobian = np.zeros((*rotation.shape[:-2], 7, 7))
+    jacobian[..., np.arange(7), np.arange(7)] = 1.0
+    jacobian[..., :3, :3] = rotation
+    turned: Floats = jacobian @ covariance @ jacobian.swapaxes(-1, -2)
+    return turned
 
 
 def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:

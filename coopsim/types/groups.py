@@ -8,13 +8,14 @@ from typing import overload
 
 import numpy as np
 
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types.estimates import Detections
-from coopsim.types.units import Ints
+from coopsim.types.units import Ints, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionGroups(Sequence[Detections]):
-    """A sequence of G groups of detections in one frame of reference, stored end to end.
+    """A sequence of G groups of detections, stored end to end.
 
     A fusion that wants arrays takes `joined` and `starts`; any other takes the groups one after another, each of which
     is cut out when it is asked for.
@@ -61,6 +62,23 @@ class DetectionGroups(Sequence[Detections]):
         if self.parts is not None:
             return self.parts[number]
         return self.joined[self.starts[number] : self.starts[number + 1]]
+
+    def transform_each(self, transforms: SE3Batch) -> DetectionGroups:
+        """Move each group by its own transform."""
+        joined, parts = self.joined.transform_each(transforms, self.group), self.parts
+        if parts is not None:
+            parts = tuple(part.transform(transforms[number]) for number, part in enumerate(parts))
+        return DetectionGroups(joined, self.starts, parts)
+
+    def keep(self, mask: Mask) -> DetectionGroups:
+        """Return the groups without the rows of `joined` that are not in the mask (N,)."""
+        if mask.all():
+            return self
+        starts, parts = np.concatenate([[0], np.cumsum(mask)])[self.starts], self.parts
+        if parts is not None:
+            bounds = zip(self.starts[:-1].tolist(), self.starts[1:].tolist(), strict=True)
+            parts = tuple(part[mask[first:last]] for part, (first, last) in zip(parts, bounds, strict=True))
+        return DetectionGroups(self.joined[mask], starts, parts)
 
     def take(self, numbers: Sequence[int]) -> DetectionGroups:
         """Return the groups of these numbers, in their order."""

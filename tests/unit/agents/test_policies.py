@@ -10,7 +10,7 @@ import pytest
 from conftest import SMALL
 
 import coopsim
-from coopsim.agents.tracking_policy import over_origin
+from coopsim.agents.tracking_policy import covers
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.geometry.boxes import Boxes3D
@@ -69,9 +69,10 @@ def test_the_same_car_seen_by_both_is_one_car(name: str) -> None:
     assert sorted(found.boxes.center[:, 0].round().tolist()) == [20, 40]
 
 
-def test_which_boxes_cover_the_origin() -> None:
+def test_which_boxes_cover_a_point() -> None:
     found = detections((0.8, 0.3, 0.1), (4, 0, 0), (0, 2.5, 0), (1.5, 0, np.pi / 2))
-    assert over_origin(found.boxes).tolist() == [True, False, False, False]
+    assert covers(found.boxes, np.zeros(2)).tolist() == [True, False, False, False]
+    assert covers(found.boxes, np.array([[9, 9], [4, 0], [0, 0], [1.5, 1.9]])).tolist() == [False, True, False, True]
 
 
 def test_in_a_recording_the_boxes_of_the_frames_owner_come_first_whoever_receives() -> None:
