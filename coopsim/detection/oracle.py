@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -28,6 +30,56 @@ class Oracle:
     world_SE3_base: SE3
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Oracles(Mapping[str, Oracle]):
+    """The truth around each of A agents in one frame: a mapping, stored as rows, one agent's after another's.
+
+    Attributes:
+        agents: A names.
+        start: (A + 1,) where each agent's rows begin; the last is K.
+        actors: K rows, each in the base frame of its agent; an actor has a row for each agent but itself.
+        returns: (K,) number of LiDAR returns that the row's agent has from the actor.
+        world_SE3_base: the agents' true poses.
+        base_SE3_world: their inverses.
+    """
+
+    agents: tuple[str, ...]
+    start: Ints
+    actors: Actors
+    returns: Ints
+    world_SE3_base: tuple[SE3, ...]
+    base_SE3_world: tuple[SE3, ...]
+
+    @classmethod
+    def of(cls, oracles: Mapping[str, Oracle]) -> Self:
+        """Return the same truth as rows."""
+        if isinstance(oracles, cls):
+            return oracles
+        each = list(oracles.values())
+        poses = tuple(oracle.world_SE3_base for oracle in each)
+        return cls(
+            tuple(oracles),
+            np.cumsum([0, *(len(oracle.actors) for oracle in each)]),
+            Actors.concatenate([oracle.actors for oracle in each]),
+            np.concatenate([np.zeros(0, np.int64), *(oracle.returns for oracle in each)]),
+            poses,
+            tuple(pose.inverse() for pose in poses),
+        )
+
+    def __getitem__(self, agent: str) -> Oracle:
+        if agent not in self.agents:
+            raise KeyError(agent)
+        k = self.agents.index(agent)
+        rows = slice(*self.start[k : k + 2])
+        return Oracle(self.actors[rows], self.returns[rows], self.world_SE3_base[k])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.agents)
+
+    def __len__(self) -> int:
+        return len(self.agents)
+
+
 class OracleDetector(DetectorBase, ABC):
     """A detector that is simulated: it thins and disturbs the truth. It needs no sensors of its own."""
 
@@ -43,3 +95,25 @@ class OracleDetector(DetectorBase, ABC):
         Returns:
             The reported objects, in the agent's base frame.
         """
+
+    def detect_all(
+        self, views: Mapping[str, SensorView], oracles: Mapping[str, Oracle], rngs: Mapping[str, np.random.Generator]
+    ) -> dict[str, Detections]:
+        """Report the objects of one frame for all agents; all arguments and the result are by agent."""
+        return {agent: self.detect(view, oracles[agent], rngs[agent]) for agent, view in views.items()}
+
+
+def split_by_agent(detections: Detections, agents: Sequence[str], owner: Ints) -> dict[str, Detections]:
+    """Split detections by agent.
+
+    Args:
+        detections: N of all agents, in any order.
+        agents: A names.
+        owner: (N,) which of the agents each detection is of.
+
+    Returns:
+        Each agent's detections, in the same order among themselves.
+    """
+    ordered = detections[np.argsort(owner, kind="stable")]
+    end = np.cumsum(np.bincount(owner, minlength=len(agents))).tolist()
+    return {agent: ordered[begin:stop] for agent, begin, stop in zip(agents, [0, *end], end, strict=False)}

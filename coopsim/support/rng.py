@@ -56,14 +56,15 @@ def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
         owner: (N,) integers >= 0, as ids of actors.
         count: numbers for each owner.
     """
-    key = _key(seed, purpose)
+    key = draw_key(seed, purpose)
     place = owner.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
     state = (key + place * _GOLDEN).astype(np.uint64)
     return (_splitmix64(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 @lru_cache(1024)  # hashing would be most of the time of a draw in every frame
-def _key(seed: int, purpose: str) -> np.uint64:
+def draw_key(seed: int, purpose: str) -> np.uint64:
+    """Return the key that decides all of `uniform_draws` for a purpose."""
     return np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -60,6 +61,13 @@ class Actors:
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Actors:
         return Actors(*(getattr(self, column.name)[index] for column in fields(self)))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Actors]) -> Actors:
+        """Join the actors of all parts, at least one, in order; ids need not stay unique."""
+        boxes = Boxes3D.concatenate(part.boxes for part in parts)
+        rest = [column.name for column in fields(cls) if column.name != "boxes"]
+        return cls(boxes=boxes, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in rest})
 
     def pose(self, poses: Ints) -> Ints:
         """Return the index (N,) of each actor's pose, where model k has `poses[k]` of them."""

@@ -3,61 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-
-import numpy as np
 
 from coopsim.detection.detector import Detector
-from coopsim.detection.oracle import Oracle, OracleDetector
+from coopsim.detection.oracle import OracleDetector, Oracles
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import Localizer
 from coopsim.support.rng import stream
-from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Mask, Observation, SensorView, Sweep
-from coopsim.world.snapshot import Actors, AgentBody
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Vicinity:
-    """The true surroundings of one agent in one frame.
-
-    Attributes:
-        body: the agent.
-        actors: all N actors but the agent itself, in its base frame.
-        returns: (N, A) number of LiDAR returns that each of A agents has from each actor.
-        own: the agent's column in `returns`.
-    """
-
-    body: AgentBody
-    actors: Actors
-    returns: Ints
-    own: int
-
-    @classmethod
-    def of(cls, body: AgentBody, actors: Actors, returns: Ints, own: int) -> Vicinity:
-        """Return an agent's surroundings among all actors, which are in the world frame."""
-        other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
-        return cls(body, actors[other].transform(body.world_SE3_base.inverse()), returns[other], own)
-
-    @property
-    def oracle(self) -> Oracle:
-        """The truth that an `OracleDetector` is given."""
-        return Oracle(self.actors, self.returns[:, self.own], self.body.world_SE3_base)
-
-    def truth(self, region_m: tuple[float, float], *, all_count: bool) -> GroundTruth:
-        """Return the ground truth.
-
-        Args:
-            region_m: half the length and width of the evaluation region.
-            all_count: all objects in the region count, not only those that some agent has a return from.
-        """
-        actors, seen = self.actors, self.returns > 0
-        visible_to = np.where(seen[:, self.own], 0, np.where(seen.any(axis=1), 1, 2))
-        in_region: Mask = np.all(np.abs(actors.boxes.center[:, :2]) <= region_m, axis=1)
-        counts = in_region if all_count else in_region & (visible_to < 2)
-        return GroundTruth(
-            actors.id, actors.boxes, actors.label, visible_to, actors.velocity, self.returns, in_region, counts
-        )
+from coopsim.types import AgentSpec, CameraImage, Detections, Observation, SensorView, Sweep
 
 
 class Perception:
@@ -82,7 +35,7 @@ class Perception:
     def observe(
         self,
         time_ns: int,
-        vicinities: Mapping[str, Vicinity],
+        oracles: Oracles,
         sweeps: Mapping[str, Mapping[str, Sweep]],
         images: Mapping[str, Mapping[str, CameraImage]],
         *,
@@ -92,13 +45,14 @@ class Perception:
 
         Args:
             time_ns: now.
-            vicinities: the agents' surroundings.
+            oracles: the truth around the agents.
             sweeps: by agent and LiDAR, with instance ids.
             images: by agent and camera, in any modes.
             sensed: whether the sensors ran in this frame; if not, nothing is detected.
         """
         located = {
-            name: self._localizers[name].localize(vicinity.body.world_SE3_base) for name, vicinity in vicinities.items()
+            name: self._localizers[name].localize(pose)
+            for name, pose in zip(oracles.agents, oracles.world_SE3_base, strict=True)
         }
         views = {
             name: SensorView(
@@ -112,7 +66,7 @@ class Perception:
             )
             for name, (_, odometry) in located.items()
         }
-        detections = self._detect(vicinities, views) if sensed else dict.fromkeys(views, Detections.empty())
+        detections = self._detect(oracles, views) if sensed else dict.fromkeys(views, Detections.empty())
         return {
             name: Observation(
                 time_ns,
@@ -126,18 +80,16 @@ class Perception:
             for name, view in views.items()
         }
 
-    def _detect(self, vicinities: Mapping[str, Vicinity], views: Mapping[str, SensorView]) -> Mapping[str, Detections]:
+    def _detect(self, oracles: Oracles, views: Mapping[str, SensorView]) -> Mapping[str, Detections]:
+        detections: Mapping[str, Detections]
         if isinstance(self._detector, OracleDetector):
-            detections: Mapping[str, Detections] = {
-                name: self._detector.detect(view, vicinities[name].oracle, self._rngs[name])
-                for name, view in views.items()
-            }
+            detections = self._detector.detect_all(views, oracles, self._rngs)
         else:
             assert isinstance(self._detector, Detector)
             detections = self._detector.detect_all(views, self._rngs)
-            if set(detections) != set(views):
-                name = type(self._detector).__name__
-                raise InvalidValueError(f"{name}.detect_all must return {sorted(views)}, got {sorted(detections)}")
+        if set(detections) != set(views):
+            name = type(self._detector).__name__
+            raise InvalidValueError(f"{name}.detect_all must return {sorted(views)}, got {sorted(detections)}")
         returned: Mapping[str, object] = detections  # custom detectors may ignore the annotation
         for agent, found in returned.items():
             if not isinstance(found, Detections):

@@ -10,8 +10,9 @@ import numpy as np
 from coopsim.envs.frames import AgentFrame, Frame, FrameProbe
 from coopsim.envs.simulated.equipment import Equipment
 from coopsim.envs.simulated.lidar_sensing import CastSweeps, ExpectReturns, LidarReading, LidarSensing
-from coopsim.envs.simulated.perception import Perception, Vicinity
+from coopsim.envs.simulated.perception import Perception
 from coopsim.envs.simulated.simulation_options import SimulationOptions
+from coopsim.envs.simulated.surroundings import Surroundings
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
@@ -72,19 +73,18 @@ class SimulatedEpisode:
             self._lidars.skip(actors, bodies)
             sweeps = {name: dict.fromkeys(self._options.lidars, Sweep.empty()) for name in bodies}
             images = {name: self._equipment.blank_images(name) for name in bodies}
-        returns = self._returns(actors)
-        vicinities = {name: Vicinity.of(body, actors, returns, k) for k, (name, body) in enumerate(bodies.items())}
-        observations = self._perception.observe(time_ns, vicinities, sweeps, images, sensed=sensed)
-        region_m, all_count = self._options.region_m, self._options.ground_truth == "all"
+        around = Surroundings.of(bodies, actors, self._returns(actors))
+        observations = self._perception.observe(time_ns, around.oracles, sweeps, images, sensed=sensed)
+        truths = around.truths(self._options.region_m, all_count=self._options.ground_truth == "all")
         agents = {
             name: AgentFrame(
                 observations[name],
                 bodies[name],
-                vicinity.truth(region_m, all_count=all_count),
+                truth,
                 {sensor: sweep.instance for sensor, sweep in sweeps[name].items() if sweep.instance is not None},
                 images.get(name, {}),
             )
-            for name, vicinity in vicinities.items()
+            for name, truth in truths.items()
         }
         return Frame(time_ns, agents, actors, self._cycle >= self._options.max_cycles, probe)
 

@@ -8,20 +8,24 @@ each agent reports it or not as its own evidence says.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from coopsim.detection.simulated.confusion import ClassConfusion
+from coopsim.detection.simulated.confusion import ClassConfusion, confuse
 from coopsim.detection.simulated.curves import Curve, DetectionModel, ScoreModel, require_parts
+from coopsim.detection.simulated.draws import uniform_at
 from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_non_negative, require_positive
-from coopsim.support.rng import stream, uniform_draws
-from coopsim.types import Detections, Ints
+from coopsim.support.rng import draw_key, stream
+from coopsim.types import Detections, Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 
 CELL_M = 10.0
@@ -75,14 +79,27 @@ class ClutterConfig:
         object.__setattr__(self, "heading_quantiles_rad", quantiles.value)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FalsePositives:
+    """The false positives of all agents in one frame, N in number, each in its agent's base frame.
+
+    Attributes:
+        owner: (N,) which of the agents that were asked reports each; rising.
+        detections: the reported boxes.
+    """
+
+    owner: Ints
+    detections: Detections
+
+
 class Clutter:
-    """One agent's false positives over one episode; asked once in each frame, in order.
+    """The false positives of all agents over one episode; asked once in each frame, in order.
 
     Args:
         config: the phantoms.
         seed: the episode's seed, which also decides where the phantoms are.
-        agent: name of the agent, which owns the evidence.
-        dt_s: time between two frames.
+        agents: A names, which own the evidence.
+        dt_s: (A,) time between two frames of each agent.
         reach_m: (2,) half the length and width of the detector's field of view.
         confusion: how classes are confused; None: all phantoms are reported as cars.
     """
@@ -91,77 +108,155 @@ class Clutter:
         self,
         config: ClutterConfig,
         seed: int,
-        agent: str,
-        dt_s: float,
+        agents: Sequence[str],
+        dt_s: Sequence[float],
         reach_m: Floats,
         confusion: ClassConfusion | None = None,
     ) -> None:
-        self._config, self._seed = config, seed
+        self._config = config
         self._reach_m = np.asarray(reach_m, dtype=np.float64)
         kinds = (config.detection.persistence, config.score.persistence, *(Persistence() for _ in range(3)))
-        self._normals = PersistentNormals(seed, f"clutter of {agent}", kinds, dt_s)
-        self._confusion, self._labels_owner = confusion, f"classes of clutter of {agent}"
+        self._normals = PersistentNormals(seed, [f"clutter of {agent}" for agent in agents], kinds, dt_s)
+        self._levels = None if confusion is None else confusion.levels
+        label_keys = [draw_key(seed, f"classes of clutter of {agent}") for agent in agents]
+        self._keys = np.array([draw_key(seed, purpose) for purpose in ("phantoms' lives", "phantoms")], np.uint64)
+        self._label_keys = np.array(label_keys, np.uint64)
         factor, spread = 1.0, config.density_spread
         if spread > 0:
             factor = float(stream(seed, "clutter density").gamma(spread**-2, spread**2))
         self._share = min(config.density_per_m2 * factor * CELL_M**2, 1.0)
-        self._lives_per_frame, self._frame = dt_s / config.life_s, 0
+        self._lives_per_frame = np.array([between_s / config.life_s for between_s in dt_s])
+        self._frame = np.zeros(len(agents), np.int64)
+        quantiles = config.heading_quantiles_rad
+        self._headings = np.linspace(0.0, 1.0, len(quantiles)), np.array(quantiles)
         far = int(np.linalg.norm(self._reach_m) // CELL_M) + 1
         steps = np.arange(-far, far + 1)
         self._around = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
 
-    def detect(self, world_SE3_base: SE3, solid_m: Floats, room_m: float = 3.0) -> Detections:
-        """Report this frame's false positives, in the agent's base frame.
+    def detect(
+        self,
+        asked: Ints,
+        world_SE3_base: Sequence[SE3],
+        base_SE3_world: Sequence[SE3],
+        start: Ints,
+        solid_m: Floats,
+        room_m: float = 3.0,
+    ) -> FalsePositives:
+        """Report the false positives of a frame.
 
         Args:
-            world_SE3_base: the agent's true pose.
-            solid_m: (N, 2) centers of real objects, in its base frame; no phantom is reported near one.
+            asked: (B,) the agents whose frame it is, as distinct indices.
+            world_SE3_base: the true poses of these.
+            base_SE3_world: their inverses.
+            start: (B + 1,) where each one's real objects begin in `solid_m`.
+            solid_m: (N, 2) centers of real objects, in the agents' base frames; no phantom is reported near one.
             room_m: least distance from the center of a real object.
         """
-        ids, centers, looks = self._phantoms(world_SE3_base.translation[:2])
-        self._frame += 1
-        center = world_SE3_base.inverse().apply(np.column_stack([centers, np.zeros(len(centers))]))[:, :2]
-        normals = self._normals.step(ids)
-        range_m = np.linalg.norm(center, axis=1)
+        at_m = np.array([pose.translation[:2] for pose in world_SE3_base]).reshape(-1, 2)
+        lived = self._frame[asked] * self._lives_per_frame[asked]
+        self._frame[asked] += 1
+        begin, ids, places_m, looks = _phantoms(at_m, self._around, lived, self._keys, self._share)
+        turn = np.array([pose.rotation for pose in base_SE3_world]).reshape(-1, 3, 3)
+        shift = np.array([pose.translation for pose in base_SE3_world]).reshape(-1, 3)
+        row, center = _move(begin, places_m, turn, shift)
+        range_m = np.sqrt(center[:, 0] * center[:, 0] + center[:, 1] * center[:, 1])
+        near = np.flatnonzero((np.abs(center) <= self._reach_m).all(axis=1) & (range_m > room_m))
+        normals = self._normals.step(asked, begin, ids, near)
         model = self._config.detection
-        reported, margin = model.decide(model.probability(range_m), normals[:, 0])
-        reported &= (np.abs(center) <= self._reach_m).all(axis=1) & (range_m > room_m)
-        rows = np.flatnonzero(reported)
-        if len(solid_m) and len(rows):
-            gap_m = np.linalg.norm(center[rows, None] - solid_m[None], axis=2).min(axis=1)
-            rows = rows[gap_m > room_m]
-        score = self._config.score.score(range_m[rows], margin[rows], normals[rows, 1])
-        jitter = self._config.jitter_m * normals[rows, 2:]
-        return Detections(self._boxes(center[rows], looks[rows], jitter), score, self._label(ids[rows]))
+        reported, margin = model.decide(model.probability(range_m[near]), normals[:, 0])
+        reported &= _is_free(center[near], row[near], start, solid_m, room_m)
+        rows, normals = near[reported], normals[reported]
+        score = self._config.score.score(range_m[rows], margin[reported], normals[:, 1])
+        boxes = self._boxes(center[rows], looks[rows], self._config.jitter_m * normals[:, 2:])
+        label = self._label(self._label_keys[asked[row[rows]]], ids[rows])
+        return FalsePositives(row[rows], Detections(boxes, score, label))
 
-    def _label(self, ids: Ints) -> Ints:
+    def _label(self, keys: NDArray[np.uint64], ids: Ints) -> Ints:
         """Return the reported classes of phantoms: those of cars, confused for a phantom's whole life."""
         label = np.full(len(ids), int(ObjectClass.CAR))
-        if self._confusion is None:
-            return label
-        return self._confusion.confuse(label, uniform_draws(self._seed, self._labels_owner, ids, 1)[:, 0])
+        return label if self._levels is None else confuse(self._levels, label, _single_draws(keys, ids))
 
     def _boxes(self, center: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
         size = np.array(self._config.size_m) * np.exp(self._config.size_noise * ndtri(looks[:, :3] + _TINY))
         center = np.column_stack([center, size[:, 2] / 2]) + jitter
-        quantiles = self._config.heading_quantiles_rad
-        yaw = np.interp(looks[:, 3], np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+        yaw = np.interp(looks[:, 3], *self._headings)
         return Boxes3D(center, size, wrap_angle(yaw))
 
-    def _phantoms(self, at_m: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return the phantoms around a place (2,) now: ids (N,), world positions (N, 2), uniform draws (N, 4)."""
-        cells = np.floor(at_m / CELL_M).astype(np.int64) + self._around
-        numbers = cell_ids(cells)
-        begun = uniform_draws(self._seed, "phantoms' lives", numbers, 1)[:, 0]  # not all cells change at once
-        life = np.floor(self._frame * self._lives_per_frame + begun).astype(np.int64) % _LIVES
-        ids = numbers * _LIVES + life
-        drawn = uniform_draws(self._seed, "phantoms", ids, 7)
-        there = drawn[:, 0] < self._share
-        return ids[there], (cells[there] + drawn[there, 1:3]) * CELL_M, drawn[there, 3:]
+
+@njit(cache=True, nogil=True)
+def _phantoms(
+    at_m: Floats, around: Ints, lived: Floats, keys: NDArray[np.uint64], share: float
+) -> tuple[Ints, Ints, Floats, Floats]:
+    """Return the phantoms around places (B, 2) now.
+
+    Args:
+        at_m: (B, 2) the places, in the world frame.
+        around: (C, 2) offsets of the cells to look at.
+        lived: (B,) lives that have passed since the episode's start.
+        keys: (2,) of the draws of lives, and of the phantoms.
+        share: of the cells with a phantom.
+
+    Returns:
+        Where each place's phantoms begin (B + 1,), ids (N,), world positions (N, 2), uniform draws (N, 4).
+    """
+    most = len(at_m) * len(around)
+    begin, ids = np.zeros(len(at_m) + 1, np.int64), np.empty(most, np.int64)
+    places_m, looks, found = np.empty((most, 2)), np.empty((most, 4)), 0
+    once, columns = np.uint64(1), np.uint64(7)
+    for b in range(len(at_m)):
+        home = int(np.floor(at_m[b, 0] / CELL_M)), int(np.floor(at_m[b, 1] / CELL_M))
+        for c in range(len(around)):
+            x, y = home[0] + around[c, 0], home[1] + around[c, 1]
+            number = x % _WRAP * _WRAP + y % _WRAP
+            begun = uniform_at(keys[0], np.uint64(number), once, np.uint64(0))  # not all cells change at once
+            phantom = number * _LIVES + int(np.floor(lived[b] + begun)) % _LIVES
+            owner = np.uint64(phantom)
+            if uniform_at(keys[1], owner, columns, np.uint64(0)) >= share:
+                continue
+            ids[found] = phantom
+            places_m[found, 0] = (x + uniform_at(keys[1], owner, columns, np.uint64(1))) * CELL_M
+            places_m[found, 1] = (y + uniform_at(keys[1], owner, columns, np.uint64(2))) * CELL_M
+            for look in range(4):
+                looks[found, look] = uniform_at(keys[1], owner, columns, np.uint64(3 + look))
+            found += 1
+        begin[b + 1] = found
+    return begin, ids[:found].copy(), places_m[:found].copy(), looks[:found].copy()
 
 
-def cell_ids(cells: Ints) -> Ints:
-    """Assign integers (N,) in [0, 2^20) to cells (N, 2)."""
-    wrapped = cells % _WRAP
-    numbers: Ints = wrapped[:, 0] * _WRAP + wrapped[:, 1]
-    return numbers
+@njit(cache=True, nogil=True)
+def _move(begin: Ints, places_m: Floats, turn: Floats, shift: Floats) -> tuple[Ints, Floats]:
+    """Move places (N, 2) on the ground, of B agents, by each agent's rotation (B, 3, 3) and translation (B, 3).
+
+    Returns:
+        The agent of each (N,), and where it is (N, 2).
+    """
+    row, moved = np.empty(len(places_m), np.int64), np.empty_like(places_m)
+    for b in range(len(begin) - 1):
+        for n in range(begin[b], begin[b + 1]):
+            row[n] = b
+            for axis in range(2):
+                along = places_m[n, 0] * turn[b, axis, 0] + places_m[n, 1] * turn[b, axis, 1]
+                moved[n, axis] = along + shift[b, axis]
+    return row, moved
+
+
+@njit(cache=True, nogil=True)
+def _is_free(center: Floats, row: Ints, start: Ints, solid_m: Floats, room_m: float) -> Mask:
+    """Return which places (N, 2), of the agents `row` (N,), are farther than `room_m` from these agents' objects."""
+    free = np.ones(len(center), np.bool_)
+    for n in range(len(center)):
+        for solid in range(start[row[n]], start[row[n] + 1]):
+            dx, dy = center[n, 0] - solid_m[solid, 0], center[n, 1] - solid_m[solid, 1]
+            if np.sqrt(dx * dx + dy * dy) <= room_m:
+                free[n] = False
+                break
+    return free
+
+
+@njit(cache=True, nogil=True)
+def _single_draws(keys: NDArray[np.uint64], ids: Ints) -> Floats:
+    """Return one number (N,) of `uniform_draws` for each key (N,) and owner (N,)."""
+    drawn = np.empty(len(ids))
+    for n in range(len(ids)):
+        drawn[n] = uniform_at(keys[n], np.uint64(ids[n]), np.uint64(1), np.uint64(0))
+    return drawn

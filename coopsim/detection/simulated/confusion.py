@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,33 +52,44 @@ class ClassConfusion:
         np.fill_diagonal(matrix, 1.0 - matrix.sum(axis=1))
         return matrix
 
-    def confuse(self, label: Ints, uniform: Floats) -> Ints:
-        """Return the reported labels (N,) for true labels (N,) and draws (N,), uniform in [0, 1]."""
+    @property
+    def levels(self) -> Floats:
+        """The matrix without its diagonal (9, 9), each row added up from its start: what `confuse` is given."""
         others = self.matrix
         np.fill_diagonal(others, 0.0)
-        levels = np.cumsum(others, axis=1)[label]
-        wrong = uniform < levels[:, -1]
-        reported: Ints = np.where(wrong, np.argmax(uniform[:, None] < levels, axis=1), label)
-        return reported
+        levels: Floats = np.cumsum(others, axis=1)
+        return levels
+
+
+def confuse(levels: Floats, label: Ints, uniform: Floats) -> Ints:
+    """Return the reported labels (N,) for true labels (N,) and draws (N,), uniform in [0, 1]."""
+    row = levels[label]
+    wrong = uniform < row[:, -1]
+    reported: Ints = np.where(wrong, np.argmax(uniform[:, None] < row, axis=1), label)
+    return reported
 
 
 class LabelNoise:
-    """Class confusions of one agent over one episode; call once per frame, in order.
+    """Class confusions of agents over one episode; call once per frame, in order.
 
     Args:
         config: the confusion matrix and its persistence.
         seed: the episode's seed.
-        owner: name of the purpose and the agent that the draws are for.
-        dt_s: time between two frames.
+        owners: A, each the name of a purpose and an agent that draws are for.
+        dt_s: (A,) time between two frames of each owner.
     """
 
-    def __init__(self, config: ClassConfusion, seed: int, owner: str, dt_s: float) -> None:
-        self._config = config
-        self._normals = PersistentNormals(seed, f"classes, {owner}", (config.persistence,), dt_s)
+    def __init__(self, config: ClassConfusion, seed: int, owners: Sequence[str], dt_s: Sequence[float]) -> None:
+        self._levels = config.levels
+        owners = [f"classes, {owner}" for owner in owners]
+        self._normals = PersistentNormals(seed, owners, (config.persistence,), dt_s)
 
-    def step(self, ids: Ints, label: Ints) -> Ints:
-        """Return the labels (N,) that are reported for objects with these ids (N,) and true labels (N,)."""
-        return self._config.confuse(label, ndtr(self._normals.step(ids)[:, 0]))
+    def step(self, asked: Ints, start: Ints, ids: Ints, wanted: Ints, label: Ints) -> Ints:
+        """Return the labels (M,) that are reported for the objects `wanted`, whose true labels (M,) are given.
+
+        The other arguments are those of `PersistentNormals.step`.
+        """
+        return confuse(self._levels, label, ndtr(self._normals.step(asked, start, ids, wanted)[:, 0]))
 
 
 DEFAULT_CONFUSION = ClassConfusion(

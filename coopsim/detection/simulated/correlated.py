@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from coopsim.detection.oracle import Oracle, OracleDetector
+from coopsim.detection.oracle import Oracle, OracleDetector, Oracles, split_by_agent
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
 from coopsim.detection.simulated.confusion import ClassConfusion, LabelNoise
 from coopsim.detection.simulated.curves import DetectionModel, ErrorModel, ScoreModel, require_parts
@@ -81,18 +81,21 @@ class CorrelatedDetectorConfig:
 
 
 class _Memory:
-    """The persistent errors of one agent's detector over one episode."""
+    """The persistent errors of all agents' detectors over one episode."""
 
-    def __init__(self, config: CorrelatedDetectorConfig, seed: int, agent: str, dt_s: float) -> None:
+    def __init__(self, config: CorrelatedDetectorConfig, seed: int, specs: Mapping[str, AgentSpec]) -> None:
         errors = (config.errors[name].persistence for name in ERRORS)
         kinds = (config.detection.persistence, config.score.persistence, *errors)
-        self.normals = PersistentNormals(seed, f"detector of {agent}", kinds, dt_s)
+        agents, owners = list(specs), [f"detector of {agent}" for agent in specs]
+        dt_s = [spec.dt_s * spec.sense_every for spec in specs.values()]
+        self.row = {agent: k for k, agent in enumerate(agents)}
+        self.normals = PersistentNormals(seed, owners, kinds, dt_s)
         self.labels = None
         if config.confusion is not None:
-            self.labels = LabelNoise(config.confusion, seed, f"detector of {agent}", dt_s)
+            self.labels = LabelNoise(config.confusion, seed, owners, dt_s)
         self.clutter = None
         if config.clutter is not None:
-            self.clutter = Clutter(config.clutter, seed, agent, dt_s, config.reach_m, config.confusion)
+            self.clutter = Clutter(config.clutter, seed, agents, dt_s, config.reach_m, config.confusion)
 
 
 class CorrelatedDetector(OracleDetector):
@@ -101,14 +104,12 @@ class CorrelatedDetector(OracleDetector):
     def __init__(self, config: CorrelatedDetectorConfig) -> None:
         require_parts(CorrelatedDetectorConfig, config=config)
         self.config = config
-        self._memories: dict[str, _Memory] = {}
+        self._memory = _Memory(config, 0, {})
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
         """Return a detector for one episode, with a memory for each agent."""
         begun = type(self)(self.config)
-        begun._memories = {
-            agent: _Memory(self.config, seed, agent, spec.dt_s * spec.sense_every) for agent, spec in specs.items()
-        }
+        begun._memory = _Memory(self.config, seed, specs)
         return begun
 
     def detect(self, view: SensorView, oracle: Oracle, rng: np.random.Generator) -> Detections:
@@ -117,21 +118,49 @@ class CorrelatedDetector(OracleDetector):
         Raises:
             InvalidValueError: `begin` was not called, or without this agent.
         """
-        if view.agent not in self._memories:
-            raise InvalidValueError(f"CorrelatedDetector has not begun an episode with {view.agent!r}: call begin")
-        memory, actors = self._memories[view.agent], oracle.actors
-        normals = memory.normals.step(actors.id)
-        label = actors.label if memory.labels is None else memory.labels.step(actors.id, actors.label)
-        center = actors.boxes.center[:, :2]
-        range_m = np.linalg.norm(center, axis=1)
-        boxes = self._disturb(actors.boxes, range_m, normals[:, 2:])
-        detected, margin = self.config.detection.decide(self.recall(oracle.returns), normals[:, 0])
-        detected &= (np.abs(boxes.center[:, :2]) <= self.config.reach_m).all(axis=1)
+        return self._detect(Oracles.of({view.agent: oracle}))[view.agent]
+
+    def detect_all(
+        self, views: Mapping[str, SensorView], oracles: Mapping[str, Oracle], rngs: Mapping[str, np.random.Generator]
+    ) -> dict[str, Detections]:
+        """Report the objects of one frame for all agents; see `detect`."""
+        return self._detect(Oracles.of(oracles))
+
+    def _detect(self, oracles: Oracles) -> dict[str, Detections]:
+        memory, actors, start = self._memory, oracles.actors, oracles.start
+        for agent in oracles:
+            if agent not in memory.row:
+                raise InvalidValueError(f"CorrelatedDetector has not begun an episode with {agent!r}: call begin")
+        asked = np.array([memory.row[agent] for agent in oracles], np.int64)
+        maybe = np.flatnonzero(oracles.returns >= self.config.min_points)
+        normals = memory.normals.step(asked, start, actors.id, maybe)
+        label = actors.label[maybe]
+        if memory.labels is not None:
+            label = memory.labels.step(asked, start, actors.id, maybe, label)
+        rows, real = self._report(actors.boxes[maybe], oracles.returns[maybe], label, normals)
+        owner = np.searchsorted(start, maybe[rows], "right") - 1
+        if memory.clutter is not None:
+            poses = oracles.world_SE3_base, oracles.base_SE3_world
+            false = memory.clutter.detect(asked, *poses, start, np.ascontiguousarray(actors.boxes.center[:, :2]))
+            owner = np.concatenate([owner, false.owner])
+            real = Detections.concatenate([real, false.detections])
+        return split_by_agent(real, oracles.agents, owner)
+
+    def _report(self, boxes: Boxes3D, returns: Ints, label: Ints, normals: Floats) -> tuple[Ints, Detections]:
+        """Return which of N objects are detected (M,), and their detections.
+
+        Args:
+            boxes: true ones.
+            returns: (N,) number of returns.
+            label: (N,) that is reported.
+            normals: (N, 9) standard normal numbers, of detection, score and `ERRORS`.
+        """
+        range_m = np.linalg.norm(boxes.center[:, :2], axis=1)
+        disturbed = self._disturb(boxes, range_m, normals[:, 2:])
+        detected, margin = self.config.detection.decide(self.recall(returns), normals[:, 0])
+        detected &= (np.abs(disturbed.center[:, :2]) <= self.config.reach_m).all(axis=1)
         score = self.config.score.score(range_m, margin, normals[:, 1])
-        real = Detections(boxes, score, label)[detected]
-        if memory.clutter is None:
-            return real
-        return Detections.concatenate([real, memory.clutter.detect(oracle.world_SE3_base, center)])
+        return np.flatnonzero(detected), Detections(disturbed, score, label)[detected]
 
     def recall(self, returns: Ints) -> Floats:
         """Return the probability of detection within reach, (N,), for numbers of returns (N,)."""

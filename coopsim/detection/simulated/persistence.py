@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from coopsim.detection.simulated.draws import uniform_at
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import look_up
 from coopsim.support.checks import require_positive, require_probability
-from coopsim.support.rng import uniform_draws
+from coopsim.support.rng import draw_key
 from coopsim.types import Ints
 
 _FRAMES = 2**32  # so many per object before two would share a draw
@@ -46,47 +49,157 @@ class Persistence:
 
 
 class PersistentNormals:
-    """Standard normal numbers for every object, correlated over time; asked once in each frame, in order.
+    """Standard normal numbers for every object of each owner, correlated over time; asked once in each frame, in order.
 
     An object's numbers depend only on the seed, the owner, the object's id and the number of frames, so that one more
     object does not shift the others' numbers. An object that comes back after a pause has its constant part again.
 
     Args:
         seed: the episode's seed.
-        owner: name of the purpose and the agent that the numbers are for.
+        owners: A, each the name of a purpose and an agent that numbers are for.
         kinds: K, the persistence of each number.
-        dt_s: time between two frames.
+        dt_s: (A,) time between two frames of each owner.
     """
 
-    def __init__(self, seed: int, owner: str, kinds: tuple[Persistence, ...], dt_s: float) -> None:
-        self._seed, self._owner, self._count = seed, owner, len(kinds)
+    def __init__(self, seed: int, owners: Sequence[str], kinds: Sequence[Persistence], dt_s: Sequence[float]) -> None:
+        self._keys, self._count = np.array([draw_key(seed, owner) for owner in owners], np.uint64), len(kinds)
         constant = np.array([kind.constant for kind in kinds])
         lasting = np.array([kind.lasting for kind in kinds])
-        self._weights = np.sqrt(constant), np.sqrt(lasting), np.sqrt(np.maximum(1 - constant - lasting, 0.0))
-        self._kept = np.array([math.exp(-dt_s / kind.lasting_s) for kind in kinds])
+        self._weights = np.stack(
+            [np.sqrt(constant), np.sqrt(lasting), np.sqrt(np.maximum(1 - constant - lasting, 0.0))]
+        )
+        kept = [[math.exp(-between_s / kind.lasting_s) for kind in kinds] for between_s in dt_s]
+        self._kept = np.array(kept).reshape(-1, self._count)
         self._fresh = np.sqrt(1 - self._kept**2)
-        self._frame = 0
-        self._ids = np.zeros(0, dtype=np.int64)
-        self._constant, self._lasting = (np.zeros((0, self._count)) for _ in range(2))
+        self._frame = np.zeros(len(owners), np.int64)
+        none = np.zeros((0, self._count))
+        self._known = _Known(np.zeros(len(owners) + 1, np.int64), np.zeros(0, np.int64), none, none)
 
-    def step(self, ids: Ints) -> Floats:
-        """Return this frame's numbers (N, K) for the objects `ids` (N,), distinct ints in [0, 2^31)."""
-        self._frame += 1
-        drawn = self._draw(ids, self._frame)
-        walk, white = drawn[:, : self._count], drawn[:, self._count :]
-        place, known = look_up(self._ids, ids)
-        constant, lasting = np.empty_like(walk), np.empty_like(walk)
-        constant[known] = self._constant[place[known]]
-        lasting[known] = self._kept * self._lasting[place[known]] + self._fresh * walk[known]
-        if not known.all():
-            constant[~known] = self._draw(ids[~known], 0)[:, : self._count]
-            lasting[~known] = walk[~known]
-        order = np.argsort(ids)
-        self._ids, self._constant, self._lasting = ids[order], constant[order], lasting[order]
-        by_constant, by_lasting, by_white = self._weights
-        normals: Floats = by_constant * constant + by_lasting * lasting + by_white * white
-        return normals
+    def step(self, asked: Ints, start: Ints, ids: Ints, wanted: Ints) -> Floats:
+        """Return numbers of this frame.
 
-    def _draw(self, ids: Ints, frame: int) -> Floats:
-        drawn: Floats = ndtri(uniform_draws(self._seed, self._owner, ids * _FRAMES + frame, 2 * self._count) + _TINY)
-        return drawn
+        Args:
+            asked: (B,) the owners whose frame it is, as distinct indices.
+            start: (B + 1,) where each one's objects begin in `ids`.
+            ids: (N,) the objects, of one owner distinct ints in [0, 2^31).
+            wanted: (M,) rows of the objects whose numbers are returned. The others' go on all the same.
+
+        Returns:
+            (M, K) standard normal numbers.
+        """
+        self._frame[asked] += 1
+        owner = np.repeat(asked, np.diff(start))
+        frames, count = self._frame[owner], self._count
+        place = _find(asked, start, ids, self._known.start, self._known.ids)
+        walk = self._draw(owner, ids, frames, 0)
+        constant = np.empty((len(ids), count))
+        new = np.flatnonzero(place < 0)
+        if len(new):
+            constant[new] = self._draw(owner[new], ids[new], np.zeros(len(new), np.int64), 0)
+        lasting = _carry(
+            place, owner, walk, constant, self._known.constant, self._known.lasting, self._kept, self._fresh
+        )
+        self._known = self._known.replaced(asked, start, ids, constant, lasting)
+        white = self._draw(owner[wanted], ids[wanted], frames[wanted], count)
+        return _mix(self._weights, constant, lasting, wanted, white)
+
+    def _draw(self, owner: Ints, ids: Ints, frame: Ints, first: int) -> Floats:
+        """Draw the K of 2 K numbers from `first` on, for objects of a frame: (N, K), standard normal."""
+        drawn = _uniform(self._keys, owner, ids, frame, self._count, first)
+        normal: Floats = ndtri(drawn, out=drawn)
+        return normal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """The objects of each owner's last frame.
+
+    Attributes:
+        start: (A + 1,) where each owner's objects begin.
+        ids: (N,) of the objects.
+        constant: (N, K) constant parts.
+        lasting: (N, K) autoregressive parts.
+    """
+
+    start: Ints
+    ids: Ints
+    constant: Floats
+    lasting: Floats
+
+    def replaced(self, asked: Ints, start: Ints, ids: Ints, constant: Floats, lasting: Floats) -> _Known:
+        """Return the objects with those of the owners `asked` replaced; arguments as of `PersistentNormals.step`."""
+        if np.array_equal(asked, np.arange(len(self.start) - 1)):
+            return _Known(start, ids, constant, lasting)
+        old, new = ((self.ids, self.constant, self.lasting), (ids, constant, lasting))
+        parts = {k: [column[self.start[k] : self.start[k + 1]] for column in old] for k in range(len(self.start) - 1)}
+        parts |= {k: [column[start[row] : start[row + 1]] for column in new] for row, k in enumerate(asked.tolist())}
+        columns = [np.concatenate(column) for column in zip(*parts.values(), strict=True)]
+        return _Known(np.cumsum([0, *(len(part[0]) for part in parts.values())]), *columns)
+
+
+@njit(cache=True, nogil=True)
+def _find(asked: Ints, start: Ints, ids: Ints, known_start: Ints, known: Ints) -> Ints:
+    """Return the rows (N,) of objects among those `known` of their owners; -1 for objects that are not."""
+    place = np.full(len(ids), -1)
+    for row in range(len(asked)):
+        begin, end = start[row], start[row + 1]
+        old = known[known_start[asked[row]] : known_start[asked[row] + 1]]
+        first = known_start[asked[row]]
+        if len(old) == end - begin and np.array_equal(old, ids[begin:end]):  # as mostly
+            place[begin:end] = np.arange(first, first + len(old))
+            continue
+        order = np.argsort(old)
+        rising = old[order]
+        for n in range(begin, end):
+            slot = np.searchsorted(rising, ids[n])
+            if slot < len(rising) and rising[slot] == ids[n]:
+                place[n] = first + order[slot]
+    return place
+
+
+@njit(cache=True, nogil=True)
+def _uniform(keys: NDArray[np.uint64], owner: Ints, ids: Ints, frame: Ints, count: int, first: int) -> Floats:
+    """Return draws (N, K), uniform in (0, 1): those of `uniform_draws` for 2 K numbers, from the column `first` on."""
+    drawn = np.empty((len(ids), count))
+    for n in range(len(ids)):
+        place = np.uint64(ids[n] * _FRAMES + frame[n])
+        for column in range(count):
+            drawn[n, column] = _TINY + uniform_at(
+                keys[owner[n]], place, np.uint64(2 * count), np.uint64(first + column)
+            )
+    return drawn
+
+
+@njit(cache=True, nogil=True)
+def _carry(
+    place: Ints,
+    owner: Ints,
+    walk: Floats,
+    constant: Floats,
+    old_constant: Floats,
+    old_lasting: Floats,
+    kept: Floats,
+    fresh: Floats,
+) -> Floats:
+    """Return the autoregressive parts (N, K) in this frame; `constant` is filled where an object was known."""
+    lasting = np.empty_like(walk)
+    for n in range(len(place)):
+        for k in range(walk.shape[1]):
+            if place[n] < 0:
+                lasting[n, k] = walk[n, k]
+                continue
+            before = old_lasting[place[n], k]
+            constant[n, k] = old_constant[place[n], k]
+            lasting[n, k] = kept[owner[n], k] * before + fresh[owner[n], k] * walk[n, k]
+    return lasting
+
+
+@njit(cache=True, nogil=True)
+def _mix(weights: Floats, constant: Floats, lasting: Floats, wanted: Ints, white: Floats) -> Floats:
+    """Return the weighted sums (M, K) of the three parts, of the rows `wanted` (M,)."""
+    mixed = np.empty_like(white)
+    for m in range(len(wanted)):
+        for k in range(white.shape[1]):
+            parts = weights[0, k] * constant[wanted[m], k] + weights[1, k] * lasting[wanted[m], k]
+            mixed[m, k] = parts + weights[2, k] * white[m, k]
+    return mixed

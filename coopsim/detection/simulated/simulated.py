@@ -7,12 +7,14 @@ was; false positives score low. All errors are independent from frame to frame (
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.detection.oracle import Oracle, OracleDetector
-from coopsim.detection.simulated.confusion import ClassConfusion
+from coopsim.detection.oracle import Oracle, OracleDetector, Oracles, split_by_agent
+from coopsim.detection.simulated.confusion import ClassConfusion, confuse
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import (
@@ -26,6 +28,8 @@ from coopsim.support.checks import (
 )
 from coopsim.types import Detections, Ints, SensorView
 from coopsim.types.taxonomy import ObjectClass
+
+_FALSE_SIZE_M = np.array([4.3, 1.9, 1.6])
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,25 +94,42 @@ class SimulatedDetectorConfig:
 class SimulatedDetector(OracleDetector):
     """A detector whose recall and noise follow the number of returns; see `SimulatedDetectorConfig` for the model."""
 
-    _FALSE_SIZE_M = np.array([4.3, 1.9, 1.6])
-
     def __init__(self, config: SimulatedDetectorConfig | None = None) -> None:
         require_instance(SimulatedDetectorConfig, config=config)
         self.config = config or SimulatedDetectorConfig()
+        confusion = self.config.confusion
+        self._levels = None if confusion is None else confusion.levels
 
     def detect(self, view: SensorView, oracle: Oracle, rng: np.random.Generator) -> Detections:
         """Report the objects of one frame; see `OracleDetector.detect`."""
-        actors, returns = oracle.actors, oracle.returns
-        probability = self.recall(returns)
-        # Draws are made for every actor, seen or not, so that a hidden actor does not shift the noise of the others.
-        detected = rng.random(len(actors)) < probability
-        boxes = self._disturb(actors.boxes, returns, rng)
-        score = self._score(probability, rng)
-        false = self._false_positives(rng)
-        label = actors.label
-        if self.config.confusion is not None:
-            label = self.config.confusion.confuse(label, rng.random(len(actors)))
-        return Detections.concatenate([Detections(boxes, score, label)[detected], false])
+        return self._detect(Oracles.of({view.agent: oracle}), [rng])[view.agent]
+
+    def detect_all(
+        self, views: Mapping[str, SensorView], oracles: Mapping[str, Oracle], rngs: Mapping[str, np.random.Generator]
+    ) -> dict[str, Detections]:
+        """Report the objects of one frame for all agents; see `OracleDetector.detect_all`."""
+        return self._detect(Oracles.of(oracles), [rngs[agent] for agent in oracles])
+
+    def _detect(self, oracles: Oracles, rngs: Sequence[np.random.Generator]) -> dict[str, Detections]:
+        draws, ghosts = _Draws(len(oracles.returns)), []
+        for rng, begin, end in zip(rngs, oracles.start.tolist(), oracles.start[1:].tolist(), strict=False):
+            draws.fill(begin, end, rng)
+            ghosts.append(self._draw_ghosts(rng))
+            if self._levels is not None:
+                rng.random(out=draws.label[begin:end])
+        probability = self.recall(oracles.returns)
+        rows = np.flatnonzero(draws.detected < probability)
+        boxes = self._disturb(oracles.actors.boxes[rows], oracles.returns[rows], draws, rows)
+        score = self._score(probability[rows], draws.score[rows])
+        label = oracles.actors.label[rows]
+        if self._levels is not None:
+            label = confuse(self._levels, label, draws.label[rows])
+        owner = np.searchsorted(oracles.start, rows, "right") - 1
+        false = np.repeat(np.arange(len(ghosts)), [len(each.range_m) for each in ghosts])
+        found = Detections(boxes, score, label)
+        if len(false):
+            found = Detections.concatenate([found, self._false_positives(ghosts)])
+        return split_by_agent(found, oracles.agents, np.concatenate([owner, false]))
 
     def recall(self, returns: Ints) -> Floats:
         """Return P(detect) for numbers of returns (N,)."""
@@ -121,37 +142,99 @@ class SimulatedDetector(OracleDetector):
         sparse = self.config.sparse_gain / np.sqrt(np.maximum(returns, 1))
         return 1.0 + self.config.range_gain_per_m * range_m + sparse
 
-    def _disturb(self, boxes: Boxes3D, returns: Ints, rng: np.random.Generator) -> Boxes3D:
-        config, count = self.config, len(boxes)
+    def _disturb(self, boxes: Boxes3D, returns: Ints, draws: _Draws, rows: Ints) -> Boxes3D:
+        config = self.config
         scale = self.noise_scale(returns, np.linalg.norm(boxes.center[:, :2], axis=1))[:, None]
         # A small object leaves less room to be wrong in: a person's box is not missed by a car's error.
-        room = np.minimum(1.0, boxes.size[:, :1] / self._FALSE_SIZE_M[0])
-        center = boxes.center + rng.standard_normal((count, 3)) * config.position_noise_m * scale * room
-        size = boxes.size * np.exp(rng.standard_normal((count, 3)) * config.size_noise * scale)
-        turn = rng.standard_normal(count) * config.yaw_noise_rad * scale[:, 0]
-        flip = np.where(rng.random(count) < config.yaw_flip, np.pi, 0.0)
+        room = np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
+        center = boxes.center + draws.center[rows] * config.position_noise_m * scale * room
+        size = boxes.size * np.exp(draws.size[rows] * config.size_noise * scale)
+        turn = draws.yaw[rows] * config.yaw_noise_rad * scale[:, 0]
+        flip = np.where(draws.flip[rows] < config.yaw_flip, np.pi, 0.0)
         return Boxes3D(center, size, wrap_angle(boxes.yaw + turn + flip))
 
-    def _score(self, probability: Floats, rng: np.random.Generator) -> Floats:
+    def _score(self, probability: Floats, normal: Floats) -> Floats:
         config = self.config
-        noise = config.score_noise * rng.standard_normal(len(probability))
-        return _logistic(config.score_gain * (probability - config.score_offset) + noise)
+        return _logistic(config.score_gain * (probability - config.score_offset) + config.score_noise * normal)
 
-    def _false_positives(self, rng: np.random.Generator) -> Detections:
-        config = self.config
-        count = int(rng.poisson(config.false_positives))
+    def _draw_ghosts(self, rng: np.random.Generator) -> _Ghosts:
+        """Draw one agent's false positives."""
+        count = int(rng.poisson(self.config.false_positives))
         if not count:
-            return Detections.empty()
-        range_m = rng.uniform(self._FALSE_SIZE_M[0] / 2, max(config.false_positive_range_m, 3.0), count)
+            return _NO_GHOSTS
+        range_m = rng.uniform(_FALSE_SIZE_M[0] / 2, max(self.config.false_positive_range_m, 3.0), count)
         bearing = rng.uniform(-np.pi, np.pi, count)
-        size = self._FALSE_SIZE_M * np.exp(0.1 * rng.standard_normal((count, 3)))
-        center = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing), size[:, 2] / 2])
-        boxes = Boxes3D(center, size, rng.uniform(-np.pi, np.pi, count))
-        score = _logistic(config.false_positive_logit + config.score_noise * rng.standard_normal(count))
-        label = np.full(count, int(ObjectClass.CAR))
-        if config.confusion is not None:
-            label = config.confusion.confuse(label, rng.random(count))
+        size = rng.standard_normal((count, 3))
+        yaw = rng.uniform(-np.pi, np.pi, count)
+        score = rng.standard_normal(count)
+        return _Ghosts(range_m, bearing, size, yaw, score, rng.random(count) if self._levels is not None else score)
+
+    def _false_positives(self, ghosts: Sequence[_Ghosts]) -> Detections:
+        """Return the false positives of all agents, one agent's after another's."""
+        config = self.config
+        all_of = _Ghosts(*map(np.concatenate, zip(*ghosts, strict=True)))
+        size = _FALSE_SIZE_M * np.exp(0.1 * all_of.size)
+        x, y = all_of.range_m * np.cos(all_of.bearing), all_of.range_m * np.sin(all_of.bearing)
+        boxes = Boxes3D(np.column_stack([x, y, size[:, 2] / 2]), size, all_of.yaw)
+        score = _logistic(config.false_positive_logit + config.score_noise * all_of.score)
+        label = np.full(len(score), int(ObjectClass.CAR))
+        if self._levels is not None:
+            label = confuse(self._levels, label, all_of.label)
         return Detections(boxes, score, label)
+
+
+class _Draws:
+    """The numbers drawn in a frame for N objects, each agent's from its own stream.
+
+    Drawn for every object, seen or not, so that a hidden one does not shift the noise of the others.
+
+    Attributes:
+        detected: (N,) uniform.
+        center: (N, 3) standard normal.
+        size: (N, 3) standard normal.
+        yaw: (N,) standard normal.
+        flip: (N,) uniform.
+        score: (N,) standard normal.
+        label: (N,) uniform; not drawn by `fill`.
+    """
+
+    __slots__ = ("center", "detected", "flip", "label", "score", "size", "yaw")
+
+    def __init__(self, count: int) -> None:
+        self.detected, self.yaw, self.flip, self.score, self.label = np.empty((5, count))
+        self.center, self.size = np.empty((2, count, 3))
+
+    def fill(self, begin: int, end: int, rng: np.random.Generator) -> None:
+        """Draw the rows of one agent."""
+        rng.random(out=self.detected[begin:end])
+        rng.standard_normal(out=self.center[begin:end])
+        rng.standard_normal(out=self.size[begin:end])
+        rng.standard_normal(out=self.yaw[begin:end])
+        rng.random(out=self.flip[begin:end])
+        rng.standard_normal(out=self.score[begin:end])
+
+
+class _Ghosts(NamedTuple):
+    """The numbers drawn for N false positives.
+
+    Attributes:
+        range_m: (N,).
+        bearing: (N,) rad.
+        size: (N, 3) standard normal.
+        yaw: (N,) rad.
+        score: (N,) standard normal.
+        label: (N,) uniform; anything where classes are not confused.
+    """
+
+    range_m: Floats
+    bearing: Floats
+    size: Floats
+    yaw: Floats
+    score: Floats
+    label: Floats
+
+
+_NO_GHOSTS = _Ghosts(*(np.zeros((0, 3) if name == "size" else 0) for name in _Ghosts._fields))
 
 
 def _logistic(logit: Floats) -> Floats:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coopsim.detection.oracle import Oracle
-from coopsim.detection.presets import preset
+from coopsim.detection.oracle import Oracle, OracleDetector, Oracles
+from coopsim.detection.presets import make_detector, preset
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
 from coopsim.detection.simulated.correlated import ERRORS, CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel, ScoreModel
@@ -133,11 +133,21 @@ def test_the_axes_of_errors_turn_with_the_object() -> None:
     np.testing.assert_allclose(shifts[0][:, 0], shifts[1][:, 1], atol=1e-12)
 
 
+def phantoms(clutter: Clutter, pose: SE3 | None = None, solid_m: np.ndarray | None = None) -> Detections:
+    """One frame of the only agent's."""
+    pose, solid_m = pose or SE3.identity(), np.zeros((0, 2)) if solid_m is None else solid_m
+    return clutter.detect(
+        np.zeros(1, np.int64), [pose], [pose.inverse()], np.array([0, len(solid_m)]), solid_m
+    ).detections
+
+
 def test_phantoms_stay_in_the_world_while_the_agent_moves() -> None:
-    clutter = Clutter(replace(PHANTOMS, detection=DetectionModel(flat(1.0))), 0, "cav_0", 0.1, np.array([60.0, 40.0]))
+    clutter = Clutter(
+        replace(PHANTOMS, detection=DetectionModel(flat(1.0))), 0, ["cav_0"], [0.1], np.array([60.0, 40.0])
+    )
     seen = []
     for pose in (SE3.identity(), SE3.from_xyz_yaw(np.array([7.0, -3.0, 0.0]), 0.4)):
-        found = clutter.detect(pose, np.zeros((0, 2)))
+        found = phantoms(clutter, pose)
         seen.append({tuple(place) for place in np.round(pose.apply(found.boxes.center)[:, :2], 6)})
     assert len(seen[0] & seen[1]) > 0.6 * len(seen[0]) > 10
 
@@ -145,7 +155,7 @@ def test_phantoms_stay_in_the_world_while_the_agent_moves() -> None:
 def test_phantoms_are_common_to_agents_who_believe_in_them_by_themselves() -> None:
     reach, numbers, shared = np.array([60.0, 40.0]), [], []
     for seed in range(20):
-        both = (Clutter(PHANTOMS, seed, name, 0.1, reach).detect(SE3.identity(), np.zeros((0, 2))) for name in "ab")
+        both = (phantoms(Clutter(PHANTOMS, seed, [name], [0.1], reach)) for name in "ab")
         one, other = ({tuple(place) for place in np.round(each.boxes.center[:, :2], 6)} for each in both)
         numbers += [len(one), len(other)]
         shared.append(len(one & other))
@@ -156,17 +166,17 @@ def test_phantoms_are_common_to_agents_who_believe_in_them_by_themselves() -> No
 
 def test_phantoms_die_and_others_come_at_the_same_rate() -> None:
     config = replace(PHANTOMS, detection=DetectionModel(flat(1.0)), life_s=1.0)
-    clutter = Clutter(config, 0, "cav_0", 0.1, np.array([60.0, 40.0]))
-    frames = [clutter.detect(SE3.identity(), np.zeros((0, 2))).boxes.center[:, 0] for _ in range(31)]
+    clutter = Clutter(config, 0, ["cav_0"], [0.1], np.array([60.0, 40.0]))
+    frames = [phantoms(clutter).boxes.center[:, 0] for _ in range(31)]
     assert len(np.intersect1d(frames[0], frames[5])) == pytest.approx(0.5 * len(frames[0]), abs=0.25 * len(frames[0]))
     assert len(np.intersect1d(frames[0], frames[10])) == 0
     assert len(frames[30]) == pytest.approx(len(frames[0]), rel=0.5)
 
 
 def test_no_phantom_stands_beside_a_real_object() -> None:
-    clutter = [Clutter(PHANTOMS, 0, "cav_0", 0.1, np.array([60.0, 40.0])) for _ in range(2)]
-    free = clutter[0].detect(SE3.identity(), np.zeros((0, 2)))
-    beside = clutter[1].detect(SE3.identity(), free.boxes.center[:3, :2] + 1.0)
+    clutter = [Clutter(PHANTOMS, 0, ["cav_0"], [0.1], np.array([60.0, 40.0])) for _ in range(2)]
+    free = phantoms(clutter[0])
+    beside = phantoms(clutter[1], solid_m=free.boxes.center[:3, :2] + 1.0)
     assert set(beside.boxes.center[:, 0]) == set(free.boxes.center[3:, 0])
 
 
@@ -183,6 +193,27 @@ def test_every_agent_and_episode_has_its_own_memory() -> None:
     for one, two in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.boxes.array, two.boxes.array)
     assert not np.isin(first[0].boxes.center[:, 0], other[0].boxes.center[:, 0]).any()
+
+
+@pytest.mark.parametrize("name", ["pointpillars_v2v4real", "simulated"])
+def test_agents_are_served_together_or_one_by_one_with_the_same_bits(name: str) -> None:
+    detector, agents = make_detector(name), ("cav_0", "rsu_0", "cav_1")
+    assert isinstance(detector, OracleDetector)
+    together, apart = (detector.begin(specs(*agents), 3) for _ in range(2))
+    rngs, own_rngs = ({agent: np.random.default_rng(k) for k, agent in enumerate(agents)} for _ in range(2))
+    views = {agent: view(agent) for agent in agents}
+    for frame in range(4):
+        oracles = {
+            agent: Oracle(actors(5 * k), np.arange(5 * k) * frame, SE3.from_xyz_yaw([9.0 * k, frame, 0.0], 0.3 * k))
+            for k, agent in enumerate(agents)
+        }
+        want = {agent: apart.detect(views[agent], oracles[agent], own_rngs[agent]) for agent in reversed(agents)}
+        got = together.detect_all(views, Oracles.of(oracles), rngs)
+        assert list(got) == list(agents)
+        for agent in agents:
+            np.testing.assert_array_equal(got[agent].boxes.array, want[agent].boxes.array)
+            np.testing.assert_array_equal(got[agent].score, want[agent].score)
+            np.testing.assert_array_equal(got[agent].label, want[agent].label)
 
 
 def test_errors_last_for_a_time_not_for_a_number_of_sensed_frames() -> None:
