@@ -2,14 +2,19 @@
 
 Every message goes to every other agent. On each link it is either lost, or delivered after it has been sent and its
 delay has passed: sent = delivered + lost + pending at all times.
+
+A broadcast is one event for all receivers that it reaches alike, so an ideal channel has one event per message.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import count
 
 import numpy as np
 
@@ -17,13 +22,14 @@ from coopsim.comms.channel.bandwidth import Medium
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.clock import AgentClock
 from coopsim.comms.channel.link import Link
+from coopsim.comms.channel.link_counts import ChannelCounts, LinkCounts
 from coopsim.comms.envelope import decode_message, encode_message
 from coopsim.comms.radio.air import Air, LinkName
 from coopsim.comms.radio.obstruction import Surroundings
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
-from coopsim.types import Message, seconds_to_ns
+from coopsim.types import Ints, Mask, Message, seconds_to_ns
 
 __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
 
@@ -31,51 +37,67 @@ _ROUNDING_NS = 2
 """Tolerance for times and delays rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelCounts:
-    """Numbers of messages since the episode's start; `sent == delivered + lost + pending`.
+class _Wire:
+    """Bytes as they arrive, decoded once for all receivers and moments of arrival."""
 
-    Attributes:
-        sent: messages, each counted once per receiver.
-        delivered: messages that arrived.
-        lost: messages that never arrive.
-        pending: messages that wait for the medium or are on their way.
-        corrupted: lost messages that arrived with a wrong checksum.
-        stale: lost messages that waited too long for the medium.
-        duplicates: second copies that arrived; they are in no other count.
-        rejected: delivered messages that a policy could not read (`Policy.rejected`). The channel does not read
-            payloads: it is 0 in the channel's counts.
-    """
+    def __init__(self, content: bytes) -> None:
+        self.content = content
 
-    sent: int = 0
-    delivered: int = 0
-    lost: int = 0
-    pending: int = 0
-    corrupted: int = 0
-    stale: int = 0
-    duplicates: int = 0
-    rejected: int = 0
+    @cached_property
+    def message(self) -> Message | None:
+        """The message; None if its bytes were corrupted on the way."""
+        try:
+            return decode_message(self.content)
+        except CodecError:
+            return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Transmission:
-    """Message on one link that is delivered unless it waits too long for the medium."""
+    """Message to some receivers that is delivered to all alike, unless it waits too long for the medium.
+
+    Attributes:
+        number: of the broadcast, in the order of sending.
+        sender: its number in the counts.
+        receivers: (N,) their numbers in the counts.
+        names: of the receivers.
+        wire: as it arrives.
+        delays_ns: of the message, and of its duplicate if any.
+    """
 
     number: int
-    link: LinkName
-    wire: bytes
-    delays_ns: tuple[int, ...]  # of the message, and of its duplicate if any
+    sender: int
+    receivers: Ints
+    names: tuple[str, ...]
+    wire: _Wire
+    delays_ns: tuple[int, ...]
+
+    def only(self, places: Sequence[int] | Ints) -> _Transmission:
+        """Return the part of the receivers at these places (K,), which rise."""
+        if len(places) == len(self.names):
+            return self
+        return replace(self, receivers=self.receivers[places], names=tuple(self.names[place] for place in places))
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class _Arrival:
-    """Arrival of a message; those due at the same moment are in the order of sending."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fan:
+    """The links of one sender to all others.
 
-    due_ns: int
-    number: int
-    copy: int
-    link: LinkName = field(compare=False)
-    wire: bytes = field(compare=False)
+    Attributes:
+        sender: its number in the counts.
+        names: of the receivers.
+        receivers: (N,) their numbers in the counts.
+        links: to each receiver.
+        wired: (N,) which of them are cables.
+        certain_delays_ns: the delays of every message on all links alike, if nothing is drawn (see `Link`), or None.
+    """
+
+    sender: int
+    names: tuple[str, ...]
+    receivers: Ints
+    links: tuple[Link, ...]
+    wired: Mask
+    certain_delays_ns: tuple[int, ...] | None
 
 
 class Channel:
@@ -88,15 +110,16 @@ class Channel:
     def __init__(self, config: ChannelConfig, seed: int) -> None:
         self._config, self._seed = config, seed
         self._links: dict[LinkName, Link] = {}
+        self._agents: tuple[str, ...] = ()
+        self._fans: dict[str, _Fan] = {}  # between these agents, by sender
         self._air = None if config.radio is None else Air(config.radio, seed)
         self._media: dict[LinkName | None, Medium[tuple[_Transmission, ...]]] = {}
-        self._arrivals: list[_Arrival] = []
+        # Due time, number of the broadcast, copy, serial number, and what arrives: a heap.
+        self._arrivals: list[tuple[int, int, int, int, _Transmission]] = []
         self._clocks: dict[str, AgentClock] = {}
         self._offered_ns: dict[str, int] = {}
-        self._number = 0
-        self._counted: dict[str, Counter[LinkName]] = {
-            name: Counter() for name in ("sent", "delivered", "lost", "corrupted", "stale", "duplicates")
-        }
+        self._numbers, self._serials = count(), count()
+        self._counts = LinkCounts()
         self._broadcast_bytes: Counter[str] = Counter()
 
     def send(
@@ -120,47 +143,34 @@ class Channel:
         probabilities = self._reception_probabilities(wires, around or Surroundings(positions))
         for sender, wire in wires.items():
             self._broadcast_bytes[sender] += len(wire)
-            transmissions = [
-                self._transmit((sender, receiver), wire, positions, probabilities.get((sender, receiver), 1.0))
-                for receiver in positions
-                if receiver != sender
-            ]
-            self._queue(sender, transmissions, len(wire), now_ns)
+            fan = self._fan(sender, tuple(positions))
+            reception = self._reception(sender, fan, positions, probabilities)
+            self._queue(sender, fan, self._transmit(fan, wire, reception), len(wire), now_ns)
 
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
         """Take out every message that is due, by receiver, in order of arrival."""
         self._advance(now_ns + _ROUNDING_NS + 1)
-        inboxes: dict[str, list[Message]] = {}
-        decoded: dict[bytes, Message | None] = {}  # a broadcast is decoded once, not by each receiver
-        while self._arrivals and self._arrivals[0].due_ns <= now_ns + _ROUNDING_NS:
-            arrival = heapq.heappop(self._arrivals)
-            if arrival.wire not in decoded:
-                decoded[arrival.wire] = _decode_intact(arrival.wire)
-            message = decoded[arrival.wire]
-            if message is None:
-                if not arrival.copy:
-                    self._count(arrival.link, "lost", "corrupted")
-                continue
-            inboxes.setdefault(arrival.link[1], []).append(message)
-            self._count(arrival.link, "duplicates" if arrival.copy else "delivered")
-        return inboxes
+        inboxes: defaultdict[str, list[Message]] = defaultdict(list)
+        while self._arrivals and self._arrivals[0][0] <= now_ns + _ROUNDING_NS:
+            _, _, copy, _, arrived = heapq.heappop(self._arrivals)
+            message = arrived.wire.message
+            if message is not None:
+                for receiver in arrived.names:
+                    inboxes[receiver].append(message)
+                self._counts.add(arrived.sender, arrived.receivers, "duplicates" if copy else "delivered")
+            elif not copy:
+                self._counts.add(arrived.sender, arrived.receivers, "lost", "corrupted")
+        return dict(inboxes)
 
     @property
     def counts(self) -> ChannelCounts:
         """Counts of all messages so far, on all links together."""
-        counted = {name: counter.total() for name, counter in self._counted.items()}
-        return ChannelCounts(**counted, pending=self._pending().total())
+        return self._counts.total(self._pending())
 
     @property
     def link_counts(self) -> Mapping[LinkName, ChannelCounts]:
         """Counts of all messages so far, by sender and receiver."""
-        pending = self._pending()
-        return {
-            link: ChannelCounts(
-                **{name: counter[link] for name, counter in self._counted.items()}, pending=pending[link]
-            )
-            for link in self._counted["sent"]
-        }
+        return self._counts.by_link(self._pending())
 
     def broadcast_bytes(self, agent: str) -> int:
         """Return the bytes that an agent has sent or queued, each broadcast counted once."""
@@ -172,7 +182,7 @@ class Channel:
 
     def _stamped(self, message: Message) -> bytes:
         stamp_ns = self._clock(message.sender).stamp_ns(message.captured_ns)
-        return encode_message(replace(message, captured_ns=stamp_ns))
+        return encode_message(message if stamp_ns == message.captured_ns else replace(message, captured_ns=stamp_ns))
 
     def _clock(self, agent: str) -> AgentClock:
         if agent not in self._clocks:
@@ -183,6 +193,24 @@ class Channel:
         if (sender, receiver) not in self._links:
             self._links[sender, receiver] = Link(self._config, self._seed, (sender, receiver))
         return self._links[sender, receiver]
+
+    def _fan(self, sender: str, agents: tuple[str, ...]) -> _Fan:
+        """Return the links from a sender to all other agents."""
+        if agents != self._agents:
+            self._agents, self._fans = agents, {}
+        if sender not in self._fans:
+            names = tuple(name for name in agents if name != sender)
+            links = tuple(self._link(sender, name) for name in names)
+            certain = {link.certain_delays_ns for link in links}
+            self._fans[sender] = _Fan(
+                int(self._counts.numbers([sender])[0]),
+                names,
+                self._counts.numbers(names),
+                links,
+                np.array([link.wired for link in links], dtype=np.bool_),
+                certain.pop() if len(certain) == 1 else None,
+            )
+        return self._fans[sender]
 
     def _reception_probabilities(self, wires: Mapping[str, bytes], around: Surroundings) -> Mapping[LinkName, float]:
         """Return the radio's reception probabilities by link; senders with wired links only are not on the air."""
@@ -195,40 +223,64 @@ class Channel:
         }
         return self._air.reception_probabilities(on_air, around)
 
-    def _transmit(
-        self, name: LinkName, wire: bytes, positions: Mapping[str, Floats], reception: float
-    ) -> tuple[LinkName, _Transmission | None]:
-        """Draw the fate of a message on one link: return its transmission, None if it is lost."""
-        link = self._link(*name)
-        self._count(name, "sent")
-        self._number += 1
-        if link.wired:
-            reception = 1.0
-        elif float(np.linalg.norm(positions[name[1]] - positions[name[0]])) > self._config.range_m:
-            reception = 0.0
-        fate = link.draw(wire, reception)
-        if fate is None:
-            self._count(name, "lost")
-            return name, None
-        return name, _Transmission(self._number, name, fate.wire, fate.delays_ns)
+    def _reception(
+        self, sender: str, fan: _Fan, positions: Mapping[str, Floats], probabilities: Mapping[LinkName, float]
+    ) -> Floats:
+        """Return the probability (N,) that each receiver's radio receives a message; 0 out of range."""
+        received = np.ones(len(fan.names))
+        if probabilities:
+            received[:] = [probabilities.get((sender, name), 1.0) for name in fan.names]
+        if math.isfinite(self._config.range_m):
+            away = [positions[name] - positions[sender] for name in fan.names]
+            received[[math.sqrt(part.dot(part)) > self._config.range_m for part in away]] = 0.0
+        received[fan.wired] = 1.0
+        return received
 
-    def _queue(
-        self, sender: str, links: list[tuple[LinkName, _Transmission | None]], size_bytes: int, now_ns: int
-    ) -> None:
-        """Hand transmissions to the medium; those that will be lost take their airtime, too."""
+    def _transmit(self, fan: _Fan, wire: bytes, reception: Floats) -> list[_Transmission]:
+        """Draw the fate of a message on each link, and return a transmission for all links with the same fate.
+
+        Args:
+            fan: the sender's links.
+            wire: the message.
+            reception: (N,) the radio's probability of reception.
+        """
+        self._counts.add(fan.sender, fan.receivers, "sent")
+        whole = _Transmission(next(self._numbers), fan.sender, fan.receivers, fan.names, _Wire(wire), ())
+        alike: dict[tuple[bytes, tuple[int, ...]], list[int]] = {}
+        if fan.certain_delays_ns is not None:
+            reached = np.flatnonzero(reception > 0).tolist() if fan.certain_delays_ns else []
+            alike = {(wire, fan.certain_delays_ns): reached}
+        else:
+            for place, (link, probability) in enumerate(zip(fan.links, reception.tolist(), strict=True)):
+                fate = link.draw(wire, probability)
+                if fate is not None:
+                    alike.setdefault((fate.wire, fate.delays_ns), []).append(place)
+        arriving = np.zeros(len(fan.names), dtype=np.bool_)
+        sent = []
+        for (content, delays_ns), places in alike.items():
+            arriving[places] = True
+            arrives = whole.wire if content is wire else _Wire(content)
+            sent.append(replace(whole.only(places), wire=arrives, delays_ns=delays_ns))
+        self._counts.add(fan.sender, fan.receivers[~arriving], "lost")
+        return sent
+
+    def _queue(self, sender: str, fan: _Fan, sent: Sequence[_Transmission], size_bytes: int, now_ns: int) -> None:
+        """Hand transmissions to the medium; a message that all will lose takes its airtime, too."""
         ready_ns = now_ns + seconds_to_ns(self._config.processing_of(sender))
         bandwidth = self._config.bandwidth
-        by_cable = [each for name, each in links if bandwidth is None or self._links[name].wired]
-        self._send_off([each for each in by_cable if each is not None], ready_ns)
-        on_air = [(name, each) for name, each in links if not self._links[name].wired]
-        if bandwidth is None or not on_air:
+        if bandwidth is None or fan.wired.all():
+            self._send_off(sent, ready_ns)
             return
-        shares: list[tuple[LinkName | None, tuple[_Transmission, ...]]]
-        if bandwidth.medium == "shared":
-            shares = [(None, tuple(each for _, each in on_air if each is not None))]
-        else:
-            shares = [(name, () if each is None else (each,)) for name, each in on_air]
-        for name, transmissions in shares:
+        wired = [np.isin(each.receivers, fan.receivers[fan.wired]) for each in sent]
+        self._send_off([each.only(np.flatnonzero(mask)) for each, mask in zip(sent, wired, strict=True)], ready_ns)
+        on_air = [each.only(np.flatnonzero(~mask)) for each, mask in zip(sent, wired, strict=True)]
+        shares: dict[LinkName | None, tuple[_Transmission, ...]] = {None: tuple(on_air)}
+        if bandwidth.medium == "link":
+            shares = {(sender, name): () for name, link in zip(fan.names, fan.links, strict=True) if not link.wired}
+            shares |= {
+                (sender, name): (each.only([place]),) for each in on_air for place, name in enumerate(each.names)
+            }
+        for name, transmissions in shares.items():
             self._media.setdefault(name, Medium(bandwidth)).put(transmissions, size_bytes, ready_ns, sender)
 
     def _advance(self, before_ns: int) -> None:
@@ -238,29 +290,17 @@ class Channel:
                 if departure.sent_ns is not None:
                     self._send_off(departure.content, departure.sent_ns)
                     continue
-                for transmission in departure.content:
-                    self._count(transmission.link, "lost", "stale")
+                for each in departure.content:
+                    self._counts.add(each.sender, each.receivers, "lost", "stale")
 
     def _send_off(self, transmissions: Sequence[_Transmission], sent_ns: int) -> None:
         for each in transmissions:
-            for copy, delay_ns in enumerate(each.delays_ns):
-                arrival = _Arrival(sent_ns + delay_ns, each.number, copy, each.link, each.wire)
-                heapq.heappush(self._arrivals, arrival)
+            for copy, delay_ns in enumerate(each.delays_ns if each.names else ()):
+                heapq.heappush(self._arrivals, (sent_ns + delay_ns, each.number, copy, next(self._serials), each))
 
-    def _count(self, link: LinkName, *names: str) -> None:
-        for name in names:
-            self._counted[name][link] += 1
-
-    def _pending(self) -> Counter[LinkName]:
-        on_the_way = Counter(arrival.link for arrival in self._arrivals if not arrival.copy)
-        for medium in self._media.values():
-            on_the_way.update(each.link for waiting in medium.waiting for each in waiting)
-        return on_the_way
-
-
-def _decode_intact(wire: bytes) -> Message | None:
-    """Decode a message; return None if its bytes were corrupted on the way."""
-    try:
-        return decode_message(wire)
-    except CodecError:
-        return None
+    def _pending(self) -> Iterator[tuple[int, Ints]]:
+        """Yield sender and receivers, by number, of every message that has not arrived."""
+        waiting = (each for medium in self._media.values() for content in medium.waiting for each in content)
+        on_the_way = (each for _, _, copy, _, each in self._arrivals if not copy)
+        for each in (*waiting, *on_the_way):
+            yield each.sender, each.receivers

@@ -62,6 +62,13 @@ class GaussianLatency(Latency):
         return self.mean_s + self.jitter_s * normal
 
 
+def fixed_delay_ns(latency: Latency) -> int | None:
+    """Return the delay that a model gives every message, ns; None if its draws matter."""
+    if type(latency) is GaussianLatency and not latency.jitter_s:  # a subclass may have another rule
+        return seconds_to_ns(min(max(0.0, latency.mean_s), MOST_S))
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class _ByMoments(Latency):
     """Positive delay by mean and standard deviation.

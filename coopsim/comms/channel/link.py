@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.comms.channel.channel_config import ChannelConfig
+from coopsim.comms.channel.latency import fixed_delay_ns
+from coopsim.comms.channel.loss import certain_loss
 from coopsim.support.rng import stream
 
 
@@ -24,42 +26,66 @@ class Fate:
 
 
 class Link:
-    """Link from a sender to a receiver, with its own random streams.
+    """Link from a sender to a receiver, with its own random streams, one per purpose.
+
+    A stream takes the same draws for each message. One whose draws can decide nothing in the whole episode, as those of
+    a loss with probability 0, is not even made: no other purpose draws from it.
 
     Attributes:
         wired: a cable, without limits of range, radio or bandwidth.
+        certain_delays_ns: the delays of every message in range, if nothing on the link is drawn; () if all are lost.
+            None: draws matter.
     """
 
     def __init__(self, config: ChannelConfig, seed: int, link: tuple[str, str]) -> None:
         override = config.link(*link)
         self.wired = override.wired
-        self._config = config
+        self._seed, self._name = seed, link
+        self._duplicates, self._bit_error_rate = config.duplication, config.bit_error_rate
         self._loss_model = override.loss or config.loss
         self._latency_model = override.latency or config.latency
-        self._loss, self._reception, self._latency, self._duplication, self._bits = (
-            stream(seed, purpose, *link) for purpose in ("loss", "reception", "latency", "duplication", "corruption")
-        )
+        self._lost, self._delay_ns = certain_loss(self._loss_model), fixed_delay_ns(self._latency_model)
+        on_air = config.radio is not None and not self.wired
+        self._loss = None if self._lost is not None else self._stream("loss")
+        self._reception = self._stream("reception") if on_air else None
+        self._latency = None if self._delay_ns is not None else self._stream("latency")
+        self._duplication = self._stream("duplication") if self._duplicates else None
+        self._bits = self._stream("corruption") if self._bit_error_rate else None
         self._burst: bool | None = None
+        drawn = (self._loss, self._reception, self._latency, self._duplication, self._bits)
+        self.certain_delays_ns: tuple[int, ...] | None = None
+        if self._delay_ns is not None and all(rng is None for rng in drawn):
+            self.certain_delays_ns = () if self._lost else (self._delay_ns,)
 
     def draw(self, wire: bytes, reception: float) -> Fate | None:
-        """Draw the fate of the next message, given the radio's reception probability; None: it is lost."""
-        lost, self._burst = self._loss_model.draw(self._loss, self._burst)
-        faded = self._reception.random() >= reception
-        delay_ns = self._latency_model.draw_ns(self._latency)
-        duplicated = self._duplication.random() < self._config.duplication
-        second_ns = self._latency_model.draw_ns(self._duplication)
-        wire = self._corrupt(wire)
-        if lost or faded:
-            return None
-        return Fate(wire, (delay_ns, second_ns) if duplicated else (delay_ns,))
+        """Draw the fate of the next message, given the probability of its reception; None: it is lost."""
+        lost, faded = self._lost, reception <= 0
+        if self._loss is not None:
+            lost, self._burst = self._loss_model.draw(self._loss, self._burst)
+        if self._reception is not None:
+            faded = self._reception.random() >= reception
+        delay_ns = self._delay_ns
+        if self._latency is not None:
+            delay_ns = self._latency_model.draw_ns(self._latency)
+        assert delay_ns is not None
+        delays_ns: tuple[int, ...] = (delay_ns,)
+        if self._duplication is not None:
+            duplicated = self._duplication.random() < self._duplicates
+            second_ns = self._latency_model.draw_ns(self._duplication)
+            delays_ns = (delay_ns, second_ns) if duplicated else delays_ns
+        if self._bits is not None:
+            wire = self._corrupt(self._bits, wire)
+        return None if lost or faded else Fate(wire, delays_ns)
 
-    def _corrupt(self, wire: bytes) -> bytes:
+    def _stream(self, purpose: str) -> np.random.Generator:
+        return stream(self._seed, purpose, *self._name)
+
+    def _corrupt(self, bits: np.random.Generator, wire: bytes) -> bytes:
         """Flip each bit independently with the bit error rate."""
-        rate = self._config.bit_error_rate
-        flipped = int(self._bits.binomial(8 * len(wire), rate)) if rate else 0
+        flipped = int(bits.binomial(8 * len(wire), self._bit_error_rate))
         if not flipped:
             return wire
-        bits = self._bits.choice(8 * len(wire), flipped, replace=False, shuffle=False)
+        places = bits.choice(8 * len(wire), flipped, replace=False, shuffle=False)
         noisy = np.frombuffer(wire, dtype=np.uint8).copy()
-        np.bitwise_xor.at(noisy, bits // 8, (1 << (bits % 8)).astype(np.uint8))
+        np.bitwise_xor.at(noisy, places // 8, (1 << (places % 8)).astype(np.uint8))
         return noisy.tobytes()

@@ -42,6 +42,13 @@ class BernoulliLoss(Loss):
         return bool(rng.random() < self.probability), False
 
 
+def certain_loss(loss: Loss) -> bool | None:
+    """Return whether a model loses every message (True) or none (False); None if its draws matter."""
+    if type(loss) is BernoulliLoss and loss.probability in (0.0, 1.0):  # a subclass may have another rule
+        return loss.probability == 1.0
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class GilbertElliottLoss(Loss):
     """Losses in bursts: a link is good or bad, and may change with each message (Gilbert 1960, Elliott 1963).
