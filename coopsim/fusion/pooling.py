@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from coopsim.fusion.duplicates import owners, weighted_means
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.groups import DetectionGroups
 
 _LEAST_WEIGHT = 1e-6
 
@@ -50,63 +49,51 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
     """
     require_choice("merge", merge, MERGES)
     require_threshold(iou_threshold=iou_threshold)
-    array = detections.boxes.array
-    finite = np.isfinite(array).all(axis=1) & np.isfinite(detections.score)
+    boxes = detections.boxes.array
+    finite = np.isfinite(boxes).all(axis=1) & np.isfinite(detections.score)
     order = np.flatnonzero(finite)[np.argsort(-detections.score[finite], kind="stable")]
-    ordered = detections[order]
-    overlap = iou_bev(ordered.boxes.array, ordered.boxes.array)
-    rivals = (overlap >= iou_threshold) & (ordered.label[:, None] == ordered.label)
-    kept = _kept(rivals)
-    owner = np.where(rivals[kept], overlap[kept], -1.0).argmax(axis=0) if len(kept) else kept
-    owner[kept] = np.arange(len(kept))  # explicitly: a box without area does not overlap even itself
-    best = ordered[kept]
-    return replace(
-        best,
-        boxes=_weighted_mean(ordered, owner, best) if merge == "mean" else best.boxes,
-        embedding=_first_embedding(ordered, owner),
-        seen_by=_seen_by(ordered, owner, len(kept)),
+    boxes = boxes[order]
+    owner = owners(boxes, detections.label[order], iou_threshold)
+    own = owner == np.arange(len(owner))
+    number = (np.cumsum(own) - 1)[owner]  # of the merged box
+    best = detections[order[own]]
+    merged = _weighted_mean(boxes, detections.score[order], number, best) if merge == "mean" else best.boxes
+    embedding, seen_by = detections.embedding, detections.seen_by
+    return Detections.trusted(
+        merged,
+        best.score,
+        best.label,
+        best.covariance,
+        None if embedding is None else _first_embedding(embedding[order], number),
+        None if seen_by is None else _seen_by(seen_by[order], number, len(best)),
     )
 
 
 def pool(groups: Sequence[Detections]) -> Detections:
     """Concatenate the detections of all agents, a group per agent, each marked with the agent that saw it."""
-    agent = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
-    return replace(Detections.concatenate(groups), seen_by=agent[:, None] == np.arange(len(groups)))
+    joined = DetectionGroups.of(groups)
+    whole, seen_by = joined.joined, joined.group[:, None] == np.arange(len(joined))
+    return Detections.trusted(whole.boxes, whole.score, whole.label, whole.covariance, whole.embedding, seen_by)
 
 
-def _kept(rivals: NDArray[np.bool_]) -> Ints:
-    """Return the rows (K,) that no better kept row rivals; rows are in order of falling score."""
-    kept = np.ones(len(rivals), dtype=bool)
-    # A row with a worse-scored rival suppresses it only if it stays itself.
-    for row in np.flatnonzero(np.triu(rivals, k=1).any(axis=1)):
-        if kept[row]:
-            kept[row + 1 :] &= ~rivals[row, row + 1 :]
-    return np.flatnonzero(kept)
+def _weighted_mean(boxes: Floats, score: Floats, number: Ints, best: Detections) -> Boxes3D:
+    """Return the mean centre and size of boxes (N, 7) by merged box (N,), with the heading of the K best ones."""
+    extent: Floats = weighted_means(boxes[:, :6].copy(), np.maximum(score, _LEAST_WEIGHT), number, len(best))
+    return Boxes3D.trusted(extent[:, :3], extent[:, 3:], best.boxes.yaw)
 
 
-def _weighted_mean(detections: Detections, owner: Ints, best: Detections) -> Boxes3D:
-    """Return the mean centre and size of the detections by owner (N,), with the heading of the K best ones."""
-    weight = np.maximum(detections.score, _LEAST_WEIGHT)
-    share = weight / np.bincount(owner, weights=weight, minlength=len(best))[owner]
-    extent: Floats = np.zeros((len(best), 6))
-    np.add.at(extent, owner, share[:, None] * detections.boxes.array[:, :6])
-    return Boxes3D(extent[:, :3], extent[:, 3:], best.boxes.yaw)
+def _first_embedding(embedding: Floats, number: Ints) -> Floats:
+    """Return the embeddings (K, D) of K merged boxes: each the first valid one of its boxes' (N, D), by number (N,)."""
+    _, present = normalize_embeddings(embedding)
+    order = np.lexsort((~present, number))  # stable: of those that have one, the first stays the first
+    _, first = np.unique(number[order], return_index=True)
+    chosen: Floats = embedding[order[first]]
+    return chosen
 
 
-def _first_embedding(detections: Detections, owner: Ints) -> Floats | None:
-    """Return the embeddings (K, D) of K owners (N,): each the first of its detections' that is valid."""
-    if detections.embedding is None:
-        return None
-    _, present = normalize_embeddings(detections.embedding)
-    order = np.lexsort((~present, owner))  # stable: of those that have one, the first stays the first
-    _, first = np.unique(owner[order], return_index=True)
-    return detections.embedding[order[first]]
-
-
-def _seen_by(detections: Detections, owner: Ints, count: int) -> Mask | None:
-    """Return which agents (count, A) saw any of each owner's detections (N,)."""
-    if detections.seen_by is None:
-        return None
-    seen = np.zeros((count, detections.seen_by.shape[1]), dtype=bool)
-    np.logical_or.at(seen, owner, detections.seen_by)
+def _seen_by(seen_by: Mask, number: Ints, count: int) -> Mask:
+    """Return which agents (count, A) saw any of each merged box's boxes, seen by (N, A), by number (N,)."""
+    rows, agents = np.nonzero(seen_by)
+    seen = np.zeros((count, seen_by.shape[1]), dtype=bool)
+    seen[number[rows], agents] = True
     return seen

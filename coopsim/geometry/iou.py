@@ -119,6 +119,25 @@ def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True, nogil=True)
+def bev_overlap(
+    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
+) -> float:
+    """Return `iou_bev` of two boxes (7,), for kernels that gate pairs themselves.
+
+    Args:
+        a: the first box; finite, as the second.
+        b: the second box.
+        angles: cosine and sine of the first's yaw, then of the second's.
+        polygon: (16, 2) room to work in.
+        spare: (16, 2) more of it.
+    """
+    cos_a, sin_a, cos_b, sin_b = angles
+    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
+    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
+    return _over_union(area, a[3] * a[4], b[3] * b[4])
+
+
+@njit(cache=True, nogil=True)
 def _over_union(inter: float, size_a: float, size_b: float) -> float:
     inter = min(inter, size_a, size_b)
     union = size_a + size_b - inter

@@ -8,7 +8,9 @@ import pytest
 from coopsim.errors import UnknownNameError
 from coopsim.fusion.pooling import merge_duplicates, pool
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.types import Detections
+from coopsim.geometry.iou import iou_bev
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Detections, Ints
 
 
 def found(*rows: tuple[float, float, int], z: float = 0.0) -> Detections:
@@ -100,3 +102,36 @@ def test_nms_keeps_the_best_box_as_it_is() -> None:
     assert nms.score.tolist() == mean.score.tolist() == [0.9, 0.5]
     with pytest.raises(UnknownNameError, match=r"unknown merge 'median'.*mean, nms"):
         merge_duplicates(both, 0.2, "median")
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_crowd_is_merged_as_by_comparing_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, objects = rng.integers(0, 120), rng.integers(1, 12)
+    rows = rng.uniform([-20, -20, 0, 0, 0, 1, -4], [20, 20, 2, 9, 3, 2, 4], (objects, 7))[
+        rng.integers(objects, size=count)
+    ]
+    rows += rng.normal(0, [0.4, 0.4, 0.1, 0, 0, 0, 0.1], (count, 7))
+    score, label = rng.uniform(-0.2, 1, count).round(1), rng.integers(2, size=count)
+    merged = merge_duplicates(Detections(Boxes3D.from_array(rows), score, label), 0.15)
+    order = np.argsort(-score, kind="stable")
+    expected = all_pairs_merged(rows[order], score[order], label[order], 0.15)
+    np.testing.assert_array_equal(merged.boxes.array, expected)
+
+
+def all_pairs_merged(rows: Floats, score: Floats, label: Ints, iou_threshold: float) -> Floats:
+    """The reference: `merge_duplicates` of rows (N, 7), best first, by the overlap of all pairs."""
+    overlap = iou_bev(rows, rows)
+    rivals = (overlap >= iou_threshold) & (label[:, None] == label)
+    stays = np.ones(len(rows), dtype=bool)
+    for row in range(len(rows)):
+        if stays[row]:
+            stays[row + 1 :] &= ~rivals[row, row + 1 :]
+    best = np.flatnonzero(stays)
+    owner = np.where(rivals[best], overlap[best], -1.0).argmax(axis=0) if len(best) else best
+    owner[best] = np.arange(len(best))
+    weight = np.maximum(score, 1e-6)
+    share = weight / np.bincount(owner, weights=weight, minlength=len(best))[owner]
+    extent = np.zeros((len(best), 6))
+    np.add.at(extent, owner, share[:, None] * rows[:, :6])
+    return np.column_stack([extent, rows[best, 6]])
