@@ -176,12 +176,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         return actions
 
     def _own(self, packed: Packed) -> Packed:
-        """Return the observation in the space of this environment, sharing no array with another or a recording.
-
-        Gymnasium asks for that. Sweeps and images are large, and made anew in every frame.
-        """
-        new = ("sweeps", "cameras")
-        return {key: packed[key] if key in new else _copied(packed[key]) for key in self.observation_space}
+        """Return a copy of the observation: gymnasium wants no two to share an array, and a recording repeats its."""
+        return {key: _copied(packed[key]) for key in self.observation_space}
 
     def _whole(self, action: Any) -> Any:
         """Return the ego's action as the environment of all agents takes it, which checks it."""
