@@ -6,6 +6,7 @@ Box order is x, y, z, l, w, h, yaw; both sets are in one frame. No boxes on eith
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from coopsim.geometry.iou import giou_3d
@@ -15,25 +16,30 @@ from coopsim.support.arrays import frozen
 _YAW = 6
 
 
-def xiou(a: ArrayLike, b: ArrayLike) -> Floats:
+def xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
     """Return the XIOU, in [0, 1]: 3D GIoU times agreement of headings, (GIoU + 1) (cos(difference) + 1) / 4.
 
     Opposite headings give 0 whatever the overlap, so a detector must know front from back. The enclosing shape is that
     of `giou_3d`, an upright prism: convex, and the smallest such shape (eq. 20) where both boxes have the same floor
     and roof.
 
+    Args:
+        a: (N, 7).
+        b: (M, 7).
+        least: smaller values are returned as this one, which saves the computation of most pairs that lie far apart.
+
     Source: Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D Multi-Object Tracking in
     Vehicle-Infrastructure Cooperation", eq. 19-23.
     """
     first, second = _boxes(a, b)
     heading: Floats = np.cos(first[:, None, _YAW] - second[:, _YAW])
-    return (giou_3d(first, second) + 1) * (heading + 1) / 4
+    return np.maximum((giou_3d(first, second, 2 * least - 1) + 1) * (heading + 1) / 4, least)
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
-    first, second = _boxes(a, b)
-    return -_distance_m(first, second)
+    affinity: Floats = _minus_distance_m(*_boxes(a, b))
+    return affinity
 
 
 def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -45,20 +51,34 @@ def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
 
     Source: Gu et al., "YOLOO: You Only Learn from Others Once", eq. 8.
     """
-    first, second = _boxes(a, b)
-    diagonals = (np.hypot(rows[:, 3], rows[:, 4]) for rows in (first, second))
-    smaller_m = np.minimum.outer(*diagonals)
-    cost = np.full(smaller_m.shape, np.inf)
-    np.divide(_distance_m(first, second), smaller_m, out=cost, where=smaller_m > 0)
-    return np.where(cost <= 1, 1 - cost, -np.inf)
+    affinity: Floats = _fgam(*_boxes(a, b))
+    return affinity
 
 
 def _boxes(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
-    return frozen(a, (None, 7), np.float64, "first boxes"), frozen(b, (None, 7), np.float64, "second boxes")
+    first = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
+    return first, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
 
 
-def _distance_m(first: Floats, second: Floats) -> Floats:
-    """Return the distances (N, M) between centres on the ground, m."""
-    x, y = (np.subtract.outer(first[:, axis], second[:, axis]) for axis in (0, 1))
-    distance: Floats = np.hypot(x, y)
-    return distance
+@njit(cache=True, nogil=True)
+def _minus_distance_m(first: Floats, second: Floats) -> Floats:
+    """Return minus the distances (N, M) between centres on the ground, m."""
+    out = np.empty((len(first), len(second)))
+    for i in range(len(first)):
+        for j in range(len(second)):
+            out[i, j] = -np.hypot(first[i, 0] - second[j, 0], first[i, 1] - second[j, 1])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _fgam(first: Floats, second: Floats) -> Floats:
+    out = np.full((len(first), len(second)), -np.inf)
+    reach_a, reach_b = np.hypot(first[:, 3], first[:, 4]), np.hypot(second[:, 3], second[:, 4])
+    for i in range(len(first)):
+        for j in range(len(second)):
+            dx, dy, reach = first[i, 0] - second[j, 0], first[i, 1] - second[j, 1], min(reach_a[i], reach_b[j])
+            if abs(dx) <= reach and abs(dy) <= reach and reach > 0:
+                cost = np.hypot(dx, dy) / reach
+                if cost <= 1:
+                    out[i, j] = 1 - cost
+    return out

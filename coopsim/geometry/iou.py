@@ -26,9 +26,15 @@ def iou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
     return _overlap(a, b, volume=True, generalized=False)
 
 
-def giou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the 3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
-    return _overlap(a, b, volume=True, generalized=True)
+def giou_3d(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+    """Return the 3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7).
+
+    Args:
+        a: (N, 7).
+        b: (M, 7).
+        least: smaller values are returned as this one, which saves the computation of most pairs that lie far apart.
+    """
+    return _overlap(a, b, volume=True, generalized=True, least=least)
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -36,9 +42,15 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
     return _overlap(a, b, volume=False, generalized=False)
 
 
-def giou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
-    return _overlap(a, b, volume=False, generalized=True)
+def giou_bev(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+    """Return the BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7).
+
+    Args:
+        a: (N, 7).
+        b: (M, 7).
+        least: as in `giou_3d`.
+    """
+    return _overlap(a, b, volume=False, generalized=True, least=least)
 
 
 def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
@@ -47,8 +59,8 @@ def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     return in_space, from_above
 
 
-def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool) -> Floats:
-    result: Floats = _all_pairs(*_checked(a, b), volume, generalized)
+def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool, least: float = -np.inf) -> Floats:
+    result: Floats = _all_pairs(*_checked(a, b), volume, generalized, least)
     return result
 
 
@@ -59,9 +71,11 @@ def _checked(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
 
 # Fast-math is off on purpose: exact ones for identical boxes are worth more than the few per cent.
 @njit(cache=True, nogil=True)
-def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
+def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: float) -> Floats:
     out = np.zeros((len(a), len(b)))
+    far = _far(least) if generalized else np.inf
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
+    width_a, width_b = _widths(a), _widths(b)
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
     polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))  # room for what rounding may add
     for i in range(len(a)):
@@ -70,6 +84,11 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
             dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
             reach = reach_a[i] + reach_b[j]
             apart = dx * dx + dy * dy >= reach * reach
+            if apart and far < np.inf and width_a[i] > 0 and width_b[j] > 0:
+                width, area = width_a[i] + width_b[j], far * (a[i, 3] * a[i, 4] + b[j, 3] * b[j, 4])
+                if (dx * dx + dy * dy) * (width * width) > area * area:
+                    out[i, j] = least
+                    continue
             dz, half_a, half_b = b[j, 2] - a[i, 2], a[i, 5] / 2, b[j, 5] / 2
             low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
             if not generalized and (apart or (volume and high <= low)):
@@ -91,7 +110,32 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool) -> Floats:
                 enclosing = depth * _hull_area(half_x, half_y, other)
                 enclosing = max(enclosing, union)
                 out[i, j] -= (enclosing - union) / enclosing
+                if out[i, j] < least:  # false for what is not a number
+                    out[i, j] = least
     return out
+
+
+@njit(cache=True, nogil=True)
+def _widths(boxes: Floats) -> Floats:
+    """Return the smaller side (N,) of each footprint, 0 for a box without volume."""
+    width = np.zeros(len(boxes))
+    for k in range(len(boxes)):
+        if boxes[k, 3] > 0 and boxes[k, 4] > 0 and boxes[k, 5] > 0:
+            width[k] = min(boxes[k, 3], boxes[k, 4])
+    return width
+
+
+@njit(cache=True, nogil=True)
+def _far(least: float) -> float:
+    """Return f such that the GIoU of two disjoint footprints is below `least` beyond the distance f A / W.
+
+    A is the sum of their areas, W the sum of their smaller sides. At a distance d of their centres the hull has at
+    least the area (d W + A) / 2: the half of each footprint that is turned away from the other, and between them a
+    trapezium. So the GIoU is at most 2 A / (d W + A) - 1; in 3D too, where the joint height is at least that of either.
+    """
+    if least <= -1:
+        return np.inf
+    return (2 / (1 + least) - 1) * (1 + 1e-9)  # more than rounding
 
 
 @njit(cache=True, nogil=True)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.geometry.assignment import Assigner, Pairs
+from coopsim.geometry.assignment import Assigner, Pairs, hungarian
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity
+from coopsim.tracking.affinity import Affinity, RowAffinity
+from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
 
@@ -79,22 +80,43 @@ class Cascade:
 
     def match(self, tracks: Tracked, detections: Detections) -> Pairs:
         """Return the indices of matched tracks and of their detections, (K,) each."""
-        rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-        track_class, detected_class = self._class_of(tracks.label), self._class_of(detections.label)
-        free_row, free_column = np.ones(len(tracks), dtype=bool), np.ones(len(detections), dtype=bool)
+        none = np.zeros(0, dtype=np.int64)
+        rows, columns = [none], [none]
+        classes = self._class_of(tracks.label), self._class_of(detections.label)
+        free_row, free_column = np.ones(len(tracks), dtype=np.bool_), np.ones(len(detections), dtype=np.bool_)
         for stage in self._stages:
-            left = np.flatnonzero(free_row & stage.tracks(tracks))
-            right = np.flatnonzero(free_column & stage.detections(detections))
+            left, right = (
+                _taking_part(free_row, stage.tracks, tracks),
+                _taking_part(free_column, stage.detections, detections),
+            )
             if not (len(left) and len(right)):
                 continue
-            affinity = stage.affinity(tracks[left], detections[right])
-            affinity = np.where(track_class[left, None] == detected_class[right], affinity, -np.inf)
-            row, column = stage.assigner(affinity, stage.gate)
+            row, column = _pairs(stage, tracks, detections, (left, right), classes)
             rows.append(left[row])
             columns.append(right[column])
             free_row[left[row]] = free_column[right[column]] = False
         return np.concatenate(rows), np.concatenate(columns)
 
     def _class_of(self, label: Ints) -> Ints:
-        """Return the labels (N,), or the numbers of their groups."""
-        return label if self._class_groups is None else self._class_groups[label]
+        """Return the labels (N,), or the numbers of their groups; a new array."""
+        return label.copy() if self._class_groups is None else self._class_groups[label]
+
+
+def _taking_part(free: Mask, selector: Selector, of: Tracked | Detections) -> Ints:
+    """Return which tracks or detections take part in a stage, (K,)."""
+    return np.flatnonzero(free if selector is everything else free & selector(of))
+
+
+def _pairs(stage: Stage, tracks: Tracked, detections: Detections, taking_part: Pairs, classes: Pairs) -> Pairs:
+    """Return the pairs of one stage, as numbers of the tracks (K,) and detections (L,) that take part."""
+    left, right = taking_part
+    first, second = classes[0][left], classes[1][right]
+    affinity = stage.affinity
+    if not isinstance(affinity, RowAffinity):
+        whole = len(left) == len(tracks), len(right) == len(detections)
+        compared = affinity(tracks if whole[0] else tracks[left], detections if whole[1] else detections[right])
+        return stage.assigner(of_one_class(compared, first, second), stage.gate)
+    own, other = affinity.of_tracks(tracks)[left], affinity.of_detections(detections)[right]
+    if stage.assigner is hungarian:
+        return hungarian_by_rows(affinity, own, other, (first, second), stage.gate)
+    return stage.assigner(of_one_class(affinity.kernel(own, other), first, second), stage.gate)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen
+from coopsim.support.arrays import frozen, sealed
 from coopsim.support.checks import require_count
 from coopsim.types import Detections, Mask
 from coopsim.types.embedding import normalize_embeddings
@@ -56,6 +56,14 @@ class EmbeddingMemory:
         require_count(1, window=window)
         return cls(np.zeros((count, window, dim), dtype=np.float32), np.zeros((count, window), dtype=np.bool_))
 
+    @classmethod
+    def trusted(cls, vectors: NDArray[np.float32], valid: NDArray[np.bool_]) -> EmbeddingMemory:
+        """Return a memory of arrays that are known to be right and that nobody else writes to."""
+        self = object.__new__(cls)
+        object.__setattr__(self, "vectors", sealed(vectors))
+        object.__setattr__(self, "valid", sealed(valid))
+        return self
+
     @property
     def window(self) -> int:
         """Number of embeddings kept of a track, W."""
@@ -92,11 +100,12 @@ class EmbeddingMemory:
 
     def begin(self, embeddings: ArrayLike) -> EmbeddingMemory:
         """Return the memory of M new tracks alone, with one embedding (M, D) each; `join` adds them."""
-        unit, present = normalize_embeddings(embeddings, (None, self.dim))
-        vectors = np.zeros((len(unit), self.window, self.dim), dtype=np.float32)
-        valid = np.zeros((len(unit), self.window), dtype=np.bool_)
-        vectors[:, -1], valid[:, -1] = unit, present
-        return EmbeddingMemory(vectors, valid)
+        given = frozen(embeddings, (None, self.dim), np.float64, "embeddings")
+        vectors = np.zeros((len(given), self.window, self.dim), dtype=np.float32)
+        valid = np.zeros((len(given), self.window), dtype=np.bool_)
+        if self.dim:
+            vectors[:, -1], valid[:, -1] = normalize_embeddings(given)
+        return EmbeddingMemory.trusted(vectors, valid)
 
     def update(self, rows: Index, embeddings: ArrayLike) -> EmbeddingMemory:
         """Return the memory with one more embedding for some tracks; a full window loses its oldest.
@@ -105,6 +114,8 @@ class EmbeddingMemory:
             rows: M different tracks: indices, or a mask (N,).
             embeddings: (M, D).
         """
+        if not self.dim:
+            return self
         at = np.arange(len(self))[rows]
         unit, present = normalize_embeddings(embeddings, (len(at), self.dim))
         if not present.any():
@@ -113,16 +124,16 @@ class EmbeddingMemory:
         vectors, valid = self.vectors.copy(), self.valid.copy()
         vectors[at, :-1], valid[at, :-1] = self.vectors[at, 1:], self.valid[at, 1:]
         vectors[at, -1], valid[at, -1] = unit, True
-        return EmbeddingMemory(vectors, valid)
+        return EmbeddingMemory.trusted(vectors, valid)
 
     def take(self, index: Index) -> EmbeddingMemory:
         """Return the memory of some tracks, given by a mask (N,) or indices."""
-        return EmbeddingMemory(self.vectors[index], self.valid[index])
+        return EmbeddingMemory.trusted(self.vectors[index], self.valid[index])
 
     def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
         """Return the memory of these tracks, then the other's; windows and lengths of embeddings must agree."""
         added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
-        return EmbeddingMemory(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
+        return EmbeddingMemory.trusted(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
 
     def similarity(self, embeddings: ArrayLike) -> Floats:
         """Return the cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from coopsim.types import Ints, Mask
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
     """N tracks, reported or not; all fields have N rows.
+
+    A tracker writes into the arrays of the frame that it is working on, never into those of a frame before.
 
     Attributes:
         beliefs: the motion model's state estimates.
@@ -51,18 +53,55 @@ class Tracked:
         return len(self.id)
 
     def __getitem__(self, index: Any) -> Tracked:
-        beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
-        arrays = {name: getattr(self, name)[index] for name in _ARRAYS}
-        return Tracked(beliefs=beliefs, appearance=self.appearance.take(index), **arrays)
+        return Tracked(
+            Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index]),
+            self.boxes[index],
+            self.velocity[index],
+            self.id[index],
+            self.label[index],
+            self.score[index],
+            self.latest[index],
+            self.confidence[index],
+            self.hits[index],
+            self.misses[index],
+            self.age[index],
+            self.foreign[index],
+            self.appearance.take(index),
+        )
+
+    def moved(self, boxes: Floats, velocity: Floats, appearance: EmbeddingMemory) -> Tracked:
+        """Return these tracks with other boxes, velocities and embeddings; all else is shared with them."""
+        return Tracked(
+            self.beliefs,
+            boxes,
+            velocity,
+            self.id,
+            self.label,
+            self.score,
+            self.latest,
+            self.confidence,
+            self.hits,
+            self.misses,
+            self.age,
+            self.foreign,
+            appearance,
+        )
 
     def join(self, other: Tracked) -> Tracked:
         """Return these tracks followed by the others."""
         first, second = self.beliefs, other.beliefs
-        beliefs = Beliefs(
-            np.concatenate([first.mean, second.mean]), np.concatenate([first.covariance, second.covariance])
+        return Tracked(
+            Beliefs(np.concatenate([first.mean, second.mean]), np.concatenate([first.covariance, second.covariance])),
+            np.concatenate([self.boxes, other.boxes]),
+            np.concatenate([self.velocity, other.velocity]),
+            np.concatenate([self.id, other.id]),
+            np.concatenate([self.label, other.label]),
+            np.concatenate([self.score, other.score]),
+            np.concatenate([self.latest, other.latest]),
+            np.concatenate([self.confidence, other.confidence]),
+            np.concatenate([self.hits, other.hits]),
+            np.concatenate([self.misses, other.misses]),
+            np.concatenate([self.age, other.age]),
+            np.concatenate([self.foreign, other.foreign]),
+            self.appearance.join(other.appearance),
         )
-        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS}
-        return Tracked(beliefs=beliefs, appearance=self.appearance.join(other.appearance), **arrays)
-
-
-_ARRAYS = tuple(field.name for field in fields(Tracked) if field.name not in ("beliefs", "appearance"))

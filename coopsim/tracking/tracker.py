@@ -90,7 +90,8 @@ class Tracker:
     def reset(self) -> None:
         """Forget everything, as before the first frame."""
         memory = EmbeddingMemory.blank(0, dim=0, window=1 if self._appearance is None else self._appearance.views)
-        self.state = TrackerState(self._initiate(Detections.empty(), 1, memory), next_id=1, frame=0, time_ns=None)
+        none = self._initiate(Detections.empty(), np.zeros((0, 7)), np.zeros(0, dtype=np.int64), 1, memory)
+        self.state = TrackerState(none, next_id=1, frame=0, time_ns=None)
 
     @property
     def time_ns(self) -> int | None:
@@ -133,26 +134,16 @@ class Tracker:
         tracked, next_id = self.predict(time_ns), self.state.next_id
         for number, group in enumerate(groups):
             rules, found = self._later if number else self._first, drop_invalid(group)
-            if self._appearance is not None:
-                tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
-            rows, columns = rules.association.match(tracked, found)
-            tracked = self._update(tracked, rows, found[columns])
-            unmatched = np.setdiff1d(np.arange(len(found)), columns)
-            if self._appearance is not None:
-                shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
-                tracked = _refresh_memory(tracked, rows, columns, found, shown)
-                unmatched = unmatched[shown[unmatched] == unmatched]
-            new = found[unmatched]
-            new = new[rules.initiator(new)]
-            if len(new):
-                tracked = tracked.join(self._initiate(new, next_id, tracked.appearance))
-                next_id += len(new)
+            if len(found):
+                known, tracked = len(tracked), self._take_in(tracked, found, rules, next_id)
+                next_id += len(tracked) - known
         if incomplete:
-            tracked = replace(tracked, misses=np.maximum(tracked.misses - 1, 0))
-        lost = np.where(tracked.misses > 0, self._scoring.miss(tracked.score, tracked.age), tracked.score)
-        tracked = replace(tracked, score=lost)
-        tracked = tracked[self._lifecycle.alive(tracked)]
-        tracked = replace(tracked, confidence=self._scoring.confidence(tracked))
+            np.maximum(tracked.misses - 1, 0, out=tracked.misses)
+        missed = np.flatnonzero(tracked.misses)
+        tracked.score[missed] = self._scoring.miss(tracked.score[missed], tracked.age[missed])
+        alive = self._lifecycle.alive(tracked)
+        tracked = tracked if alive.all() else tracked[np.flatnonzero(alive)]
+        tracked.confidence[:] = self._scoring.confidence(tracked)
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
 
@@ -177,78 +168,110 @@ class Tracker:
         self.require_time(time_ns)
         before = self.state.tracked
         elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
-        beliefs = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
-        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        misses, age = before.misses + 1, before.age + 1
-        return replace(before, beliefs=beliefs, boxes=boxes, velocity=velocity, misses=misses, age=age)
+        predicted = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
+        beliefs = Beliefs(
+            _apart_from(before.beliefs.mean, predicted.mean),
+            _apart_from(before.beliefs.covariance, predicted.covariance),
+        )
+        return Tracked(
+            beliefs,
+            self._motion.boxes(beliefs),
+            self._motion.velocity(beliefs),
+            before.id,
+            before.label,
+            before.score.copy(),
+            before.latest.copy(),
+            before.confidence.copy(),
+            before.hits.copy(),
+            before.misses + 1,
+            before.age + 1,
+            before.foreign.copy(),
+            before.appearance,
+        )
 
     def reported(self) -> Tracked:
         """Return the full tracks behind the rows of `report`."""
-        tracked = self.state.tracked
-        return tracked[self._lifecycle.reported(tracked, self.state.frame)]
+        return self.state.tracked[self._reported_rows()]
 
     def report(self) -> Tracks:
         """Return the reported tracks, at the time of the last frame."""
-        shown = self.reported()
-        boxes = Boxes3D.from_array(shown.boxes)
+        tracked, rows = self.state.tracked, self._reported_rows()
+        boxes = tracked.boxes[rows]
         # A filter may shrink a box through zero; a report of it would be refused.
-        boxes = Boxes3D(boxes.center, np.maximum(boxes.size, 1e-3), boxes.yaw)
-        return Tracks(shown.id, boxes, shown.velocity, shown.confidence, shown.label)
+        np.maximum(boxes[:, 3:6], 1e-3, out=boxes[:, 3:6])
+        shown = Boxes3D.from_array(boxes)
+        return Tracks(tracked.id[rows], shown, tracked.velocity[rows], tracked.confidence[rows], tracked.label[rows])
 
-    def _update(self, tracked: Tracked, rows: Ints, found: Detections) -> Tracked:
-        """Return the tracks with those at `rows` (K,) updated by a detection each."""
-        if not len(rows):
-            return tracked
-        mean, covariance = tracked.beliefs.mean.copy(), tracked.beliefs.covariance.copy()
-        matched = self._motion.update(Beliefs(mean[rows], covariance[rows]), found.boxes.array, found.covariance)
-        mean[rows], covariance[rows] = matched.mean, matched.covariance
-        score, latest = tracked.score.copy(), tracked.latest.copy()
-        hits, misses = tracked.hits.copy(), tracked.misses.copy()
-        score[rows] = self._scoring.hit(score[rows], found.score, tracked.age[rows])
-        latest[rows] = found.score
-        hits[rows] += misses[rows] > 0
-        misses[rows] = 0
-        foreign = tracked.foreign.copy()
-        foreign[rows] = seen_by_others(found)
-        memory = tracked.appearance
-        if found.embedding is not None:
-            memory = memory.update(rows, memory.readable(found))
-        beliefs = Beliefs(mean, covariance)
-        return replace(
-            tracked,
-            beliefs=beliefs,
-            boxes=self._motion.boxes(beliefs),
-            velocity=self._motion.velocity(beliefs),
-            score=score,
-            latest=latest,
-            hits=hits,
-            misses=misses,
-            foreign=foreign,
-            appearance=memory,
+    def _reported_rows(self) -> Ints:
+        return np.flatnonzero(self._lifecycle.reported(self.state.tracked, self.state.frame))
+
+    def _take_in(self, tracked: Tracked, found: Detections, rules: AssociationRound, next_id: int) -> Tracked:
+        """Return the tracks after one group of valid detections, the new ones last, with ids from `next_id` on."""
+        if self._appearance is not None:
+            tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
+        rows, columns = rules.association.match(tracked, found)
+        boxes = found.boxes.array
+        if len(rows):
+            tracked = self._update(tracked, rows, found, boxes, columns)
+        free = np.ones(len(found), dtype=np.bool_)
+        free[columns] = False
+        if self._appearance is not None:
+            shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
+            tracked = _refresh_memory(tracked, rows, columns, found, shown)
+            free &= shown == np.arange(len(found))
+        new = np.flatnonzero(free)
+        if len(new) and rules.initiator is not everything:
+            new = new[rules.initiator(found[new])]
+        return tracked.join(self._initiate(found, boxes, new, next_id, tracked.appearance)) if len(new) else tracked
+
+    def _update(self, tracked: Tracked, rows: Ints, found: Detections, boxes: Floats, columns: Ints) -> Tracked:
+        """Return the tracks with those at `rows` (K,) updated by the detections at `columns` (K,), in place."""
+        beliefs, covariance = tracked.beliefs, found.covariance
+        matched = self._motion.update(
+            Beliefs(beliefs.mean[rows], beliefs.covariance[rows]),
+            boxes[columns],
+            None if covariance is None else covariance[columns],
         )
-
-    def _initiate(self, found: Detections, first_id: int, memory: EmbeddingMemory) -> Tracked:
-        """Return new tracks, one for each detection."""
-        count = len(found)
-        beliefs = self._motion.initiate(found.boxes.array, found.covariance)
-        ids, none, ones = first_id + np.arange(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
+        beliefs.mean[rows], beliefs.covariance[rows] = matched.mean, matched.covariance
+        score = found.score[columns]
+        tracked.score[rows] = self._scoring.hit(tracked.score[rows], score, tracked.age[rows])
+        tracked.latest[rows] = score
+        tracked.hits[rows] += tracked.misses[rows] > 0
+        tracked.misses[rows] = 0
+        tracked.foreign[rows] = seen_by_others(found)[columns]
+        memory = tracked.appearance
+        if found.embedding is not None and memory.dim:
+            memory = memory.update(rows, memory.readable(found)[columns])
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        score, appearance = self._scoring.first(found.score), memory.begin(memory.readable(found))
+        return tracked.moved(boxes, velocity, memory)
+
+    def _initiate(self, found: Detections, boxes: Floats, new: Ints, first_id: int, memory: EmbeddingMemory) -> Tracked:
+        """Return new tracks, one for each of the detections at `new` (K,)."""
+        count, covariance = len(new), found.covariance
+        beliefs = self._motion.initiate(boxes[new], None if covariance is None else covariance[new])
+        detected = found.score[new]
+        score = self._scoring.first(detected)
+        none = np.zeros(count, dtype=np.int64)
         return Tracked(
             beliefs,
-            boxes,
-            velocity,
-            ids,
-            found.label,
+            self._motion.boxes(beliefs),
+            self._motion.velocity(beliefs),
+            first_id + np.arange(count),
+            found.label[new],
             score,
-            found.score,
+            detected,
             score,
-            ones,
+            np.ones(count, dtype=np.int64),
             none,
             none,
-            seen_by_others(found),
-            appearance,
+            seen_by_others(found)[new],
+            memory.begin(memory.readable(found)[new]),
         )
+
+
+def _apart_from(before: Floats, now: Floats) -> Floats:
+    """Return an array that may be written into while the one of the frame before stays."""
+    return now if now.flags.writeable and not np.may_share_memory(before, now) else now.copy()
 
 
 def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:

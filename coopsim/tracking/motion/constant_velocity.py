@@ -6,12 +6,14 @@ The models that turn are in `turning`.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
+from numba import njit
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive
 from coopsim.tracking.motion import kalman
 from coopsim.types.track_estimates import TrackEstimates
@@ -93,19 +95,30 @@ def update_beliefs(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, o
         covariance: of the boxes, as in `Motion.update`.
         own: variances of a measurement where `covariance` gives none.
     """
-    innovation = boxes - beliefs.mean[:, :MEASURED]
-    # A detector that confuses front and back is off by half a turn: only the axis is believed. Without
-    # this one wrong frame would turn the track around.
-    innovation[:, YAW] = (innovation[:, YAW] + np.pi / 2) % np.pi - np.pi / 2
     noise = diagonal(own) if covariance is None else kalman.usable_noise(covariance, diagonal(own))
-    mean, posterior = kalman.update(beliefs.mean, beliefs.covariance, innovation, noise)
-    mean[:, YAW] = wrap_angle(mean[:, YAW])
+    prior, measured = np.ascontiguousarray(beliefs.mean), np.ascontiguousarray(boxes)
+    mean, posterior = _update_boxes(prior, np.ascontiguousarray(beliefs.covariance), measured, kalman.stack(noise))
     return Beliefs(mean, posterior)
 
 
+@njit(cache=True, nogil=True)
+def _update_boxes(mean: Floats, covariance: Floats, boxes: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Update states by the boxes (N, 7) measured; `noise` is (1, 7, 7) or (N, 7, 7)."""
+    innovation = boxes - mean[:, :MEASURED]
+    # A detector that confuses front and back is off by half a turn: only the axis is believed. Without
+    # this one wrong frame would turn the track around.
+    innovation[:, YAW] = (innovation[:, YAW] + np.pi / 2) % np.pi - np.pi / 2
+    moved, posterior = kalman.update_each(mean, covariance, innovation, noise)
+    moved[:, YAW] = (moved[:, YAW] + np.pi) % (2 * np.pi) - np.pi
+    return moved, posterior
+
+
+@lru_cache(maxsize=64)
 def diagonal(variances: Variances, hidden: tuple[float, ...] = ()) -> Floats:
-    """Return the matrix (7 + k, 7 + k) of the variances of boxes and of k hidden components."""
-    return np.diag(np.concatenate([np.broadcast_to(variances, MEASURED), hidden]))
+    """Return the matrix (7 + k, 7 + k) of the variances of boxes and of k hidden components; read-only."""
+    matrix: Floats = np.diag(np.concatenate([np.broadcast_to(variances, MEASURED), hidden]))
+    matrix.flags.writeable = False
+    return matrix
 
 
 def check_parameters(model: Any) -> None:
@@ -182,6 +195,14 @@ class ConstantVelocity:
 
     def _dynamics(self, dt_s: float) -> tuple[Floats, Floats]:
         """Return F and Q, (10, 10) each."""
-        transition = np.eye(10)
-        transition[[0, 1, 2], [7, 8, 9]] = dt_s
-        return transition, diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3) * dt_s
+        growth = diagonal(self.process_variance_per_s, (self.process_velocity_variance_per_s,) * 3)
+        return _constant_velocity(dt_s), growth * dt_s
+
+
+@lru_cache(maxsize=64)
+def _constant_velocity(dt_s: float) -> Floats:
+    """Return F, (10, 10), read-only."""
+    transition: Floats = np.eye(10)
+    transition[[0, 1, 2], [7, 8, 9]] = dt_s
+    transition.flags.writeable = False
+    return transition

@@ -6,9 +6,12 @@ With H = [I 0], H P H^T is a block of P and P H^T its first columns, so no produ
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+
+_BAD, _GOOD, _DOUBTFUL = 0, 1, 2
 
 
 def predict(mean: Floats, covariance: Floats, transition: Floats, process: Floats) -> tuple[Floats, Floats]:
@@ -29,9 +32,10 @@ def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
     Args:
         covariance: P, (N, n, n).
         transition: F, (n, n), or a Jacobian each, (N, n, n).
-        process: Q, (n, n) or (N, n, n).
+        process: Q, (n, n).
     """
-    return transition @ covariance @ transition.swapaxes(-1, -2) + process
+    predicted: Floats = _spread(np.ascontiguousarray(covariance), stack(transition), process)
+    return predicted
 
 
 def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
@@ -45,22 +49,20 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) 
         innovation: y, measured less predicted, (N, m).
         noise: R, (m, m) or (N, m, m).
     """
-    measured = innovation.shape[1]
-    cross = covariance[:, :, :measured]
-    # S is symmetric, so K^T = S^-1 (P H^T)^T.
-    gain = np.linalg.solve(cross[:, :measured] + noise, cross.transpose(0, 2, 1)).transpose(0, 2, 1)
-    keep = np.broadcast_to(np.eye(mean.shape[1]), covariance.shape).copy()
-    keep[:, :, :measured] -= gain
-    posterior = keep @ covariance @ keep.transpose(0, 2, 1) + gain @ noise @ gain.transpose(0, 2, 1)
-    moved = mean + (gain @ innovation[:, :, None])[:, :, 0]
-    return moved, (posterior + posterior.transpose(0, 2, 1)) / 2
+    moved, posterior = update_each(
+        np.ascontiguousarray(mean),
+        np.ascontiguousarray(covariance),
+        np.ascontiguousarray(innovation),
+        stack(noise),
+    )
+    return moved, posterior
 
 
 def usable_noise(stated: Floats, own: Floats) -> Floats:
     """Return the stated covariances (N, m, m), with the model's own in place of each invalid one.
 
     A covariance must be finite, symmetric and positive definite. Detections come from other agents too, and a single
-    invalid matrix would stop the solver for all tracks.
+    invalid matrix would spoil its track.
 
     Args:
         stated: (N, m, m).
@@ -72,14 +74,165 @@ def usable_noise(stated: Floats, own: Floats) -> Floats:
 
 def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
     """Return which matrices (N,) are finite, symmetric up to rounding, and positive definite."""
-    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    sound = np.where(finite[:, None, None], matrices, 0.0)
-    # Rounding in single precision, on the way through a message, may spoil symmetry by this much.
-    rounding = 1e-6 * np.abs(sound).max(axis=(1, 2), initial=0.0)
-    skew = np.abs(sound - sound.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-    good: NDArray[np.bool_] = np.asarray(finite & (skew <= rounding))
-    try:
-        np.linalg.cholesky(sound[good])
-    except np.linalg.LinAlgError:  # at least one is not; the error does not say which
-        good[good] = np.linalg.eigvalsh(sound[good])[:, 0] > 0
+    verdict = _judge(np.ascontiguousarray(matrices))
+    doubtful = np.flatnonzero(verdict == _DOUBTFUL)
+    if len(doubtful):  # the eigenvalues of a nearly singular matrix tell better
+        verdict[doubtful] = np.linalg.eigvalsh(matrices[doubtful])[:, 0] > 0
+    good: NDArray[np.bool_] = verdict == _GOOD
     return good
+
+
+def stack(matrices: Floats) -> Floats:
+    """Return one matrix for all, (k, k), as (1, k, k); one each, (N, k, k), as they are."""
+    return np.ascontiguousarray(matrices if matrices.ndim == 3 else matrices[None])
+
+
+@njit(cache=True, nogil=True)
+def _spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
+    """Return F P F^T + Q; most of F is 0 and is left out."""
+    count, size = len(covariance), covariance.shape[1]
+    out, half = np.empty((count, size, size)), np.empty((size, size))
+    for k in range(count):
+        f = k if len(transition) > 1 else 0
+        for i in range(size):
+            for j in range(size):
+                half[i, j] = 0.0
+            for at in range(size):
+                factor = transition[f, i, at]
+                if factor != 0:
+                    for j in range(size):
+                        half[i, j] += factor * covariance[k, at, j]
+        for j in range(size):
+            for i in range(size):
+                out[k, i, j] = process[i, j]
+            for at in range(size):
+                factor = transition[f, j, at]
+                if factor != 0:
+                    for i in range(size):
+                        out[k, i, j] += half[i, at] * factor
+    return out
+
+
+@njit(cache=True, nogil=True)
+def update_each(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Update as `update` does; all arrays are contiguous, and `noise` is (1, m, m) or (N, m, m)."""
+    count, size = mean.shape
+    measured = innovation.shape[1]
+    moved, posterior = np.empty((count, size)), np.empty((count, size, size))
+    system, gain = np.empty((measured, measured)), np.empty((measured, size))
+    kept, noisy = np.empty((size, size)), np.empty((size, measured))
+    for k in range(count):
+        r = k if len(noise) > 1 else 0
+        for i in range(measured):
+            for j in range(measured):
+                system[i, j] = covariance[k, i, j] + noise[r, i, j]
+            for j in range(size):
+                gain[i, j] = covariance[k, j, i]
+        _solve(system, gain)
+        for i in range(size):
+            moved[k, i] = mean[k, i]
+        for at in range(measured):
+            for i in range(size):
+                moved[k, i] += gain[at, i] * innovation[k, at]
+        _joseph(k, r, covariance, gain, noise, kept, noisy, posterior)
+    return moved, posterior
+
+
+@njit(cache=True, nogil=True)
+def _joseph(
+    k: int, r: int, covariance: Floats, gain: Floats, noise: Floats, kept: Floats, noisy: Floats, out: Floats
+) -> None:
+    """Write the posterior covariance of object `k`, with noise `r`, into `out`; `gain` is K^T, (m, n).
+
+    With A = (I - K H) P, the Joseph form is A - A H^T K^T + K R K^T.
+    """
+    measured, size = gain.shape
+    for i in range(size):
+        for j in range(size):
+            kept[i, j] = covariance[k, i, j]
+        for j in range(measured):
+            noisy[i, j] = 0.0
+        for at in range(measured):
+            factor = gain[at, i]
+            for j in range(size):
+                kept[i, j] -= factor * covariance[k, at, j]
+            for j in range(measured):
+                noisy[i, j] += factor * noise[r, at, j]
+    for i in range(size):
+        for j in range(size):
+            out[k, i, j] = kept[i, j]
+        for at in range(measured):
+            own, other = kept[i, at], noisy[i, at]
+            for j in range(size):
+                out[k, i, j] += (other - own) * gain[at, j]
+    for i in range(size):
+        for j in range(i):
+            out[k, i, j] = out[k, j, i] = (out[k, i, j] + out[k, j, i]) / 2
+
+
+@njit(cache=True, nogil=True)
+def _solve(system: Floats, right: Floats) -> None:
+    """Solve S X = B in the place of B (m, n), by S = L D L^T, which takes the place of S (m, m)."""
+    size, width = right.shape
+    for j in range(size):
+        for i in range(j + 1, size):
+            ratio = system[i, j] / system[j, j]
+            for k in range(j + 1, i + 1):
+                system[i, k] -= ratio * system[k, j]
+        for i in range(j + 1, size):
+            system[i, j] /= system[j, j]
+    for i in range(size):
+        for j in range(i):
+            factor = system[i, j]
+            for k in range(width):
+                right[i, k] -= factor * right[j, k]
+    for i in range(size - 1, -1, -1):
+        for k in range(width):
+            right[i, k] /= system[i, i]
+        for j in range(i + 1, size):
+            factor = system[j, i]
+            for k in range(width):
+                right[i, k] -= factor * right[j, k]
+
+
+@njit(cache=True, nogil=True)
+def _judge(matrices: Floats) -> NDArray[np.int64]:
+    """Return for each matrix (N,) whether it is bad, good or doubtful: without a Cholesky factor."""
+    verdict = np.full(len(matrices), _BAD)
+    for k in range(len(matrices)):
+        if _is_symmetric(matrices[k]):
+            verdict[k] = _GOOD if _has_cholesky(matrices[k]) else _DOUBTFUL
+    return verdict
+
+
+@njit(cache=True, nogil=True)
+def _is_symmetric(matrix: Floats) -> bool:
+    """Return whether a matrix is finite and symmetric.
+
+    Rounding in single precision, on the way through a message, may spoil symmetry by 1e-6 of the largest element.
+    """
+    largest, skew = 0.0, 0.0
+    for i in range(len(matrix)):
+        for j in range(len(matrix)):
+            if not np.isfinite(matrix[i, j]):
+                return False
+            largest, skew = max(largest, abs(matrix[i, j])), max(skew, abs(matrix[i, j] - matrix[j, i]))
+    return skew <= 1e-6 * largest
+
+
+@njit(cache=True, nogil=True)
+def _has_cholesky(matrix: Floats) -> bool:
+    size = len(matrix)
+    factor = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = rest / factor[j, j]
+            elif rest > 0:
+                factor[i, i] = np.sqrt(rest)
+            else:
+                return False
+    return True
