@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from coopsim.catalog import parallel_env as parallel_env
     from coopsim.catalog import single_env as single_env
     from coopsim.envs.simulated.record_episode import record as record
+    from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
 
 __version__ = "0.1.0"
@@ -57,6 +58,7 @@ _HOMES = {
     "single_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
     "record": "coopsim.envs.simulated.record_episode",
+    "vector": "coopsim.envs.vector.make",
 }
 
 __all__ = ["__version__", *_HOMES]

@@ -7,7 +7,7 @@ class that a caller would expect (`ValueError`, `KeyError`, `RuntimeError`, `Imp
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
 
@@ -85,6 +85,27 @@ class GridFileError(CoopsimError, ValueError):
 
 class StoreError(CoopsimError, ValueError):
     """A file in a benchmark's store is broken; the message names it."""
+
+
+class LostEnvironmentsError(CoopsimError, RuntimeError):
+    """Environments of a vector are lost: they raised an error, or their worker died. The others go on.
+
+    Attributes:
+        reports: by index of a lost environment, the traceback or how the worker died.
+        results: what the call would have returned, in which a lost environment's episode is truncated; None where there
+            is no such result.
+    """
+
+    def __init__(self, reports: Mapping[int, str], results: Any = None) -> None:
+        self.reports, self.results = dict(reports), results
+        alike: dict[str, list[int]] = {}
+        for index, report in self.reports.items():
+            alike.setdefault(report, []).append(index)
+        texts = [f"environment{'s'[: len(lost) > 1]} {', '.join(map(str, lost))}: {why}" for why, lost in alike.items()]
+        super().__init__("lost " + "\nlost ".join(text.rstrip() for text in texts))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.reports, self.results)
 
 
 class MissingDependencyError(CoopsimError, ImportError):

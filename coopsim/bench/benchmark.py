@@ -24,6 +24,7 @@ from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, newest
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.support.checks import require_choice, require_count
+from coopsim.support.processes import cores
 
 ENGINES = ("local", "ray")
 
@@ -67,11 +68,6 @@ class Engine:
         if self.name == "ray":
             return run_on_ray(jobs, self.workers, self.address)
         return run_locally(jobs, self.at_once)
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, slots=True)

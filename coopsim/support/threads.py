@@ -15,6 +15,14 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+_most = 2**31
+
+
+def limit_threads(most: int) -> None:
+    """Let no later `run_all` of this process use more than `most` threads: for one of as many workers as cores."""
+    global _most
+    _most = most
+
 
 def run_all(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
     """Call all tasks and return their results in order; each free thread takes the next task.
@@ -26,7 +34,7 @@ def run_all(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
     Raises:
         Exception: of a task that failed, once no other is running.
     """
-    helpers = min(threads, len(tasks)) - 1
+    helpers = min(threads, len(tasks), _most) - 1
     if helpers < 1:
         return [task() for task in tasks]
     waiting, results = deque(enumerate(tasks)), dict[int, T]()

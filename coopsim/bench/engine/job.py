@@ -24,11 +24,6 @@ from coopsim.bench.metric_spec import MetricSpec, keep_named
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
 
-_POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-ONE_THREAD: Mapping[str, str] = dict.fromkeys(_POOLS, "1")
-"""Environment variables of a worker process: there are as many workers as cores, so each uses one thread."""
-
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
 

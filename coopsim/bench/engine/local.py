@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Generator, Iterator
@@ -17,7 +15,8 @@ from itertools import islice
 from multiprocessing.connection import wait
 from queue import SimpleQueue
 
-from coopsim.bench.engine.job import ONE_THREAD, Job, Outcome, died, run_job
+from coopsim.bench.engine.job import Job, Outcome, died, run_job
+from coopsim.support.processes import cause_of_end, start_python
 
 _PROGRAM = "from coopsim.bench.engine.local import serve; serve()"
 
@@ -61,15 +60,7 @@ class _Worker:
     """A process that runs one job after another. It ends when this process does, in any way (see `serve`)."""
 
     def __init__(self, job: Job) -> None:
-        # It has our search path, and does not get our terminal's Ctrl-C: we end it.
-        path = os.pathsep.join(place or os.getcwd() for place in sys.path)  # "" is where an interpreter was started
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _PROGRAM],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
-            start_new_session=True,
-        )
+        self._process = start_python(_PROGRAM)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._orders, self.replies = self._process.stdin, self._process.stdout
         self.give(job)
@@ -93,8 +84,7 @@ class _Worker:
         try:
             outcome: Outcome = pickle.load(self.replies)
         except (EOFError, pickle.UnpicklingError):
-            status = self._process.wait()
-            return died(self._job, f"exit status {status}" if status >= 0 else signal.Signals(-status).name)
+            return died(self._job, cause_of_end(self._process.wait()))
         return outcome
 
     def end(self) -> None:

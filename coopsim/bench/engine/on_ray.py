@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Generator, Iterator
 from itertools import islice
 from typing import Any
 
-from coopsim.bench.engine.job import ONE_THREAD, Job, Outcome, died, run_job
-from coopsim.errors import InvalidValueError, MissingDependencyError
-
-_ONE_THREAD = {"env_vars": dict(ONE_THREAD)}
+from coopsim.bench.engine.job import Job, Outcome, died, run_job
+from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
 
 
 def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) -> Generator[Outcome]:
@@ -29,13 +25,13 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
         MissingDependencyError: Ray is not installed.
         InvalidValueError: there is no cluster at the address.
     """
-    ray = _import_ray()
+    ray = import_ray()
     ours = not ray.is_initialized()
     if ours:
-        _start(ray, workers, address)
+        start_ray(ray, workers, address)
     try:
         # Ray starts processes before there are tasks; a task with its own environment could not use them.
-        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": _ONE_THREAD}))(run_job)
+        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": RAY_ENVIRONMENT}))(run_job)
         # Twice as many as run, so that a free core has its next job; no more, so that the order can still change.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
         running = {do.remote(job): job for job in islice(jobs, at_once)}
@@ -50,29 +46,6 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
     finally:
         if ours:
             ray.shutdown()
-
-
-def _import_ray() -> Any:
-    try:
-        return importlib.import_module("ray")
-    except ImportError as error:
-        raise MissingDependencyError("the engine ray needs the package ray: pip install 'coopsim[ray]'") from error
-
-
-def _start(ray: Any, workers: int | None, address: str | None) -> None:
-    address = address or os.environ.get("RAY_ADDRESS") or "local"
-    # Outcomes are small, and Ray's default would take a third of the machine's memory.
-    here = {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
-    try:
-        ray.init(
-            address=address,
-            runtime_env=_ONE_THREAD,
-            log_to_driver=False,
-            logging_level="ERROR",
-            **(here if address == "local" else {}),
-        )
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        raise InvalidValueError(f"address must be that of a Ray cluster, got {address!r}: {error}") from error
 
 
 def _outcome(ray: Any, reference: Any, job: Job) -> Outcome:

@@ -1,0 +1,191 @@
+"""The environments of one worker."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import gymnasium
+
+from coopsim.errors import InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
+
+REFUSALS = {
+    "step": (InvalidActionError,),
+    "reset": (InvalidValueError, UnknownNameError, RecordingError),
+}
+"""Errors, by call, after which an environment is as it was before."""
+
+
+class Order(NamedTuple):
+    """A call of one environment.
+
+    Attributes:
+        env: index of the environment, in the vector.
+        call: "step", "reset", "get", "set" or "close".
+        arguments: of the call.
+    """
+
+    env: int
+    call: str
+    arguments: tuple[Any, ...]
+
+
+class Transition(NamedTuple):
+    """The outcome of a step, or of the reset that takes the place of a step.
+
+    In an environment of many agents, each of the first five is a dict by agent.
+
+    Attributes:
+        observation: after the step; with a reset in the same step, the new episode's.
+        reward: 0 in a reset.
+        terminated: False in a reset.
+        truncated: False in a reset.
+        info: the environment's.
+        over: the episode is over, and no other has begun.
+        final: last observation and info of an episode that ended in this step, where the next began in it too.
+    """
+
+    observation: Any
+    reward: Any
+    terminated: Any
+    truncated: Any
+    info: Any
+    over: bool
+    final: tuple[Any, Any] | None = None
+
+
+class Value(NamedTuple):
+    """The outcome of another call."""
+
+    value: Any
+
+
+class Failure(NamedTuple):
+    """A call that ended in an error, or whose worker died.
+
+    Attributes:
+        report: the traceback, or how the worker died.
+        error: what was raised, if other processes can have it.
+        refused: the environment is as it was before.
+    """
+
+    report: str
+    error: Exception | None = None
+    refused: bool = False
+
+
+Reply = Transition | Value | Failure
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What is known of the environments before their first episode; all of a vector are alike.
+
+    Attributes:
+        single: they are gymnasium's, of one agent; otherwise PettingZoo's, of many.
+        observation: space, or spaces by agent.
+        action: space, or spaces by agent.
+        metadata: of the environment.
+        render_mode: of the environment.
+    """
+
+    single: bool
+    observation: Any
+    action: Any
+    metadata: dict[str, Any]
+    render_mode: str | None
+
+
+class EnvironmentGroup:
+    """Environments that are called in one process, one after another.
+
+    Args:
+        recipe: a packed `Recipe`; each environment is made of a copy of its own, so that nothing is shared.
+        indices: of the environments, in the vector.
+    """
+
+    def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
+        self._envs = {index: pickle.loads(recipe).make() for index in indices}
+
+    def describe(self) -> Description:
+        """Describe the first environment."""
+        env = next(iter(self._envs.values()))
+        if isinstance(env, gymnasium.Env):
+            return Description(True, env.observation_space, env.action_space, dict(env.metadata), env.render_mode)
+        if not callable(getattr(env, "observation_space", None)) or not hasattr(env, "possible_agents"):
+            raise InvalidValueError(
+                "a vector is made of environments of gymnasium (gymnasium.Env) or of PettingZoo's parallel API, "
+                f"got a {type(env).__name__}"
+            )
+        names = list(env.possible_agents)
+        return Description(
+            False,
+            {name: env.observation_space(name) for name in names},
+            {name: env.action_space(name) for name in names},
+            dict(getattr(env, "metadata", {})),
+            getattr(env, "render_mode", None),
+        )
+
+    def do(self, order: Order) -> Reply:
+        """Obey an order. What it raises is its reply, but for Ctrl-C."""
+        env = self._envs[order.env]
+        try:
+            reply: Reply = _CALLS[order.call](env, *order.arguments)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # a user's environment may raise anything, and the others go on
+            return failure(error, refused=isinstance(error, REFUSALS.get(order.call, ())))
+        return reply
+
+
+def failure(error: BaseException, *, refused: bool = False) -> Failure:
+    """Return an error as a reply, with the error itself where it can be pickled."""
+    report = "".join(traceback.format_exception(error))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # pickling runs code of what is pickled
+        return Failure(report, None, refused)
+    return Failure(report, error if isinstance(error, Exception) else None, refused)
+
+
+def _reset(env: Any, seed: int, options: dict[str, Any] | None) -> Transition:
+    observation, info = env.reset(seed=seed, options=options)
+    if isinstance(env, gymnasium.Env):
+        return Transition(observation, 0.0, False, False, info, False)
+    agents = list(env.agents)
+    never = dict.fromkeys(agents, False)
+    return Transition(observation, dict.fromkeys(agents, 0.0), never, dict(never), info, not agents)
+
+
+def _step(env: Any, action: Any, next_seed: int | None) -> Transition:
+    """Step; where `next_seed` is given and the episode ends, begin the next one."""
+    observation, reward, terminated, truncated, info = env.step(action)
+    over = bool(terminated or truncated) if isinstance(env, gymnasium.Env) else not env.agents
+    if not over or next_seed is None:
+        return Transition(observation, reward, terminated, truncated, info, over)
+    begun = _reset(env, next_seed, None)
+    return Transition(begun.observation, reward, terminated, truncated, begun.info, begun.over, (observation, info))
+
+
+def _get(env: Any, name: str, args: tuple[Any, ...], keywords: dict[str, Any]) -> Value:
+    """Call a method or, without arguments, get an attribute."""
+    found = env.get_wrapper_attr(name) if isinstance(env, gymnasium.Env) else getattr(env, name)
+    return Value(found(*args, **keywords) if callable(found) else found)
+
+
+def _set(env: Any, name: str, value: Any) -> Value:
+    if isinstance(env, gymnasium.Env):
+        env.set_wrapper_attr(name, value)
+    else:
+        setattr(env, name, value)
+    return Value(None)
+
+
+def _close(env: Any) -> Value:
+    return Value(env.close())
+
+
+_CALLS: dict[str, Any] = {"reset": _reset, "step": _step, "get": _get, "set": _set, "close": _close}

@@ -1,0 +1,97 @@
+"""Workers that are Ray actors, on this machine or a cluster."""
+
+from __future__ import annotations
+
+import pickle
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from coopsim.envs.vector.group import Description, EnvironmentGroup, Failure, Order, Reply, failure
+from coopsim.envs.vector.worker import Worker, WorkerDiedError
+from coopsim.errors import InvalidValueError
+from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
+from coopsim.support.threads import limit_threads
+
+
+class RayWorkers:
+    """Starts workers on Ray. A Ray that the caller has started is used, and left running.
+
+    Every machine of a cluster needs coopsim, and the packages and scenario files that the environments use.
+
+    Args:
+        workers: number of workers.
+        address: of a cluster, as `ray.init` takes it; None: `RAY_ADDRESS`, or else this machine alone.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        InvalidValueError: there is no cluster at the address, or it has fewer cores than `workers`.
+    """
+
+    def __init__(self, workers: int, address: str | None) -> None:
+        self._ray = import_ray()
+        self._ours = not self._ray.is_initialized()
+        if self._ours:
+            start_ray(self._ray, workers, address)
+        cores = int(self._ray.cluster_resources().get("CPU", 0))
+        if cores < workers:
+            self.stop()
+            raise InvalidValueError(f"workers must be <= {cores}, the number of cores that Ray has, got {workers}")
+
+    def start(self, recipe: bytes, indices: Sequence[int]) -> Worker:
+        """Start a worker."""
+        return RayWorker(self._ray, recipe, indices, {} if self._ours else {"runtime_env": RAY_ENVIRONMENT})
+
+    def stop(self) -> None:
+        """Stop Ray, unless it is the caller's."""
+        if self._ours:
+            self._ray.shutdown()
+
+
+class RayWorker(Worker):
+    """Environments in a Ray actor."""
+
+    def __init__(self, ray: Any, recipe: bytes, indices: Sequence[int], options: dict[str, Any]) -> None:
+        self._ray = ray
+        self._actor = ray.remote(num_cpus=1, **options)(_Actor).remote()
+        self._promise = self._actor.make.remote(recipe, tuple(indices))
+        self._replies: deque[Reply] = deque()
+
+    def describe(self) -> Description:
+        made: Description | Failure = self._receive()
+        if isinstance(made, Failure):
+            raise made.error or InvalidValueError(f"an environment cannot be made:\n{made.report}")
+        return made
+
+    def give(self, orders: Sequence[Order]) -> None:
+        self._promise = self._actor.obey.remote(pickle.dumps(orders, protocol=5))
+
+    def take(self) -> Reply:
+        if not self._replies:
+            self._replies.extend(self._receive())
+        return self._replies.popleft()
+
+    def end(self) -> None:
+        if self._ray.is_initialized():
+            self._ray.kill(self._actor)
+
+    def _receive(self) -> Any:
+        try:
+            return pickle.loads(self._ray.get(self._promise))
+        except self._ray.exceptions.RayError as error:
+            raise WorkerDiedError(type(error).__name__) from None
+
+
+class _Actor:
+    """The other end. Contents are bytes: Ray's own arrays would be read-only."""
+
+    def make(self, recipe: bytes, indices: Sequence[int]) -> bytes:
+        limit_threads(1)
+        try:
+            self._group = EnvironmentGroup(recipe, indices)
+            return pickle.dumps(self._group.describe(), protocol=5)
+        except Exception as error:  # of a user's environment or option
+            return pickle.dumps(failure(error))
+
+    def obey(self, orders: bytes) -> bytes:
+        return pickle.dumps([self._group.do(order) for order in pickle.loads(orders)], protocol=5)

@@ -1,0 +1,64 @@
+"""Workers: what has a group of environments, wherever it runs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+
+from coopsim.envs.vector.group import Description, EnvironmentGroup, Order, Reply
+
+
+class WorkerDiedError(Exception):
+    """A worker is gone, and its environments with it; the message says how it ended."""
+
+
+class Worker(ABC):
+    """A group of environments that take orders. Orders are given together; replies come one by one, in order."""
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Wait until the environments are made, and describe them; to be called first.
+
+        Raises:
+            WorkerDiedError: it is gone.
+            Exception: what making them raised.
+        """
+
+    @abstractmethod
+    def give(self, orders: Sequence[Order]) -> None:
+        """Give orders; all earlier ones have been replied to. A worker that is gone says so in `take`."""
+
+    @abstractmethod
+    def take(self) -> Reply:
+        """Wait for the reply to the next order. If Ctrl-C interrupts it, it can be called again.
+
+        Raises:
+            WorkerDiedError: it is gone.
+        """
+
+    @abstractmethod
+    def end(self) -> None:
+        """End at once; may be called again."""
+
+
+class InProcess(Worker):
+    """Environments in the calling process. An order is obeyed when its reply is taken."""
+
+    def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
+        self._group = EnvironmentGroup(recipe, indices)
+        self._orders: deque[Order] = deque()
+
+    def describe(self) -> Description:
+        return self._group.describe()
+
+    def give(self, orders: Sequence[Order]) -> None:
+        self._orders.extend(orders)
+
+    def take(self) -> Reply:
+        reply = self._group.do(self._orders[0])  # stays there if Ctrl-C interrupts it
+        self._orders.popleft()
+        return reply
+
+    def end(self) -> None:
+        self._orders.clear()

@@ -1,0 +1,203 @@
+"""Vectors with worker processes: the same bits for any number, and what remains when something ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from counting_envs import FAILING, KILLED, REFUSED, CountingAgents, CountingEnv, SeededEnv
+
+import coopsim
+from coopsim.envs.vector.process import Process
+from coopsim.errors import InvalidActionError, LostEnvironmentsError, UnknownNameError
+from coopsim.types import Tracks
+from coopsim.wire.actions import pack_tracks
+
+IDLE = {"tracks": pack_tracks(Tracks.empty())}
+
+
+def acts(*actions: float) -> Any:
+    return np.array(actions, np.float32)[:, None]
+
+
+def leaves(tree: Any) -> Iterator[bytes]:
+    """Everything in a tree, as bytes."""
+    if isinstance(tree, dict):
+        for key in sorted(tree):
+            yield str(key).encode()
+            yield from leaves(tree[key])
+    elif isinstance(tree, (list, tuple)):
+        for part in tree:
+            yield from leaves(part)
+    else:
+        array = np.asarray(tree)
+        yield f"{array.dtype}{array.shape}".encode()
+        yield array.tobytes()
+
+
+def played(workers: int, **options: Any) -> list[bytes]:
+    """The bits of three environments over two episodes."""
+    chosen = {"lidar": "VLP-16", "lidar_columns": 128, "vehicles": 8, "max_cycles": 3, "detector": "simulated"}
+    with coopsim.vector("crossing", 3, workers=workers, **chosen, **options) as vector:
+        bits = list(leaves(vector.reset(seed=4)))
+        for _ in range(6):
+            now = vector.step([dict.fromkeys(agents, IDLE) for agents in vector.get_attr("agents")])
+            bits += leaves(now)
+    return bits
+
+
+def test_the_same_bits_for_any_number_of_workers() -> None:
+    here = played(0)
+    assert len(here) > 1000
+    for workers in (2, 3):
+        assert played(workers) == here
+
+
+@pytest.fixture(scope="module")
+def vector() -> Iterator[Any]:
+    """Four environments of two workers, which tests reset and leave usable."""
+    with coopsim.vector(CountingEnv, 4, workers=2, length=50, size=50_000) as made:
+        yield made
+
+
+def test_processes_do_as_the_calling_one(vector: Any) -> None:
+    with coopsim.vector(CountingEnv, 4, workers=0, length=50, size=50_000) as here:
+        observations, infos = vector.reset(seed=[1, 2, 3, 4])
+        wanted, _ = here.reset(seed=[1, 2, 3, 4])
+        np.testing.assert_array_equal(observations[:, 1:], wanted[:, 1:])
+        assert infos["seed"].tolist() == [1, 2, 3, 4]
+        with pytest.raises(InvalidActionError, match="environment 2: action must be >= 0"):
+            vector.step(acts(1, 2, REFUSED, 4))
+        observations, rewards, *_, infos = vector.step(acts(8, 8, 3, 8))
+        wanted, *_ = here.step(acts(1, 2, 3, 4))
+        np.testing.assert_array_equal(observations[:, 1:], wanted[:, 1:])
+        assert rewards.tolist() == [1, 2, 3, 4]
+    assert len({*infos["pid"].tolist(), os.getpid()}) == 3
+
+
+def test_an_error_in_a_worker_is_reported_with_its_traceback(vector: Any) -> None:
+    vector.reset(seed=0)
+    with pytest.raises(LostEnvironmentsError, match=r"lost environment 1: Traceback(?s:.*)counting_envs(?s:.*)broke"):
+        vector.step(acts(1, FAILING, 1, 1))
+    observations, *_ = vector.step(acts(1, 1, 1, 1))
+    np.testing.assert_array_equal(observations[:, 1], [2, 0, 2, 2])
+
+
+@pytest.mark.parametrize("killer", ["itself", "outside"])
+def test_a_worker_that_is_killed_takes_no_others_episode_along(vector: Any, killer: str) -> None:
+    vector.reset(seed=0)
+    *_, infos = vector.step(acts(1, 1, 1, 1))
+    pids = infos["pid"].tolist()
+    assert pids[0] == pids[1] != pids[2] == pids[3]
+    if killer == "outside":
+        os.kill(pids[3], signal.SIGKILL)
+    with pytest.raises(LostEnvironmentsError, match=r"lost environments 2, 3: the worker died \(SIGKILL\)") as raised:
+        vector.step(acts(2, 2, 2, KILLED if killer == "itself" else 2))
+    observations, rewards, terminations, truncations, infos = raised.value.results
+    assert rewards.tolist() == [2, 2, 0, 0] and not terminations.any()
+    assert truncations.tolist() == [False, False, True, True]
+    np.testing.assert_array_equal(observations[:, 1], [2, 2, 1, 1])
+    observations, *_ = vector.step(acts(1, 1, 1, 1))  # begins the next episodes of those that were lost
+    np.testing.assert_array_equal(observations[:, 1], [3, 3, 0, 0])
+    observations, *_, infos = vector.step(acts(1, 1, 1, 1))
+    np.testing.assert_array_equal(observations[:, 1], [4, 4, 1, 1])
+    assert infos["pid"].tolist()[:2] == pids[:2] and infos["pid"][2] not in pids
+
+
+def test_a_lost_environments_next_episode_is_the_one_it_would_have_had() -> None:
+    with (
+        coopsim.vector(SeededEnv, 2, workers=1) as vector,
+        coopsim.vector(SeededEnv, 2, workers=0) as whole,
+    ):
+        vector.reset(seed=3), whole.reset(seed=3)
+        with pytest.raises(LostEnvironmentsError):
+            vector.step(acts(KILLED, 1))
+        drawn, _ = whole.reset()
+        observations, *_ = vector.step(acts(1, 1))
+        np.testing.assert_array_equal(observations[:, 2], drawn[:, 2])
+
+
+def test_what_cannot_be_made_raises_its_own_error() -> None:
+    with pytest.raises(UnknownNameError, match="unknown option 'vehicels'"):
+        coopsim.vector("crossing", 2, workers=1, vehicels=3)
+
+
+PROGRAM = """
+import signal
+import coopsim
+from counting_envs import SLOW, CountingAgents
+
+def wrapped(env):  # of this script, which no worker imports
+    return env
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+vector = coopsim.vector(CountingAgents, 2, workers=1, wrap=wrapped)
+vector.reset(seed=0)
+print("ready", flush=True)
+vector.step([{"a": SLOW, "b": 0.0}] * 2)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_nothing_is_left_behind(tmp_path: Path, how: signal.Signals) -> None:
+    """Neither processes nor shared memory, when the program is interrupted or killed."""
+    script = tmp_path / "script.py"
+    script.write_text(PROGRAM)
+    before = shared_memory()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(place or os.getcwd() for place in sys.path)}
+    program = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+    assert program.stdout is not None and program.stderr is not None
+    assert program.stdout.readline() == "ready\n"
+    time.sleep(0.2)
+    workers = psutil.Process(program.pid).children(recursive=True)
+    assert len(workers) == 1
+    program.send_signal(how)
+    errors = program.communicate(timeout=20)[1]
+    assert ("KeyboardInterrupt" in errors) == (how == signal.SIGINT)
+    assert "Exception ignored" not in errors and "ResourceWarning" not in errors
+    assert psutil.wait_procs(workers, timeout=10)[1] == []
+    assert shared_memory() == before
+
+
+def shared_memory() -> list[str]:
+    return sorted(os.listdir("/dev/shm")) if os.path.isdir("/dev/shm") else []
+
+
+def test_an_interrupted_step_can_be_taken_up(vector: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a notebook: no environment is stepped twice, and none is passed over."""
+    vector.reset(seed=0)
+    take, taken = Process.take, []
+
+    def interrupted(worker: Process) -> Any:
+        if len(taken) == 1:
+            raise KeyboardInterrupt
+        taken.append(worker)
+        return take(worker)
+
+    monkeypatch.setattr(Process, "take", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        vector.step(acts(1, 2, 3, 4))
+    monkeypatch.undo()
+    observations, rewards, *_ = vector.step(acts(9, 9, 9, 9))
+    np.testing.assert_array_equal(observations[:, 1], [1, 1, 1, 1])
+    assert rewards.tolist() == [1, 2, 3, 4]
+
+
+def test_the_end_without_close() -> None:
+    """A vector that nobody has any more ends its workers."""
+    before = set(psutil.Process().children())
+    vector = coopsim.vector(CountingAgents, 1, workers=1)
+    (worker,) = set(psutil.Process().children()) - before
+    del vector
+    assert not worker.is_running()
