@@ -1,0 +1,113 @@
+"""Wrappers that give learners observations and actions of fixed shapes.
+
+All but `Driving` take the parallel environment (`coopsim.parallel_env`) as well as the single-agent one
+(`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same kind.
+
+| wrapper | observations | actions |
+|---|---|---|
+| `FixedSize` | the nearest or surest boxes in rows of fixed number: a `Dict` of `Box` | |
+| `BevImage` | a square picture around the agent: a `Box` (C, H, W) | |
+| `Flatten` | all of these as one (N,) `Box`; a picture by itself stays one | |
+| `Driving` | | maneuvers alone, a `Discrete`; a policy tracks |
+| `FixedTracks` | | tracks, and the maneuver of a driver, as one (N,) `Box` |
+
+`FixedSize` and `BevImage` around each other give a `Dict` with the arrays of both. What changes actions comes first:
+
+```python
+env = coopsim.parallel_env("crossing", control="policy")
+env = Flatten(FixedSize(Driving(env, tracker="late_fusion"), detections=16, order="surest"))
+```
+
+No truth is in any of it: all comes from the agent's own observation, and the map is placed by its estimated pose.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+
+from coopsim.envs.options import sort_options
+from coopsim.envs.wrappers.bev_image import BevImageView
+from coopsim.envs.wrappers.driving import Driving
+from coopsim.envs.wrappers.fixed_size import FixedSizeView
+from coopsim.envs.wrappers.flat import FlatForm
+from coopsim.envs.wrappers.forms import ActionForm, ObservationForm, cooperative_env
+from coopsim.envs.wrappers.parallel_wrappers import ActingParallel, ObservingParallel
+from coopsim.envs.wrappers.single_wrappers import ActingSingle, ObservingSingle
+from coopsim.envs.wrappers.track_rows import TrackRows
+from coopsim.envs.wrappers.view import View, Views
+
+__all__ = ["BevImage", "Driving", "FixedSize", "FixedTracks", "Flatten"]
+
+
+def FixedSize(env: Any, **options: Any) -> Any:
+    """Show the nearest or surest boxes in rows of fixed number; see `coopsim.envs.wrappers.fixed_size`.
+
+    Args:
+        env: a parallel or single-agent environment.
+        **options: fields of `FixedSizeView`: `detections`, `messages`, `received`, `points`, `order`, `reach_m`.
+
+    Raises:
+        InvalidValueError: a value is not accepted, or `env` has other observations than coopsim's.
+        UnknownNameError: there is no such option or order; the message lists those that there are.
+    """
+    return _viewed(env, _made(FixedSizeView, options))
+
+
+def BevImage(env: Any, **options: Any) -> Any:
+    """Show a square picture around the agent, heading up; see `coopsim.envs.wrappers.bev_image`.
+
+    Args:
+        env: a parallel or single-agent environment.
+        **options: fields of `BevImageView`: `size`, `metres`, `channels`, `dtype`.
+
+    Raises:
+        InvalidValueError: a value is not accepted, or `env` has other observations than coopsim's.
+        UnknownNameError: there is no such option, channel or dtype; the message lists those that there are.
+    """
+    return _viewed(env, _made(BevImageView, options))
+
+
+def Flatten(env: Any) -> Any:
+    """Show all arrays of an observation as one (N,) float32 array; a picture by itself stays one.
+
+    Args:
+        env: a parallel or single-agent environment within `FixedSize`, `BevImage` or both.
+
+    Raises:
+        InvalidValueError: `env` has observations of no fixed shape.
+    """
+    return _observing(env, FlatForm())
+
+
+def FixedTracks(env: Any, **options: Any) -> Any:
+    """Take tracks as numbers in [-1, 1]; see `coopsim.envs.wrappers.track_rows`.
+
+    Args:
+        env: a parallel or single-agent environment.
+        **options: fields of `TrackRows`: `tracks`, `reach_m`.
+
+    Raises:
+        InvalidValueError: a value is not accepted, or `env` has other actions than coopsim's.
+        UnknownNameError: there is no such option; the message lists those that there are.
+    """
+    form: ActionForm = _made(TrackRows, options)
+    return ActingSingle(env, form) if isinstance(env, gymnasium.Env) else ActingParallel(env, form)
+
+
+def _made(kind: type[Any], options: dict[str, Any]) -> Any:
+    (known,) = sort_options(options, kind)
+    return kind(**known)
+
+
+def _viewed(env: Any, view: View) -> Any:
+    """Show a view; around other views, both."""
+    if isinstance(env, (ObservingParallel, ObservingSingle)) and isinstance(env.form, Views):
+        return _observing(env.env, Views([*env.form.views, view]))
+    return _observing(env, Views([view]))
+
+
+def _observing(env: Any, form: ObservationForm) -> Any:
+    cooperative_env(env)
+    return ObservingSingle(env, form) if isinstance(env, gymnasium.Env) else ObservingParallel(env, form)

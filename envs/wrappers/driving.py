@@ -1,0 +1,118 @@
+"""Driving: agents choose maneuvers alone, and a policy reports their tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper
+
+from coopsim.agents.policy import Policy
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.envs.wrappers.forms import cooperative_env
+from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
+from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
+from coopsim.support.checks import require_instance
+from coopsim.types.maneuvers import MANEUVERS
+
+
+class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
+    """The parallel environment for learners that drive: an action is one of `MANEUVERS`, `Discrete(5)`.
+
+    A policy reports the tracks of all agents. Those that do not drive (roadside units, drones) are left to it, and are
+    not among the agents of this environment. A single-agent environment has `tracker=` for the same.
+
+    Args:
+        env: made with `control="policy"`; its observations and actions are coopsim's own.
+        tracker: the policy, by name or spec ("late_fusion(merge_iou=0.2)") or itself. What it needs of the environment,
+            as another uplink than "detections", the environment was made with.
+
+    Raises:
+        InvalidValueError: `env` is no such environment, no agent drives, or `tracker` is no policy.
+        UnknownNameError: no policy has that name.
+        PolicyMismatchError: the environment lacks what the policy needs.
+    """
+
+    def __init__(self, env: ParallelEnv[str, Any, Any], tracker: str | Policy = "late_fusion") -> None:
+        if isinstance(env, gymnasium.Env):
+            raise InvalidValueError('env must be parallel: make a single-agent one with tracker="late_fusion" instead')
+        super().__init__(env)
+        self._cooperative = cooperative_env(env)
+        self.tracker = _policy(tracker)
+        self.tracker.require(self._cooperative.agent_specs)
+        drivers = [name for name, spec in self._cooperative.agent_specs.items() if spec.drives]
+        if not drivers:
+            raise InvalidValueError('env must have agents that drive: make a simulation with control="policy"')
+        if not all(isinstance(env.action_space(name), spaces.Dict) for name in drivers):
+            raise InvalidValueError("env must have coopsim's own actions, which no wrapper changed")
+        self.possible_agents = drivers
+        self.agents: list[str] = []
+        self._spaces = {name: spaces.Discrete(len(MANEUVERS)) for name in drivers}
+        self._observations: ByAgent = {}
+        self._actions: ByAgent | None = None
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """Return the space of an agent's maneuvers; always the same object."""
+        return self._spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ByAgent, dict[str, dict[str, Any]]]:
+        """Begin an episode; see `CooperativeEnv.reset`."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        used = next(info["seed"] for info in infos.values())
+        self.tracker.reset(self._cooperative.agent_specs, seed=used)
+        self._observed(observations)
+        return self._of_drivers(observations), self._of_drivers(infos)
+
+    def step(self, actions: Mapping[str, Any]) -> Stepped:
+        """Go to the next frame with one maneuver for every agent in `agents`.
+
+        Raises:
+            EpisodeStateError: there is no running episode.
+            InvalidActionError: names the agent and what is wrong. The environment is as it was before.
+        """
+        if not self.agents:
+            raise EpisodeStateError("there is no running episode: call reset to begin one")
+        chosen = self._checked(actions)
+        if self._actions is None:  # a rejected action must not make the tracker see a frame twice
+            self._actions = self.tracker.act(self._observations)
+        taken = dict(self._actions)
+        for name, maneuver in chosen.items():
+            taken[name] = taken[name] | {"maneuver": maneuver}
+        observations, *rest = self.env.step(taken)
+        self._observed(observations)
+        return (self._of_drivers(observations), *(self._of_drivers(each) for each in rest))  # type: ignore[return-value]
+
+    def _observed(self, observations: ByAgent) -> None:
+        present = self.env.agents
+        self._observations = {name: observations[name] for name in present}
+        self._actions = None
+        self.agents = [name for name in present if name in self._spaces]
+
+    def _of_drivers(self, by_agent: ByAgent) -> ByAgent:
+        return {name: each for name, each in by_agent.items() if name in self._spaces}
+
+    def _checked(self, actions: object) -> ByAgent:
+        if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
+            got = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
+            raise InvalidActionError(f"actions are a dict with one maneuver for each of {self.agents}, got {got}")
+        return {name: _number(maneuver) for name, maneuver in actions.items()}
+
+
+def _number(maneuver: Any) -> Any:
+    """Return the number in an array of no dimension, as some learners give it; the environment checks the rest."""
+    return maneuver[()] if isinstance(maneuver, np.ndarray) and maneuver.ndim == 0 else maneuver
+
+
+def _policy(tracker: object) -> Policy:
+    if isinstance(tracker, str):
+        return PolicySpec.parse(tracker).make()
+    require_instance(Policy, tracker=tracker)
+    if not isinstance(tracker, Policy):
+        raise InvalidValueError("tracker must be a policy or its name, got None")
+    return tracker

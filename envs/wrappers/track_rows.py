@@ -1,0 +1,101 @@
+"""FixedTracks: the action as numbers in [-1, 1], for learners that track.
+
+The action is one (N,) float32 array: `tracks` rows of 20 columns, end to end, and then, for a car that its action
+drives, a number for each of `MANEUVERS`, of which the largest is chosen. A row's number is its track's id: to say that
+an object is the same as before, report it in the same row.
+
+| column | from -1 to 1 stands for |
+|---|---|
+| `present` | whether the row is a track: above 0 |
+| `x`, `y` | -`reach_m` to `reach_m`, in the agent's base frame |
+| `z` | -10 m to 10 m, of the middle of the box |
+| `l`, `w`, `h` | 0.1 m to 20 m, 4 m, 5 m |
+| `yaw` | -pi to pi |
+| `vx`, `vy` | -40 m/s to 40 m/s, over ground, in the axes of the base frame |
+| `score` | 0 to 1 |
+| a column for each class | the largest is the class |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopsim.envs.wrappers.forms import ActionForm, AnySpace
+from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import as_numbers, require_finite
+from coopsim.support.checks import require_count, require_positive
+from coopsim.types import Tracks
+from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.taxonomy import CLASS_NAMES
+from coopsim.wire.actions import pack_tracks
+
+TRACK_COLUMNS = ("present", "x", "y", "z", "l", "w", "h", "yaw", "vx", "vy", "score", *CLASS_NAMES)
+
+LEAST_SIZE_M, MOST_SIZE_M = 0.1, np.array([20.0, 4.0, 5.0])
+HIGHEST_M, FASTEST_M_S = 10.0, 40.0
+
+_CLASSES = TRACK_COLUMNS.index("score") + 1
+
+
+@dataclass(kw_only=True, eq=False)
+class TrackRows(ActionForm):
+    """Tracks as rows of a fixed number. See the module for columns.
+
+    Attributes:
+        tracks: number of rows.
+        reach_m: largest x and y.
+    """
+
+    tracks: int = 32
+    reach_m: float = 100.0
+
+    def __post_init__(self) -> None:
+        require_count(1, tracks=self.tracks)
+        require_positive(reach_m=self.reach_m)
+
+    def space(self, inner: AnySpace) -> AnySpace:
+        if not (isinstance(inner, spaces.Dict) and "tracks" in inner.spaces):
+            raise InvalidValueError(f"env must have coopsim's own actions, which no wrapper changed, got {inner}")
+        count = self.tracks * len(TRACK_COLUMNS) + len(MANEUVERS) * ("maneuver" in inner.spaces)
+        return spaces.Box(-1.0, 1.0, (count,), np.float32)
+
+    def act(self, agent: str, action: Any) -> dict[str, Any]:
+        """Return the tracks, and the maneuver if there is one; numbers beyond [-1, 1] are taken as the bound."""
+        length = self.tracks * len(TRACK_COLUMNS)
+        numbers = _checked(agent, action, (length, length + len(MANEUVERS)))
+        rows = numbers[:length].reshape(self.tracks, len(TRACK_COLUMNS))
+        taken: dict[str, Any] = {"tracks": pack_tracks(self._as_tracks(rows))}
+        if len(numbers) > length:
+            taken["maneuver"] = int(np.argmax(numbers[length:]))
+        return taken
+
+    def _as_tracks(self, rows: Floats) -> Tracks:
+        ids = np.flatnonzero(rows[:, 0] > 0)
+        rows = rows[ids]
+        center = rows[:, 1:4] * [self.reach_m, self.reach_m, HIGHEST_M]
+        size = LEAST_SIZE_M + (rows[:, 4:7] + 1) / 2 * (MOST_SIZE_M - LEAST_SIZE_M)
+        boxes = Boxes3D(center, size, rows[:, 7] * np.pi)
+        return Tracks(
+            ids, boxes, rows[:, 8:10] * FASTEST_M_S, (rows[:, 10] + 1) / 2, np.argmax(rows[:, _CLASSES:], axis=1)
+        )
+
+
+def _checked(agent: str, action: Any, lengths: tuple[int, int]) -> NDArray[np.float64]:
+    """Return an action as numbers in [-1, 1]."""
+    try:
+        numbers = as_numbers(action, np.float64, "action")
+        require_finite(numbers, "action")
+    except CoopsimError as error:
+        raise InvalidActionError(f"{agent}: {error}") from error
+    if numbers.ndim != 1 or len(numbers) not in lengths:
+        accepted = " or, for a car that it drives, ".join(f"({length},)" for length in lengths)
+        raise InvalidActionError(f"{agent}: action must have shape {accepted}, got {numbers.shape}")
+    clipped: NDArray[np.float64] = np.clip(numbers, -1.0, 1.0)
+    return clipped
