@@ -12,11 +12,10 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from coopsim.agents.policy import Policy
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.envs.single.cast import Cast
 from coopsim.envs.wrappers.forms import cooperative_env
 from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
-from coopsim.support.checks import require_instance
 from coopsim.types.maneuvers import MANEUVERS
 
 
@@ -28,8 +27,8 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
 
     Args:
         env: made with `control="policy"`; its observations and actions are coopsim's own.
-        tracker: the policy, by name or spec ("late_fusion(merge_iou=0.2)") or itself. What it needs of the environment,
-            as another uplink than "detections", the environment was made with.
+        tracker: the policy, by name or spec ("late_fusion(merge_iou=0.2)") or itself, of which a copy is made. What it
+            needs of the environment, as another uplink than "detections", the environment was made with.
 
     Raises:
         InvalidValueError: `env` is no such environment, no agent drives, or `tracker` is no policy.
@@ -42,13 +41,20 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
             raise InvalidValueError('env must be parallel: make a single-agent one with tracker="late_fusion" instead')
         super().__init__(env)
         self._cooperative = cooperative_env(env)
-        self.tracker = _policy(tracker)
+        made = Cast.make(tracker, others=None).tracker
+        if made is None:
+            raise InvalidValueError("tracker must be a policy or its name, got None")
+        self.tracker = made
         self.tracker.require(self._cooperative.agent_specs)
         drivers = [name for name, spec in self._cooperative.agent_specs.items() if spec.drives]
         if not drivers:
             raise InvalidValueError('env must have agents that drive: make a simulation with control="policy"')
-        if not all(isinstance(env.action_space(name), spaces.Dict) for name in drivers):
-            raise InvalidValueError("env must have coopsim's own actions, which no wrapper changed")
+        for kind in ("action", "observation"):
+            if not all(
+                getattr(env, f"{kind}_space")(name) is getattr(self._cooperative, f"{kind}_space")(name)
+                for name in drivers
+            ):
+                raise InvalidValueError(f"env must have coopsim's own {kind}s, which no wrapper changed")
         self.possible_agents = drivers
         self.agents: list[str] = []
         self._spaces = {name: spaces.Discrete(len(MANEUVERS)) for name in drivers}
@@ -107,12 +113,3 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
 def _number(maneuver: Any) -> Any:
     """Return the number in an array of no dimension, as some learners give it; the environment checks the rest."""
     return maneuver[()] if isinstance(maneuver, np.ndarray) and maneuver.ndim == 0 else maneuver
-
-
-def _policy(tracker: object) -> Policy:
-    if isinstance(tracker, str):
-        return PolicySpec.parse(tracker).make()
-    require_instance(Policy, tracker=tracker)
-    if not isinstance(tracker, Policy):
-        raise InvalidValueError("tracker must be a policy or its name, got None")
-    return tracker

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -32,6 +33,10 @@ class ObservationForm(ABC):
     @abstractmethod
     def observe(self, agent: str, observation: Any) -> Any:
         """Return an agent's observation in this form; called once for each of its observations, in order."""
+
+    def observe_all(self, observations: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the observations of one frame, by agent, in this form. By default `observe` is called for each."""
+        return {name: self.observe(name, observation) for name, observation in observations.items()}
 
 
 class ActionForm(ABC):

@@ -37,15 +37,12 @@ class ObservingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[mis
         """Begin an episode; see `CooperativeEnv.reset`."""
         observations, infos = self.env.reset(seed=seed, options=options)
         self.form.begin(self._cooperative)
-        return self._observed(observations), infos
+        return self.form.observe_all(observations), infos
 
     def step(self, actions: ByAgent) -> Stepped:
         """Go to the next frame; see `CooperativeEnv.step`."""
         observations, *rest = self.env.step(actions)
-        return (self._observed(observations), *rest)
-
-    def _observed(self, observations: ByAgent) -> ByAgent:
-        return {name: self.form.observe(name, each) for name, each in observations.items()}
+        return (self.form.observe_all(observations), *rest)
 
 
 class ActingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped

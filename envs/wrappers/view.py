@@ -95,8 +95,13 @@ class Views(ObservationForm):
             view.begin(env.road_map)
 
     def observe(self, agent: str, observation: Mapping[str, Any]) -> Any:
-        unpacked = self._format.unpack(observation)
-        self._inbox.follow(agent, unpacked)
-        scene = Scene(unpacked, self._inbox, agent)
+        return self.observe_all({agent: observation})[agent]
+
+    def observe_all(self, observations: Mapping[str, Any]) -> dict[str, Any]:
+        unpacked = self._format.unpack_all(observations)
+        return {name: self._show(Scene(observation, self._inbox, name)) for name, observation in unpacked.items()}
+
+    def _show(self, scene: Scene) -> Any:
+        self._inbox.follow(scene.agent, scene.observation)
         shown = {name: array for view in self.views for name, array in view.show(scene).items()}
         return shown if self._alone is None else shown[self._alone]
