@@ -15,7 +15,7 @@ from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.geometry.se3_batch import SE3Batch
-from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.localization.odometry_frame import OdometryFrame, stated_poses
 from coopsim.support.checks import require_flag
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurements
@@ -128,10 +128,9 @@ def _measurements(
 
 def within_reach(observation: Observation) -> list[Message]:
     """Return the messages with a stated sender pose within `FARTHEST_M` of the receiver."""
-    inbox = observation.inbox
-    away_m = np.reshape([each.pose.xyz_yaw for each in inbox], (-1, 4))[:, :3] - observation.pose.xyz_yaw[:3]
+    away_m = stated_poses(observation.inbox)[:, :3] - observation.pose.xyz_yaw[:3]
     farthest_m: Floats = np.abs(away_m).max(axis=1)
-    return list(compress(inbox, (farthest_m <= FARTHEST_M).tolist()))
+    return list(compress(observation.inbox, (farthest_m <= FARTHEST_M).tolist()))
 
 
 def covers(boxes: Boxes3D, point_m: Floats) -> Mask:

@@ -7,7 +7,7 @@ from numba import njit
 
 from coopsim.geometry.iou import bev_overlap
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 
 _CORNERS = 16  # room for the corners of a clipped rectangle, and for what rounding may add
 
@@ -72,3 +72,13 @@ def weighted_means(values: Floats, weight: Floats, group: Ints, count: int) -> F
         for column in range(values.shape[1]):
             mean[group[row], column] += share * values[row, column]
     return mean
+
+
+@njit(cache=True, nogil=True)
+def seen_by_any(seen_by: Mask, group: Ints, count: int) -> Mask:
+    """Return which agents (count, A) saw a row of each group, of rows (N, A) by group (N,)."""
+    seen = np.zeros((count, seen_by.shape[1]), dtype=np.bool_)
+    for row in range(len(seen_by)):
+        for agent in range(seen_by.shape[1]):
+            seen[group[row], agent] |= seen_by[row, agent]
+    return seen

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.fusion.duplicates import owners, weighted_means
+from coopsim.fusion.duplicates import owners, seen_by_any, weighted_means
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
-from coopsim.types import Detections, Ints, Mask
+from coopsim.types import Detections, Ints
 from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.groups import DetectionGroups
 
@@ -65,7 +65,7 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
         best.label,
         best.covariance,
         None if embedding is None else _first_embedding(embedding[order], number),
-        None if seen_by is None else _seen_by(seen_by[order], number, len(best)),
+        None if seen_by is None else seen_by_any(seen_by[order], number, len(best)),
     )
 
 
@@ -89,11 +89,3 @@ def _first_embedding(embedding: Floats, number: Ints) -> Floats:
     _, first = np.unique(number[order], return_index=True)
     chosen: Floats = embedding[order[first]]
     return chosen
-
-
-def _seen_by(seen_by: Mask, number: Ints, count: int) -> Mask:
-    """Return which agents (count, A) saw any of each merged box's boxes, seen by (N, A), by number (N,)."""
-    rows, agents = np.nonzero(seen_by)
-    seen = np.zeros((count, seen_by.shape[1]), dtype=bool)
-    seen[number[rows], agents] = True
-    return seen

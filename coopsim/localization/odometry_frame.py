@@ -40,11 +40,16 @@ class OdometryFrame:
         return self._path[min(self._path, key=lambda known_ns: abs(known_ns - time_ns))]
 
     def positions_at(self, times_ns: Sequence[int]) -> Floats:
-        """Return the remembered positions (M, 3) m nearest in time to M times."""
+        """Return the remembered positions (M, 3) m nearest in time to M times, at least one."""
         known = {time_ns: self.pose_at(time_ns).translation for time_ns in set(times_ns)}
-        return np.reshape([known[time_ns] for time_ns in times_ns], (-1, 3))
+        return np.concatenate([known[time_ns] for time_ns in times_ns]).reshape(-1, 3)
 
     def odom_SE3_senders(self, messages: Sequence[Message], observation: Observation) -> SE3Batch:
         """Return each sender's pose at capture, by its *estimated* pose then and the receiver's estimated pose now."""
-        world_SE3_senders = SE3Batch.from_xyz_yaw(np.reshape([each.pose.xyz_yaw for each in messages], (-1, 4)))
+        world_SE3_senders = SE3Batch.from_xyz_yaw(stated_poses(messages))
         return world_SE3_senders.seen_from(self.odom_SE3_base.compose(observation.pose.world_SE3_base.inverse()))
+
+
+def stated_poses(messages: Sequence[Message]) -> Floats:
+    """Return the senders' estimates of their poses at capture (M, 4): x, y, z m and heading rad."""
+    return np.concatenate([np.zeros(0), *(each.pose.xyz_yaw for each in messages)]).reshape(-1, 4)

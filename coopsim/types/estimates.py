@@ -83,7 +83,7 @@ class Detections:
         the detections of parts without embeddings, or with embeddings of another length than the first part's.
         `seen_by` is dropped: the parts need not count the same agents.
         """
-        full = [part for part in parts if len(part)]
+        full = [part for part in parts if len(part.score)]
         if not full:
             return cls.empty()
         if len(full) == 1:

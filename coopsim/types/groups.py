@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import overload
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import cast, overload
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class DetectionGroups(Sequence[Detections]):
     joined: Detections
     starts: Ints
     parts: tuple[Detections, ...] | None = None
+    _group: Ints | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, groups: Iterable[Detections]) -> DetectionGroups:
@@ -37,14 +39,15 @@ class DetectionGroups(Sequence[Detections]):
         if isinstance(groups, DetectionGroups):
             return groups
         parts = tuple(groups)
-        starts = np.zeros(len(parts) + 1, dtype=np.int64)
-        np.cumsum([len(part) for part in parts], out=starts[1:])
+        starts = np.array([0, *accumulate(len(part.score) for part in parts)])
         return cls(Detections.concatenate(parts), starts, None if are_alike(parts) else parts)
 
     @property
     def group(self) -> Ints:
         """The number (N,) of the group of each row of `joined`."""
-        return np.repeat(np.arange(len(self)), np.diff(self.starts))
+        if self._group is None:
+            object.__setattr__(self, "_group", np.repeat(np.arange(len(self)), np.diff(self.starts)))
+        return cast(Ints, self._group)
 
     def __len__(self) -> int:
         return len(self.starts) - 1
@@ -96,6 +99,6 @@ def are_alike(parts: Iterable[Detections]) -> bool:
     """Return whether all parts with detections have the same columns, and none has `seen_by`, so that no part of their
     concatenation gains or lacks anything.
     """
-    full = [part for part in parts if len(part)]
+    full = [part for part in parts if len(part.score)]
     kinds = {(part.covariance is None, None if part.embedding is None else part.embedding.shape[1]) for part in full}
     return len(kinds) <= 1 and all(part.seen_by is None for part in full)
