@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
@@ -124,15 +124,26 @@ class ExpectReturns(LidarSensing):
     ) -> None:
         self._config = config
         down = BeamPattern("looking down", config.beams.elevation_rad - drone_pitch_rad)
-        self._sights = {
-            kind: LineOfSight(static, beams, config.columns, config.max_range_m, weather)
-            for kind, beams in (("cav", config.beams), ("rsu", config.beams), ("drone", down))
-        }
+        self._sights = [
+            (LineOfSight(static, beams, config.columns, config.max_range_m, weather), kinds)
+            for beams, kinds in ((config.beams, ("cav", "rsu")), (down, ("drone",)))
+        ]
 
     def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
         """Estimate the returns by lines of sight; see `LidarSensing.sense`."""
-        return {name: LidarReading(self._returns(actors, body)) for name, body in bodies.items()}
+        readings: dict[str, LidarReading] = {}
+        for sight, kinds in self._sights:
+            carriers = [body for body in bodies.values() if body.kind in kinds]
+            if carriers:
+                own_ids = [body.actor_id for body in carriers]
+                returns = sight.expected_returns_of_all(self._origins_m(carriers), actors, own_ids)
+                readings |= {body.name: LidarReading(each) for body, each in zip(carriers, returns, strict=True)}
+        return {name: readings[name] for name in bodies}
 
-    def _returns(self, actors: Actors, body: AgentBody) -> Ints:
-        at = body.world_SE3_base.apply(self._config.base_SE3_sensor(body.height_m).translation)
-        return self._sights[body.kind].expected_returns(at, actors, body.actor_id)
+    def _origins_m(self, bodies: Sequence[AgentBody]) -> Floats:
+        """Return the places (A, 3) of the agents' LiDARs in the world frame."""
+        turn = np.array([body.world_SE3_base.rotation for body in bodies])
+        shift = np.array([body.world_SE3_base.translation for body in bodies])
+        mounts_m = np.array([self._config.mount_m(body.height_m) for body in bodies])
+        origins_m: Floats = np.einsum("aij,aj->ai", turn, mounts_m) + shift
+        return origins_m

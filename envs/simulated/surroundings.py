@@ -114,7 +114,8 @@ def _move(
                 along = x * turn[a, axis, 0] + y * turn[a, axis, 1] + z * turn[a, axis, 2]
                 moved[count, axis] = along + shift[a, axis]
             for axis in range(2):
-                driven[count, axis] = velocity[n, 0] * turn[a, axis, 0] + velocity[n, 1] * turn[a, axis, 1]
+                # From 0.0, as sums begin, lest a standing actor have the velocity -0.0.
+                driven[count, axis] = 0.0 + velocity[n, 0] * turn[a, axis, 0] + velocity[n, 1] * turn[a, axis, 1]
             row[count] = n
             count += 1
         start[a + 1] = count

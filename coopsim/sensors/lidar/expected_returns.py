@@ -19,7 +19,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import is_closed
 from coopsim.sensors.weather import Weather
-from coopsim.types import Ints, Mask
+from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, StaticPart
 
 _ACROSS = np.array([-0.4, 0.0, 0.4])
@@ -32,6 +32,8 @@ _BOUNCED = 0.24
 """Mean reflectivity times cosine of incidence of LiDARs' hits on actors at the crossing and on the highway."""
 
 _REFERENCE_M, _DROPOUT_ENERGY = 50.0, 0.02  # the defaults of `LidarConfig`
+
+_NOBODY = -1
 
 _SLACK_M = 1e-3  # for rounding, in the preselection of obstacles
 
@@ -69,15 +71,27 @@ class LineOfSight:
             actors: N of them.
             own_id: the actor that carries the sensor: it gives no returns and hides nothing.
         """
+        origins_m = np.asarray(origin_m, dtype=np.float64)[None]
+        return self.expected_returns_of_all(origins_m, actors, [own_id])[0]
+
+    def expected_returns_of_all(self, origins_m: Floats, actors: Actors, own_ids: Sequence[int | None]) -> Ints:
+        """Return the expected numbers (A, N) of returns of each of A sensors from each of N actors.
+
+        Args:
+            origins_m: (A, 3) the sensors' positions in the world frame.
+            actors: N of them.
+            own_ids: (A,) the actors that carry the sensors: each gives its own no returns and hides nothing from it.
+        """
         boxes = actors.boxes.array
-        others = actors.id != (-1 if own_id is None else own_id)
+        own_id = np.array([_NOBODY if own is None else own for own in own_ids], np.int64)
         obstacles = np.concatenate([boxes, self._scenery])
-        blocks = np.concatenate([others, np.ones(len(self._scenery), dtype=np.bool_)])
-        distance_m = np.linalg.norm(boxes[:, :3] - origin_m, axis=1)
-        near = others & (distance_m <= self._range_m)
-        share = _visible_shares(np.asarray(origin_m, dtype=np.float64), boxes, near, obstacles, blocks, _ACROSS, _UP)
-        rays = self._columns_over(origin_m, boxes) * self._beams_over(origin_m, boxes)
-        returns: Ints = np.floor(rays * share * self._share_returned(distance_m)).astype(np.int64)
+        shares, distance_m = _visible_shares(origins_m, actors.id, own_id, self._range_m, obstacles, _ACROSS, _UP)
+        sensor, seen = np.nonzero(shares)
+        away, box = boxes[seen, :3] - origins_m[sensor], boxes[seen]
+        rays = self._columns_over(away, box) * self._beams_over(away, box)
+        share = shares[sensor, seen] * self._share_returned(distance_m[sensor, seen])
+        returns = np.zeros(shares.shape, np.int64)
+        returns[sensor, seen] = np.floor(rays * share)
         return returns
 
     def _share_returned(self, distance_m: Floats) -> Floats | float:
@@ -89,22 +103,23 @@ class LineOfSight:
         share: Floats = -np.expm1(-energy / _DROPOUT_ENERGY)
         return share
 
-    def _columns_over(self, origin_m: Floats, boxes: Floats) -> Floats:
-        toward = boxes[:, :2] - origin_m[:2]
-        distance = np.maximum(np.linalg.norm(toward, axis=1), 1e-6)
-        columns: Floats = 2 * np.arctan2(_width_across(toward, boxes) / 2, distance) / self._step_rad
+    def _columns_over(self, away_m: Floats, boxes: Floats) -> Floats:
+        """Return the number of columns (N,) over boxes (N, 7) whose middles are `away_m` (N, 3) from the sensor."""
+        distance = np.maximum(np.linalg.norm(away_m[:, :2], axis=1), 1e-6)
+        columns: Floats = 2 * np.arctan2(_width_across(away_m, boxes) / 2, distance) / self._step_rad
         return columns
 
-    def _beams_over(self, origin_m: Floats, boxes: Floats) -> Ints:
-        distance = np.linalg.norm(boxes[:, :2] - origin_m[:2], axis=1)
-        middle, half = boxes[:, 2] - origin_m[2], boxes[:, 5] / 2
+    def _beams_over(self, away_m: Floats, boxes: Floats) -> Ints:
+        """Return the number of beams (N,) over the same."""
+        distance = np.linalg.norm(away_m[:, :2], axis=1)
+        middle, half = away_m[:, 2], boxes[:, 5] / 2
         low, high = np.arctan2(middle - half, distance), np.arctan2(middle + half, distance)
         beams: Ints = np.searchsorted(self._elevation, high, "right") - np.searchsorted(self._elevation, low)
         return beams
 
 
 def _width_across(toward: Floats, boxes: Floats) -> Floats:
-    """Return the widths (N,) m of boxes (N, 7) across the directions `toward` (N, 2)."""
+    """Return the widths (N,) m of boxes (N, 7) across the directions `toward` (N, 2 or 3)."""
     aside = np.arctan2(toward[:, 1], toward[:, 0]) - boxes[:, 6]
     width: Floats = boxes[:, 3] * np.abs(np.sin(aside)) + boxes[:, 4] * np.abs(np.cos(aside))
     return width
@@ -123,69 +138,104 @@ def _component_boxes(part: StaticPart) -> list[Floats]:
 
 @njit(cache=True, nogil=True)
 def _visible_shares(
-    origin: Floats, boxes: Floats, wanted: Mask, obstacles: Floats, blocks: Mask, across: Floats, up: Floats
-) -> Floats:
-    """Return the share (N,) of unblocked lines from `origin` to each box (N, 7); 0 for boxes not `wanted` (N,).
+    origins: Floats, ids: Ints, own_id: Ints, range_m: float, obstacles: Floats, across: Floats, up: Floats
+) -> tuple[Floats, Floats]:
+    """Return the shares (A, N) of unblocked lines from each of `origins` to each actor, and the distances (A, N).
 
-    Obstacles (M, 7) begin with the boxes; those in the mask `blocks` (M,) block lines to other boxes. Lines end at all
-    pairs of `across` and `up`.
+    Obstacles (M, 7) begin with the boxes of the actors `ids` (N,); the actor `own_id` (A,) blocks none of its sensor's
+    lines. Lines end at all pairs of `across` and `up`. Shares are 0 for `own_id` and beyond `range_m`.
     """
-    shares = np.zeros(len(boxes))
+    shares, distance_m = np.zeros((len(origins), len(ids))), np.zeros((len(origins), len(ids)))
     cos, sin = np.cos(obstacles[:, 6]), np.sin(obstacles[:, 6])
     radius, farthest = np.hypot(obstacles[:, 3], obstacles[:, 4]) / 2, np.abs(across).max()
-    end, between = np.empty(3), np.empty(len(obstacles), np.int64)
-    for n in range(len(boxes)):
-        if not wanted[n]:
-            continue
-        x, y = boxes[n, 0] - origin[0], boxes[n, 1] - origin[1]
-        distance = max(np.hypot(x, y), 1e-6)
-        x, y = x / distance, y / distance
-        width = boxes[n, 3] * abs(y * cos[n] - x * sin[n]) + boxes[n, 4] * abs(x * cos[n] + y * sin[n])
-        candidates = 0
+    x, y, gap = np.empty(len(obstacles)), np.empty(len(obstacles)), np.empty(len(obstacles))
+    between, end = np.empty(len(obstacles), np.int64), np.empty(3)
+    start = np.empty((len(obstacles), 3))
+    for a in range(len(origins)):
+        origin = origins[a]
         for m in range(len(obstacles)):
+            x[m], y[m] = obstacles[m, 0] - origin[0], obstacles[m, 1] - origin[1]
+            _turn(start[m], origin, obstacles[m], cos[m], sin[m])
+        for n in range(len(ids)):
+            z = obstacles[n, 2] - origin[2]
+            distance_m[a, n] = np.sqrt(x[n] * x[n] + y[n] * y[n] + z * z)
+            if ids[n] == own_id[a]:
+                distance_m[a, n] = x[n] = np.inf  # in nobody's way
+        for n in range(len(ids)):
+            if distance_m[a, n] > range_m:
+                continue
+            distance = max(np.hypot(x[n], y[n]), 1e-6)
+            ux, uy = x[n] / distance, y[n] / distance
+            width = obstacles[n, 3] * abs(uy * cos[n] - ux * sin[n]) + obstacles[n, 4] * abs(ux * cos[n] + uy * sin[n])
             # Most obstacles are farther from the middle line than both are wide, so they block no line.
-            reach = radius[m] + farthest * width + _SLACK_M
-            if m != n and blocks[m] and _is_near(origin, obstacles[m], (x, y, distance), reach):
-                between[candidates] = m
-                candidates += 1
-        clear = 0
-        for i in range(len(across)):
-            for j in range(len(up)):
-                end[0] = boxes[n, 0] - y * across[i] * width
-                end[1] = boxes[n, 1] + x * across[i] * width
-                end[2] = boxes[n, 2] + (up[j] - 0.5) * boxes[n, 5]
-                hidden = False
-                for m in between[:candidates]:
-                    if _cuts(origin, end, obstacles[m], cos[m], sin[m]):
-                        hidden = True
-                        break
-                clear += not hidden
-        shares[n] = clear / (len(across) * len(up))
-    return shares
+            _measure_gaps(gap, x, y, radius, (ux, uy, distance), farthest * width + _SLACK_M)
+            gap[n] = np.inf
+            candidates = 0
+            for m in range(len(obstacles)):
+                if gap[m] <= 0:
+                    between[candidates] = m
+                    candidates += 1
+            clear = 0
+            for i in range(len(across)):
+                for j in range(len(up)):
+                    end[0] = obstacles[n, 0] - uy * across[i] * width
+                    end[1] = obstacles[n, 1] + ux * across[i] * width
+                    end[2] = obstacles[n, 2] + (up[j] - 0.5) * obstacles[n, 5]
+                    hidden = False
+                    for k in range(candidates):
+                        m = between[k]
+                        if _cuts(start[m], end, obstacles[m], cos[m], sin[m]):
+                            between[k], between[0] = between[0], m  # it probably hides the next line's end, too
+                            hidden = True
+                            break
+                    clear += not hidden
+            shares[a, n] = clear / (len(across) * len(up))
+    return shares, distance_m
 
 
 @njit(cache=True, nogil=True)
-def _is_near(start: Floats, box: Floats, line: tuple[float, float, float], reach_m: float) -> bool:
-    """Return whether a box's middle is within `reach_m` of a horizontal line from `start` (unit vector, length)."""
-    dx, dy = box[0] - start[0], box[1] - start[1]
-    along = min(max(dx * line[0] + dy * line[1], 0.0), line[2])
-    aside_x, aside_y = dx - along * line[0], dy - along * line[1]
-    return bool(aside_x * aside_x + aside_y * aside_y <= reach_m * reach_m)
+def _measure_gaps(
+    gap: Floats, x: Floats, y: Floats, radius: Floats, line: tuple[float, float, float], reach_m: float
+) -> None:
+    """Fill `gap` (M,): not above 0 where a place (`x`, `y`) is within `radius` + `reach_m` of a line from the origin.
+
+    The line is horizontal: unit vector and length. There are no branches, so this is compiled to vector instructions.
+    """
+    for m in range(len(gap)):
+        along = min(max(x[m] * line[0] + y[m] * line[1], 0.0), line[2])
+        aside_x, aside_y = x[m] - along * line[0], y[m] - along * line[1]
+        reach = radius[m] + reach_m
+        gap[m] = aside_x * aside_x + aside_y * aside_y - reach * reach
+
+
+@njit(cache=True, nogil=True)
+def _turn(turned: Floats, point: Floats, box: Floats, cos: float, sin: float) -> None:
+    """Fill `turned` (3,): a point (3,) in the axes of a box (7,)."""
+    turned[0] = (point[0] - box[0]) * cos + (point[1] - box[1]) * sin
+    turned[1] = (point[1] - box[1]) * cos - (point[0] - box[0]) * sin
+    turned[2] = point[2] - box[2]
 
 
 @njit(cache=True, nogil=True)
 def _cuts(start: Floats, end: Floats, box: Floats, cos: float, sin: float) -> bool:
-    """Return whether a line between two points meets a box (7,), by its slabs (Kay and Kajiya 1986)."""
+    """Return whether a line meets a box (7,), by its slabs (Kay and Kajiya 1986).
+
+    Args:
+        start: (3,) of the line, in the axes of the box.
+        end: (3,) of the line, in the axes of the world.
+        box: x, y, z, l, w, h, yaw.
+        cos: of the yaw.
+        sin: of the yaw.
+    """
     enter, leave = 0.0, 1.0
     for axis in range(3):
+        a = start[axis]
         if axis == 0:
-            a = (start[0] - box[0]) * cos + (start[1] - box[1]) * sin
             b = (end[0] - box[0]) * cos + (end[1] - box[1]) * sin
         elif axis == 1:
-            a = (start[1] - box[1]) * cos - (start[0] - box[0]) * sin
             b = (end[1] - box[1]) * cos - (end[0] - box[0]) * sin
         else:
-            a, b = start[2] - box[2], end[2] - box[2]
+            b = end[2] - box[2]
         half, run = box[3 + axis] / 2, b - a
         if abs(run) < 1e-12:
             if abs(a) > half:
@@ -193,4 +243,6 @@ def _cuts(start: Floats, end: Floats, box: Floats, cos: float, sin: float) -> bo
             continue
         first, last = (-half - a) / run, (half - a) / run
         enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
-    return enter <= leave
+        if enter > leave:
+            return False
+    return True

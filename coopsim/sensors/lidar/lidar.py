@@ -121,8 +121,12 @@ class LidarConfig:
 
     def base_SE3_sensor(self, body_height_m: float) -> SE3:
         """Return the sensor's pose on an agent whose body is `body_height_m` high."""
-        at = np.array([self.x_m, self.y_m, body_height_m + self.above_m])
-        return SE3(_rotation(2, self.yaw_rad) @ _rotation(1, self.pitch_rad) @ _rotation(0, self.roll_rad), at)
+        rotation = _rotation(2, self.yaw_rad) @ _rotation(1, self.pitch_rad) @ _rotation(0, self.roll_rad)
+        return SE3(rotation, self.mount_m(body_height_m))
+
+    def mount_m(self, body_height_m: float) -> Floats:
+        """Return the sensor's place (3,) in the base frame of an agent whose body is `body_height_m` high."""
+        return np.array([self.x_m, self.y_m, body_height_m + self.above_m])
 
 
 class Lidar:
