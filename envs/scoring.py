@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.envs.frames import AgentFrame
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.types import Tracks
+from coopsim.types import Mask, Tracks
 
 
 class Reward(ABC):
@@ -56,13 +56,14 @@ class Scorer:
     def update(self, frame: Mapping[str, AgentFrame], tracks: Mapping[str, Tracks]) -> dict[str, FrameCounts]:
         """Score the tracks that agents report for one frame; each in the agent's base frame."""
         return {
-            name: self.evaluators[name].update(agent.truth, self._in_region(tracks[name]))
+            name: self.evaluators[name].update(agent.truth, tracks[name], self._in_region(tracks[name]))
             for name, agent in frame.items()
         }
 
-    def _in_region(self, tracks: Tracks) -> Tracks:
-        """Leave out tracks outside the region."""
-        if self._region_m is None or not len(tracks):
-            return tracks
+    def _in_region(self, tracks: Tracks) -> Mask | None:
+        """Return the mask (M,) of tracks inside the region; None: there is no limit."""
+        if self._region_m is None:
+            return None
         x, y = np.abs(tracks.boxes.center[:, :2]).T
-        return tracks[(x <= self._region_m[0]) & (y <= self._region_m[1])]
+        inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
+        return inside

@@ -55,7 +55,7 @@ def giou_bev(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
 
 def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     """Return `iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than the cost of one."""
-    in_space, from_above = _both_overlaps(*_checked(a, b))
+    in_space, from_above = both_overlaps(*_checked(a, b))
     return in_space, from_above
 
 
@@ -139,7 +139,7 @@ def _far(least: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return IoU in 3D and in the BEV as `_all_pairs` does, with each footprint clipped once."""
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2

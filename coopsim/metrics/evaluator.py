@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.metrics.candidate_pairs import CandidatePairs, find_candidate_pairs
-from coopsim.metrics.matching import KEEP_BONUS, match_frame
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.metrics.frame_matching import NO_OBJECTS, Objects, match_next_frame
 from coopsim.metrics.track_log import TrackLog
-from coopsim.support.arrays import look_up
+from coopsim.support.arrays import sealed
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
-from coopsim.types.taxonomy import SUPERCLASS_NUMBERS
-
-_SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +33,7 @@ class FrameCounts:
 
     def as_dict(self) -> dict[str, int]:
         """Return the counts by name."""
-        return asdict(self)
+        return {"tp": self.tp, "fp": self.fp, "fn": self.fn, "idsw": self.idsw, "gt": self.gt}
 
 
 class Evaluator:
@@ -51,11 +48,9 @@ class Evaluator:
 
     def __init__(self, match_iou: float = 0.25) -> None:
         self.log = TrackLog(match_iou)
-        self._object = np.zeros(0, dtype=np.int64)  # ids so far, sorted
-        self._last_track = np.zeros(0, dtype=np.int64)
-        self._last_frame = np.zeros(0, dtype=np.int64)
+        self._memory = NO_OBJECTS
 
-    def update(self, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
+    def update(self, truth: GroundTruth, tracks: Tracks, in_region: Mask | None = None) -> FrameCounts:
         """Score one frame.
 
         Objects that do not count (`GroundTruth.counts`) are left out, and so are the tracks that are on them rather
@@ -65,59 +60,23 @@ class Evaluator:
         Args:
             truth: the objects.
             tracks: the reported tracks, in the same frame of reference.
+            in_region: (M,) the tracks that the evaluation region holds; None: all. The others are left out.
 
         Raises:
             InvalidValueError: boxes are not finite or have no size, ids are not unique, or labels are no classes.
         """
-        truth.validate()
-        tracks.validate()
-        candidates = CandidatePairs.empty()
-        if len(tracks):
-            kinds = _SUPERCLASS[truth.label], _SUPERCLASS[tracks.label]
-            candidates = find_candidate_pairs(truth.boxes, kinds[0], tracks.boxes, kinds[1])
-        if truth.counts is not None and not truth.counts.all():
-            tracks, candidates = self._without_ignored(truth, truth.counts, tracks, candidates)
-            truth = truth.counted
-        if not len(tracks):
-            self.log.append(truth, tracks, candidates)
-            return FrameCounts(0, 0, len(truth), 0, len(truth))
-        frame = len(self.log)
-        self.log.append(truth, tracks, candidates)
-        pairs = candidates[truth.label[candidates.truth] == tracks.label[candidates.track]]
-        slots = self._slots(truth.id)
-        kept = self._last_frame[slots] == frame - 1
-        same = self._last_track[slots][pairs.truth] == tracks.id[pairs.track]
-        weight = pairs.iou_3d + KEEP_BONUS * (kept[pairs.truth] & same)
-        weight[pairs.iou_3d < self.log.match_iou] = 0.0
-        chosen = match_frame(len(truth), len(tracks), pairs.truth, pairs.track, weight)
-        hit = chosen >= 0
-        track = tracks.id[pairs.track[chosen[hit]]]
-        slots = slots[hit]
-        switched = (self._last_frame[slots] >= 0) & (self._last_track[slots] != track)
-        self._last_track[slots], self._last_frame[slots] = track, frame
-        tp = int(hit.sum())
-        return FrameCounts(tp, len(tracks) - tp, len(truth) - tp, int(switched.sum()), len(truth))
+        objects = _objects(truth.boxes, truth.id, truth.label, truth.counts)
+        reported = _objects(tracks.boxes, tracks.id, tracks.label, in_region)
+        match = match_next_frame(self._memory, len(self.log), objects, reported, self.log.match_iou)
+        if not match.sound:
+            truth.validate()  # which say what is wrong
+            tracks.validate()
+        self._memory = match.memory
+        self.log.append(truth, objects.counts, tracks, match.counts, match.pairs)
+        count, made = int(np.count_nonzero(objects.counts)), int(np.count_nonzero(match.counts))
+        return FrameCounts(match.matches, made - match.matches, count - match.matches, match.switches, count)
 
-    def _without_ignored(
-        self, truth: GroundTruth, counts: Mask, tracks: Tracks, candidates: CandidatePairs
-    ) -> tuple[Tracks, CandidatePairs]:
-        """Leave out tracks on objects that do not count, and pairs of these; rows of the rest are numbered anew."""
-        pairs = candidates[truth.label[candidates.truth] == tracks.label[candidates.track]]
-        best = np.zeros((2, len(tracks)))  # 3D IoU with objects that do not count, and with those that do
-        np.maximum.at(best, (counts[pairs.truth].astype(np.int64), pairs.track), pairs.iou_3d)
-        kept = (best[0] < self.log.match_iou) | (best[1] >= best[0])
-        rest = candidates[counts[candidates.truth] & kept[candidates.track]]
-        rows, columns = np.cumsum(counts) - 1, np.cumsum(kept) - 1
-        return tracks[kept], replace(rest, truth=rows[rest.truth], track=columns[rest.track])
 
-    def _slots(self, ids: Ints) -> Ints:
-        """Return the slot (N,) in which each object's last match is kept; new objects get one."""
-        place, known = look_up(self._object, ids)
-        if not known.all():
-            new = np.sort(ids[~known])
-            place = np.searchsorted(self._object, new)
-            self._object = np.insert(self._object, place, new)
-            self._last_track = np.insert(self._last_track, place, 0)
-            self._last_frame = np.insert(self._last_frame, place, -2)
-            place = np.searchsorted(self._object, ids)
-        return place
+def _objects(boxes: Boxes3D, ids: Ints, label: Ints, counts: Mask | None) -> Objects:
+    counts = np.ones(len(ids), np.bool_) if counts is None else np.ascontiguousarray(counts)
+    return Objects(boxes.array, np.ascontiguousarray(ids), np.ascontiguousarray(label), sealed(counts))

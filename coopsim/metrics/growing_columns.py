@@ -27,7 +27,8 @@ class GrowingColumns:
     """
 
     def __init__(self, codes: Mapping[str, str], most_bytes: int = _MOST_BYTES) -> None:
-        self._most_bytes = most_bytes
+        self._most_bytes, self._bytes = most_bytes, 0
+        self._types = {name: np.dtype(code) for name, code in codes.items()}
         self._recent = {name: array(code) for name, code in codes.items()}
         self._file: IO[bytes] | None = None
         self._parts: list[dict[str, int]] = []  # of the file: bytes by column, in order
@@ -35,10 +36,10 @@ class GrowingColumns:
     def append(self, rows: Mapping[str, Any]) -> None:
         """Add values to the end of columns, any number of them to each; they are cast to the columns' types."""
         for name, values in rows.items():
-            if len(values):
-                column = self._recent[name]
-                column.frombytes(np.asarray(values, dtype=column.typecode).tobytes())
-        if sum(len(column) * column.itemsize for column in self._recent.values()) > self._most_bytes:
+            added = np.ascontiguousarray(values, dtype=self._types[name])
+            self._recent[name].frombytes(added.tobytes())
+            self._bytes += added.nbytes
+        if self._bytes > self._most_bytes:
             self._spill()
 
     def column(self, name: str) -> NDArray[Any]:
@@ -64,6 +65,7 @@ class GrowingColumns:
             return
         self._parts.append({name: len(values) for name, values in part.items()})
         self._recent = {name: array(column.typecode) for name, column in self._recent.items()}
+        self._bytes = 0
 
     @staticmethod
     def _write(file: IO[bytes], values: bytes) -> None:

@@ -15,7 +15,7 @@ from coopsim.metrics.candidate_pairs import NEAR_M, CandidatePairs
 from coopsim.metrics.growing_columns import GrowingColumns
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceMatches, frame_of, match_sequence
 from coopsim.support.checks import require_threshold
-from coopsim.types import GroundTruth, Ints, Tracks
+from coopsim.types import GroundTruth, Ints, Mask, Tracks
 
 _TRUTH = {"truth_id": "q", "truth_label": "b", "truth_range_m": "f", "truth_seen_by": "b"}
 _TRACK = {"track_id": "q", "track_label": "b", "track_range_m": "f", "score": "d"}
@@ -48,16 +48,23 @@ class TrackLog:
     def __len__(self) -> int:
         return self._frames
 
-    def append(self, truth: GroundTruth, tracks: Tracks, pairs: CandidatePairs) -> None:
-        """Add a frame, with its candidate pairs of one superclass."""
-        for name, count in zip(_START, (len(truth), len(tracks), len(pairs)), strict=True):
-            self._ends[name] += count
+    def append(self, truth: GroundTruth, true: Mask, tracks: Tracks, reported: Mask, pairs: CandidatePairs) -> None:
+        """Add a frame.
+
+        Args:
+            truth: the objects.
+            true: (N,) those of them that count.
+            tracks: the tracks.
+            reported: (M,) those of them that count.
+            pairs: candidate pairs of one superclass among these.
+        """
         seen_by = np.full(len(truth), -1) if truth.visible_to is None else truth.visible_to
+        objects = [column[true] for column in (truth.id, truth.label, _range_m(truth.boxes), seen_by)]
+        found = [column[reported] for column in (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)]
+        for name, column in zip(_START, (objects[0], found[0], pairs.truth), strict=True):
+            self._ends[name] += len(column)
         ends = ([end] for end in self._ends.values())
-        objects = (truth.id, truth.label, _range_m(truth.boxes), seen_by)
-        reported = (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)
-        candidates = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)
-        self._columns.append(dict(zip(_COLUMNS, (*ends, *objects, *reported, *candidates), strict=True)))
+        self._columns.append(dict(zip(_COLUMNS, (*ends, *objects, *found, *pairs), strict=True)))
         self._frames += 1
 
     def flat(self) -> FlatLog:

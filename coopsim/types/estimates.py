@@ -13,7 +13,8 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.arrays import frozen, require_finite, sealed
-from coopsim.types.taxonomy import require_identified
+from coopsim.types.soundness import are_sound
+from coopsim.types.taxonomy import CLASS_NAMES, require_identified
 from coopsim.types.units import Ints, Mask
 
 
@@ -207,10 +208,9 @@ class Tracks:
         """Raise `InvalidValueError` if a value is not finite, a size not positive, or an id not unique."""
         if not len(self):
             return
-        self.boxes.validate("tracks")
         require_finite(self.velocity, "track velocity")
         require_finite(self.score, "track score")
-        require_identified(self.id, self.label, "track")
+        _require_sound(self.boxes, self.id, self.label, "track")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,8 +266,14 @@ class GroundTruth:
 
     def validate(self) -> None:
         """Raise `InvalidValueError` if a box is not finite, a size not positive, or an id not unique."""
-        self.boxes.validate("objects")
-        require_identified(self.id, self.label, "object")
+        _require_sound(self.boxes, self.id, self.label, "object")
+
+
+def _require_sound(boxes: Boxes3D, ids: Ints, label: Ints, what: str) -> None:
+    """Raise `InvalidValueError` unless the boxes (N,) are valid, the ids (N,) unique, and the labels (N,) classes."""
+    if not are_sound(boxes.array, np.ascontiguousarray(ids), np.ascontiguousarray(label), len(CLASS_NAMES)):
+        boxes.validate(f"{what}s")
+        require_identified(ids, label, what)
 
 
 _KNOWN_TRUTH: dict[str, tuple[tuple[int | None, ...], Any]] = {

@@ -61,7 +61,7 @@ def test_pairs_overlap_or_are_near_and_are_of_one_class() -> None:
             [0, 0, 0, 4, 2, 1.5, 0],  # of another class
         ]
     )
-    found = find_candidate_pairs(boxes[:1], np.array([0]), boxes, np.array([0, 0, 0, 0, 0, 7]))
+    found = find_candidate_pairs(boxes.array[:1], np.array([0]), boxes.array, np.array([0, 0, 0, 0, 0, 7]))
     assert found.truth.tolist() == [0, 0, 0, 0]
     assert found.track.tolist() == [0, 1, 2, 3]
     assert found.iou_3d == pytest.approx([1, 0, 0, 1 / 15])

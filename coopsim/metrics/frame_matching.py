@@ -1,0 +1,152 @@
+"""CLEAR's matching of one frame at a time, compiled: what an evaluator does while an episode runs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.candidate_pairs import CandidatePairs, find_candidate_pairs
+from coopsim.metrics.matching import KEEP_BONUS, match_frame
+from coopsim.types import Ints, Mask
+from coopsim.types.soundness import are_sound
+from coopsim.types.taxonomy import CLASS_NAMES, SUPERCLASS_NUMBERS
+
+_CLASSES = len(CLASS_NAMES)
+_SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
+
+NO_OBJECTS = np.zeros((0, 3), np.int64)
+"""The memory of a sequence before its first frame."""
+
+
+class Objects(NamedTuple):
+    """Objects or tracks of a frame, as contiguous arrays.
+
+    Attributes:
+        boxes: (N, 7) x, y, z, l, w, h, yaw.
+        id: (N,), read-only.
+        label: (N,) classes, read-only.
+        counts: (N,) whether each counts in the score, read-only.
+    """
+
+    boxes: Floats
+    id: Ints
+    label: Ints
+    counts: Mask
+
+
+class FrameMatch(NamedTuple):
+    """The match of one frame.
+
+    Attributes:
+        sound: whether objects and tracks are valid. If not, nothing was matched.
+        counts: (M,) whether each track counts: see `match_next_frame`.
+        pairs: candidate pairs of objects and tracks that count, of one superclass, as rows among these.
+        matches: number of objects with a track.
+        switches: number of these with another track than at their last match.
+        memory: of the objects so far.
+    """
+
+    sound: bool
+    counts: Mask
+    pairs: CandidatePairs
+    matches: int
+    switches: int
+    memory: Ints
+
+
+@njit(cache=True, nogil=True)
+def match_next_frame(memory: Ints, frame: int, truth: Objects, tracks: Objects, least: float) -> FrameMatch:
+    """Match the tracks of a frame, and compare the matches with those of the frames before.
+
+    A track counts if the region holds it (`tracks.counts`), unless it is on an object that does not count rather than
+    on one that does.
+
+    Args:
+        memory: (K, 3) of the objects so far, by id: id, track of the last match, frame of the last match (-2: none
+            yet). It is written to.
+        frame: the frame's number, from 0.
+        truth: the objects.
+        tracks: the reported tracks.
+        least: 3D IoU from which a track is on an object.
+    """
+    sound = are_sound(truth.boxes, truth.id, truth.label, _CLASSES)
+    sound = sound and are_sound(tracks.boxes, tracks.id, tracks.label, _CLASSES)
+    if not sound:
+        nothing, none = np.zeros(0, np.int64), np.zeros(0)
+        pairs = CandidatePairs(nothing, nothing, none, none, none)
+        return FrameMatch(False, np.zeros(0, np.bool_), pairs, 0, 0, memory)
+    pairs = find_candidate_pairs(truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label])
+    counts = _tracks_that_count(truth, tracks, pairs, least)
+    pairs = _among(pairs, truth.counts, counts)
+    truth_id, truth_label = truth.id[truth.counts], truth.label[truth.counts]
+    track_id, track_label = tracks.id[counts], tracks.label[counts]
+    if len(track_id) == 0:
+        return FrameMatch(True, counts, pairs, 0, 0, memory)
+    memory = _with_new_objects(memory, truth_id)
+    place = np.searchsorted(memory[:, 0], truth_id)
+    weight = np.zeros(len(pairs.iou_3d))
+    for p in range(len(weight)):
+        row, column = pairs.truth[p], pairs.track[p]
+        if truth_label[row] != track_label[column] or pairs.iou_3d[p] < least:
+            continue
+        _, track, when = memory[place[row]]
+        kept = when == frame - 1 and track == track_id[column]
+        weight[p] = pairs.iou_3d[p] + KEEP_BONUS if kept else pairs.iou_3d[p]
+    chosen = match_frame(len(truth_id), len(track_id), pairs.truth, pairs.track, weight)
+    matches = switches = 0
+    for row in range(len(truth_id)):
+        if chosen[row] < 0:
+            continue
+        track, before = track_id[pairs.track[chosen[row]]], memory[place[row]]
+        matches += 1
+        switches += before[2] >= 0 and before[1] != track
+        before[1], before[2] = track, frame
+    return FrameMatch(True, counts, pairs, matches, switches, memory)
+
+
+@njit(cache=True, nogil=True)
+def _tracks_that_count(truth: Objects, tracks: Objects, pairs: CandidatePairs, least: float) -> Mask:
+    """Return the mask (M,) of tracks that count, see `match_next_frame`."""
+    ignored, counted = np.zeros(len(tracks.id)), np.zeros(len(tracks.id))
+    for p in range(len(pairs.truth)):
+        row, column = pairs.truth[p], pairs.track[p]
+        if truth.label[row] != tracks.label[column]:
+            continue
+        best = counted if truth.counts[row] else ignored
+        best[column] = max(best[column], pairs.iou_3d[p])
+    return tracks.counts & ((ignored < least) | (counted >= ignored))
+
+
+@njit(cache=True, nogil=True)
+def _among(pairs: CandidatePairs, truth: Mask, tracks: Mask) -> CandidatePairs:
+    """Return the pairs of masked objects (N,) and tracks (M,), as rows among these."""
+    kept = truth[pairs.truth] & tracks[pairs.track]
+    rows, columns = np.cumsum(truth) - 1, np.cumsum(tracks) - 1
+    return CandidatePairs(
+        rows[pairs.truth[kept]],
+        columns[pairs.track[kept]],
+        pairs.iou_3d[kept],
+        pairs.iou_bev[kept],
+        pairs.distance_m[kept],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _with_new_objects(memory: Ints, ids: Ints) -> Ints:
+    """Return the memory with a row for each id; itself, if there is one for all."""
+    new = np.empty(len(ids), np.int64)
+    count = 0
+    for number in ids:
+        place = np.searchsorted(memory[:, 0], number)
+        if place == len(memory) or memory[place, 0] != number:
+            new[count] = number
+            count += 1
+    if count == 0:
+        return memory
+    grown = np.empty((len(memory) + count, 3), np.int64)
+    grown[: len(memory)] = memory
+    grown[len(memory) :, 0], grown[len(memory) :, 1], grown[len(memory) :, 2] = new[:count], 0, -2
+    return grown[np.argsort(grown[:, 0])]
