@@ -9,7 +9,6 @@ A broadcast is one event for all receivers that it reaches alike, so an ideal ch
 from __future__ import annotations
 
 import heapq
-import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.clock import AgentClock
 from coopsim.comms.channel.link import Link
 from coopsim.comms.channel.link_counts import ChannelCounts, LinkCounts
+from coopsim.comms.channel.reach import out_of_range
 from coopsim.comms.envelope import decode_message, encode_message
 from coopsim.comms.radio.air import Air, LinkName
 from coopsim.comms.radio.obstruction import Surroundings
@@ -86,6 +86,7 @@ class _Fan:
     Attributes:
         sender: its number in the counts.
         names: of the receivers.
+        places: (N,) of the receivers among all agents.
         receivers: (N,) their numbers in the counts.
         links: to each receiver.
         wired: (N,) which of them are cables.
@@ -94,6 +95,7 @@ class _Fan:
 
     sender: int
     names: tuple[str, ...]
+    places: Ints
     receivers: Ints
     links: tuple[Link, ...]
     wired: Mask
@@ -141,10 +143,12 @@ class Channel:
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
         probabilities = self._reception_probabilities(wires, around or Surroundings(positions))
+        agents = tuple(positions)
+        far = out_of_range(np.array([*positions.values()]).reshape(-1, 3), self._config.range_m)
         for sender, wire in wires.items():
             self._broadcast_bytes[sender] += len(wire)
-            fan = self._fan(sender, tuple(positions))
-            reception = self._reception(sender, fan, positions, probabilities)
+            fan = self._fan(sender, agents)
+            reception = self._reception(sender, fan, far[agents.index(sender)], probabilities)
             self._queue(sender, fan, self._transmit(fan, wire, reception), len(wire), now_ns)
 
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
@@ -205,6 +209,7 @@ class Channel:
             self._fans[sender] = _Fan(
                 int(self._counts.numbers([sender])[0]),
                 names,
+                np.array([place for place, name in enumerate(agents) if name != sender], dtype=np.int64),
                 self._counts.numbers(names),
                 links,
                 np.array([link.wired for link in links], dtype=np.bool_),
@@ -223,16 +228,19 @@ class Channel:
         }
         return self._air.reception_probabilities(on_air, around)
 
-    def _reception(
-        self, sender: str, fan: _Fan, positions: Mapping[str, Floats], probabilities: Mapping[LinkName, float]
-    ) -> Floats:
-        """Return the probability (N,) that each receiver's radio receives a message; 0 out of range."""
+    def _reception(self, sender: str, fan: _Fan, far: Mask, probabilities: Mapping[LinkName, float]) -> Floats:
+        """Return the probability (N,) that each receiver's radio receives a message; 0 out of range.
+
+        Args:
+            sender: its name.
+            fan: its links.
+            far: (A,) which of all agents are out of its range.
+            probabilities: of the radio, by link.
+        """
         received = np.ones(len(fan.names))
         if probabilities:
             received[:] = [probabilities.get((sender, name), 1.0) for name in fan.names]
-        if math.isfinite(self._config.range_m):
-            away = [positions[name] - positions[sender] for name in fan.names]
-            received[[math.sqrt(part.dot(part)) > self._config.range_m for part in away]] = 0.0
+        received[far[fan.places]] = 0.0
         received[fan.wired] = 1.0
         return received
 
