@@ -79,8 +79,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         try:
             self.ego = _chosen_ego(self.parallel, ego)
             self.policies = _assigned(cast, self.parallel.possible_agents, self.ego)
-            self._drives = self.parallel.agent_specs[self.ego].drives
-            if tracker is not None and not self._drives:
+            specs = self.parallel.agent_specs
+            if tracker is not None and not specs[self.ego].drives:
                 raise InvalidValueError(
                     f"tracker leaves only driving to the ego, and {self.ego} does not drive: leave out tracker, or "
                     'make a simulation with control="policy" and a car as ego'
@@ -90,6 +90,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             raise
         if broadcasts is not None:
             broadcasts.by_agent = {name: each for name, each in self.policies.items() if each.needs.uplink != "none"}
+        self._groups = _groups(self.policies)
+        self._silent = {name: _silence(drives=spec.drives) for name, spec in specs.items() if name not in self.policies}
         self._tracked = tracker is not None
         self.metadata = type(self).metadata | {"render_fps": self.parallel.metadata["render_fps"]}
         self.render_mode = self.parallel.render_mode
@@ -116,7 +118,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         observations, infos = self.parallel.reset(of_episode, options)
         super().reset(seed=None if seed is None else of_episode)
         self._refusal = "the last reset ended halfway in an error: call reset to begin an episode"
-        for policy in dict.fromkeys(self.policies.values()):
+        for policy, _ in self._groups:
             policy.reset(self.parallel.agent_specs, seed=of_episode)
         if self.ego not in observations:
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
@@ -162,17 +164,11 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
 
     def _ask_policies(self) -> dict[str, Packed]:
         """Return the actions of all agents that are present; those without a policy report nothing."""
-        asked: dict[Policy, dict[str, Packed]] = {}
-        actions: dict[str, Packed] = {}
-        for agent in self.parallel.agents:
-            if agent in self.policies:
-                asked.setdefault(self.policies[agent], {})[agent] = self._observations[agent]
-            else:
-                actions[agent] = {"tracks": pack_tracks(Tracks.empty())}
-                if self.parallel.agent_specs[agent].drives:
-                    actions[agent]["maneuver"] = IDLE
-        for policy, observations in asked.items():
-            actions |= policy.act(observations)
+        present = self.parallel.agents
+        actions = {agent: action for agent, action in self._silent.items() if agent in present}
+        for policy, served in self._groups:
+            if seen := {agent: self._observations[agent] for agent in served if agent in present}:
+                actions |= policy.act(seen)
         return actions
 
     def _own(self, packed: Packed) -> Packed:
@@ -205,6 +201,20 @@ def _assigned(cast: Cast, agents: list[str], ego: str) -> dict[str, Policy]:
         require_choice("agent in others", agent, agents)
     assigned = {agent: cast.of(agent, ego=ego) for agent in agents}
     return {agent: policy for agent, policy in assigned.items() if policy is not None}
+
+
+def _groups(policies: Mapping[str, Policy]) -> list[tuple[Policy, list[str]]]:
+    """Return each policy with the agents that it serves, told apart by identity: policies may compare as equal."""
+    served: dict[int, tuple[Policy, list[str]]] = {}
+    for agent, policy in policies.items():
+        served.setdefault(id(policy), (policy, []))[1].append(agent)
+    return list(served.values())
+
+
+def _silence(*, drives: bool) -> Packed:
+    """Return the action that reports nothing and changes nothing."""
+    nothing: Packed = {"tracks": pack_tracks(Tracks.empty())}
+    return nothing | {"maneuver": IDLE} if drives else nothing
 
 
 def _without_empty(space: spaces.Dict) -> spaces.Dict:

@@ -14,6 +14,7 @@ from conftest import SIMULATED, SMALL
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import coopsim
+from coopsim.envs.wrappers import FixedSize, Flatten
 from coopsim.gymnasium_ids import VERSIONED_NAMES
 
 UNBOUNDED = pytest.mark.filterwarnings("ignore:.*A Box observation space m..imum value is -?infinity")
@@ -111,6 +112,23 @@ def test_vectors_step_and_start_again(mode: str, vector_kwargs: dict[str, Any]) 
             assert step[1][k] == reward
             assert data_equivalence(step[0]["detections"][k], observation["detections"], exact=True)
             np.testing.assert_array_equal(step[0]["pose"][k], observation["pose"])
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_vectors_of_boxes_need_no_options(mode: str) -> None:
+    """Wrapped to fixed shapes, observations go through the shared memory that gymnasium uses if not told otherwise."""
+    options = TINY | {"lidar": None, "tracker": "late_fusion", "control": "policy", "others": "late_fusion"}
+    vector = gymnasium.make_vec(
+        "coopsim/crossing-v1", num_envs=2, vectorization_mode=mode, wrappers=[FixedSize, Flatten], **options
+    )
+    try:
+        observations, _ = vector.reset(seed=3)
+        assert observations in vector.observation_space
+        assert [observations.shape, observations.dtype] == [vector.observation_space.shape, np.float32]
+        assert not np.array_equal(*observations)
+        assert vector.step(vector.action_space.sample())[0] in vector.observation_space
+    finally:
+        vector.close()
 
 
 def test_gymnasium_says_what_is_wrong_with_shared_memory() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +150,21 @@ def test_policy_objects_are_copied_and_asked_for_their_agents_only() -> None:
     play(env, NOTHING, seed=0)
     assert env.policies["cav_1"].asked == ["cav_1", "cav_2"] * SMALL["max_cycles"]
     assert not hasattr(given, "asked")
+
+
+def test_policies_that_are_equal_and_have_no_hash_are_told_apart() -> None:
+    @dataclass
+    class Plain(coopsim.Policy):
+        needs = coopsim.Needs(uplink="none")
+        asked: int = 0
+
+        def track(self, agent: str, observation: Any) -> Tracks:
+            self.asked += 1
+            return Tracks.empty()
+
+    env = make(others={"cav_1": Plain(), "cav_2": Plain()})
+    play(env, NOTHING, seed=0)
+    assert [env.policies[agent].asked for agent in ("cav_1", "cav_2")] == [SMALL["max_cycles"]] * 2
 
 
 def test_two_environments_with_one_policy_object_do_not_disturb_each_other() -> None:
