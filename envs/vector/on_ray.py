@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from coopsim.envs.vector.group import Description, EnvironmentGroup, Failure, Order, Reply, failure
 from coopsim.envs.vector.worker import Worker, WorkerDiedError
@@ -15,7 +15,7 @@ from coopsim.support.threads import limit_threads
 
 
 class RayWorkers:
-    """Starts workers on Ray. A Ray that the caller has started is used, and left running.
+    """Starts workers on Ray. A Ray that the caller has started is used, and left running; ours ends with its last user.
 
     Every machine of a cluster needs coopsim, and the packages and scenario files that the environments use.
 
@@ -25,26 +25,33 @@ class RayWorkers:
 
     Raises:
         MissingDependencyError: Ray is not installed.
-        InvalidValueError: there is no cluster at the address, or it has fewer cores than `workers`.
+        InvalidValueError: there is no cluster at the address, or it has fewer free cores than `workers`.
     """
+
+    _ours: ClassVar[int] = 0
+    """Number of users of the Ray that was started here; 0: it is the caller's, or there is none."""
 
     def __init__(self, workers: int, address: str | None) -> None:
         self._ray = import_ray()
-        self._ours = not self._ray.is_initialized()
-        if self._ours:
+        if not self._ray.is_initialized():
             start_ray(self._ray, workers, address)
-        cores = int(self._ray.cluster_resources().get("CPU", 0))
-        if cores < workers:
+            RayWorkers._ours = 1
+        elif RayWorkers._ours:
+            RayWorkers._ours += 1
+        self._ends = RayWorkers._ours > 0
+        free = int(self._ray.available_resources().get("CPU", 0))
+        if free < workers:  # the others would wait for ever
             self.stop()
-            raise InvalidValueError(f"workers must be <= {cores}, the number of cores that Ray has, got {workers}")
+            raise InvalidValueError(f"workers must be <= {free}, the number of cores that Ray has free, got {workers}")
 
     def start(self, recipe: bytes, indices: Sequence[int]) -> Worker:
         """Start a worker."""
-        return RayWorker(self._ray, recipe, indices, {} if self._ours else {"runtime_env": RAY_ENVIRONMENT})
+        return RayWorker(self._ray, recipe, indices, {} if RayWorkers._ours else {"runtime_env": RAY_ENVIRONMENT})
 
     def stop(self) -> None:
-        """Stop Ray, unless it is the caller's."""
-        if self._ours:
+        """Stop Ray, unless it has other users."""
+        RayWorkers._ours -= min(RayWorkers._ours, 1)
+        if self._ends and not RayWorkers._ours:
             self._ray.shutdown()
 
 

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
+import counting_envs
 import numpy as np
 import psutil
 import pytest
@@ -18,7 +20,7 @@ from counting_envs import FAILING, KILLED, REFUSED, CountingAgents, CountingEnv,
 
 import coopsim
 from coopsim.envs.vector.process import Process
-from coopsim.errors import InvalidActionError, LostEnvironmentsError, UnknownNameError
+from coopsim.errors import InvalidActionError, InvalidValueError, LostEnvironmentsError, UnknownNameError
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 
@@ -192,6 +194,31 @@ def test_an_interrupted_step_can_be_taken_up(vector: Any, monkeypatch: pytest.Mo
     observations, rewards, *_ = vector.step(acts(9, 9, 9, 9))
     np.testing.assert_array_equal(observations[:, 1], [1, 1, 1, 1])
     assert rewards.tolist() == [1, 2, 3, 4]
+
+
+def test_on_ray() -> None:
+    """The same observations, errors and deaths as with processes; and Ray ends with the last vector on it."""
+    ray = pytest.importorskip("ray")
+    cloudpickle.register_pickle_by_value(counting_envs)  # Ray's processes do not have our path
+    actions = acts(1, 1, 1)
+    with (
+        coopsim.vector(SeededEnv, 3, workers=0) as here,
+        coopsim.vector(SeededEnv, 3, workers=2, backend="ray") as vector,
+    ):
+        with pytest.raises(InvalidValueError, match="workers must be <= 0, the number of cores that Ray has free"):
+            coopsim.vector(SeededEnv, 1, workers=1, backend="ray")
+        assert list(leaves(vector.reset(seed=0))) == list(leaves(here.reset(seed=0)))
+        for _ in range(6):
+            np.testing.assert_array_equal(vector.step(actions)[0], here.step(actions)[0])
+        vector.reset(seed=0)
+        with pytest.raises(LostEnvironmentsError, match=r"lost environment 1: Traceback(?s:.*)detector broke"):
+            vector.step(acts(1, FAILING, 1))
+        with pytest.raises(LostEnvironmentsError, match=r"lost environment 0: the worker died \(ActorDiedError\)"):
+            vector.step(acts(KILLED, 1, 1))
+        observations, *_ = vector.step(actions)
+        np.testing.assert_array_equal(observations[:2, 1], [0, 1])
+    assert not ray.is_initialized()
+    cloudpickle.unregister_pickle_by_value(counting_envs)
 
 
 def test_the_end_without_close() -> None:
