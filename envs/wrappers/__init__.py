@@ -1,7 +1,7 @@
 """Wrappers that give learners observations and actions of fixed shapes.
 
-All but `Driving` take the parallel environment (`coopsim.parallel_env`) as well as the single-agent one
-(`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same kind.
+All but `Driving` and `WithoutInfos` take the parallel environment (`coopsim.parallel_env`) as well as the single-agent
+one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same kind.
 
 | wrapper | observations | actions |
 |---|---|---|
@@ -10,6 +10,7 @@ All but `Driving` take the parallel environment (`coopsim.parallel_env`) as well
 | `Flatten` | all of these as one (N,) `Box`; a picture by itself stays one | |
 | `Driving` | | maneuvers alone, a `Discrete`; a policy tracks |
 | `FixedTracks` | | tracks, and the maneuver of a driver, as one (N,) `Box` |
+| `WithoutInfos` | the same; infos are empty, as TorchRL needs them | |
 
 `FixedSize` and `BevImage` around each other give a `Dict` with the arrays of both. What changes actions comes first:
 
@@ -37,8 +38,9 @@ from coopsim.envs.wrappers.parallel_wrappers import ActingParallel, ObservingPar
 from coopsim.envs.wrappers.single_wrappers import ActingSingle, ObservingSingle
 from coopsim.envs.wrappers.track_rows import TrackRows
 from coopsim.envs.wrappers.view import View, Views
+from coopsim.envs.wrappers.without_infos import WithoutInfos
 
-__all__ = ["BevImage", "Driving", "FixedSize", "FixedTracks", "Flatten"]
+__all__ = ["BevImage", "Driving", "FixedSize", "FixedTracks", "Flatten", "WithoutInfos"]
 
 
 def FixedSize(env: Any, **options: Any) -> Any:
