@@ -102,13 +102,14 @@ class Localizer:
         scale, drift = stream(seed, "odometry bias", agent).standard_normal(2)
         self._scale = 1.0 + float(scale) * config.odometry_scale
         self._drift_rad = float(drift) * config.odometry_drift_rad_s * dt_s
-        self._covariance_scale = config.covariance_scale
-        self._covariance = PoseCovariance(
-            config.pose, self._step_sigma[[0, 1, 3]], config.odometry_scale, config.odometry_drift_rad_s * dt_s, dt_s
-        )
+        self._covariance_scale, self._covariance = config.covariance_scale or 0.0, None
+        if config.covariance_scale is not None:
+            drift_rad = config.odometry_drift_rad_s * dt_s
+            sigma = self._step_sigma[[0, 1, 3]]
+            self._covariance = PoseCovariance(config.pose, sigma, config.odometry_scale, drift_rad, dt_s)
         self._stands = stands
         self._previous: SE3 | None = None
-        self._estimate: SE3 | None = None
+        self._estimate: PoseEstimate | None = None
 
     def localize(self, world_SE3_base: SE3) -> tuple[PoseEstimate, Odometry]:
         """Return the estimates for a true pose; the first frame's odometry is no motion.
@@ -118,18 +119,21 @@ class Localizer:
         """
         moves = self._previous is not None and not self._stands
         motion = self._measure(world_SE3_base)
-        error = self._pose_error.step()
+        error, before = self._pose_error.step(), world_SE3_base
         if error is not None:
             pose = stack_xyz_yaw(world_SE3_base) + error
-            covariance = self._covariance.received()
         else:
-            before, step = self._estimate or world_SE3_base, SE3.from_xyz_yaw(motion[:3], float(motion[3]))
-            pose = stack_xyz_yaw(before.compose(step))
-            covariance = self._covariance.carried(before.yaw, motion, moves=moves)
-        scale = self._covariance_scale
-        estimate = PoseEstimate(pose, None if scale is None else covariance * scale)
-        self._estimate = estimate.world_SE3_base
-        return estimate, Odometry(motion)
+            before = world_SE3_base if self._estimate is None else self._estimate.world_SE3_base
+            pose = stack_xyz_yaw(before.compose(SE3.from_xyz_yaw(motion[:3], float(motion[3]))))
+        stated = None
+        if self._covariance is not None:
+            if error is not None:
+                stated = self._covariance.received()
+            else:
+                stated = self._covariance.carried(before.yaw, motion, moves=moves)
+            stated = stated * self._covariance_scale
+        self._estimate = PoseEstimate(pose, stated)
+        return self._estimate, Odometry(motion)
 
     def _measure(self, world_SE3_base: SE3) -> Floats:
         """Return the measured motion (4,) since the last frame, in that frame's base frame: x, y, z m, yaw rad."""

@@ -63,8 +63,8 @@ class PoseNoise:
 class PoseError:
     """One agent's errors over one episode. Call `step` once per frame, in order.
 
-    Every part has its own stream and takes the same draws whatever its size: runs that differ only in the size of the
-    noise share its shape.
+    Every part has its own stream and takes the same draws whatever its size (a part that never comes takes none): runs
+    that differ only in the size of the noise share its shape.
 
     Args:
         noise: the size of the errors.
@@ -80,24 +80,16 @@ class PoseError:
         )
         bias = [noise.position_bias_m, noise.position_bias_m, 0.0, noise.heading_bias_rad]
         self._bias = stream(seed, "pose bias", agent).standard_normal(4) * bias
+        self._sigma = np.array([noise.position_noise_m, noise.position_noise_m, 0.0, noise.heading_noise_rad])
         self._normal: Floats | None = None
         self._offset = np.zeros(4)
         self._in_outage = False
 
     def step(self) -> Floats | None:
         """Return this frame's error (4,) of x, y, z m and heading rad in the world frame; None during an outage."""
-        noise = self._noise
-        error = self._shape(self._correlated()) * [
-            noise.position_noise_m,
-            noise.position_noise_m,
-            0.0,
-            noise.heading_noise_rad,
-        ]
+        error = self._shape(self._correlated()) * self._sigma
         self._jump()
-        # Reception and outage are the states of a Markov chain whose durations are exponential.
-        leave_per_s = 1 / noise.outage_s if self._in_outage else noise.outages_per_s
-        if self._outages.random() < self._probability(leave_per_s):
-            self._in_outage = not self._in_outage
+        self._lose_or_find()
         return None if self._in_outage else error + self._bias + self._offset
 
     def _correlated(self) -> Floats:
@@ -119,9 +111,19 @@ class PoseError:
         return laplace
 
     def _jump(self) -> None:
+        if not self._noise.jumps_per_s:
+            return
         due, offset = self._jumps.random(), self._jumps.standard_normal(2)
         if due < self._probability(self._noise.jumps_per_s):
             self._offset = np.array([*offset * self._noise.jump_m, 0.0, 0.0])
+
+    def _lose_or_find(self) -> None:
+        """Go between reception and outage: states of a Markov chain whose durations are exponential."""
+        if not self._noise.outages_per_s:
+            return
+        leave_per_s = 1 / self._noise.outage_s if self._in_outage else self._noise.outages_per_s
+        if self._outages.random() < self._probability(leave_per_s):
+            self._in_outage = not self._in_outage
 
     def _probability(self, per_s: float) -> float:
         """Return the probability of at least one event in a frame, for a Poisson process of `per_s` events a second."""

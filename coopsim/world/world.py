@@ -15,7 +15,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
-from coopsim.world.people.people import MANNERS, NO_BODIES, People
+from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.traffic import Traffic
@@ -57,7 +57,7 @@ class World:
         taken = self._traffic.fleet.position
         self._people: list[People] = []
         for label in MANNERS:
-            others = np.concatenate([NO_BODIES, *(people.bodies for people in self._people)])
+            others = join_bodies(self._people)
             self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
         self._time_s = 0.0
         self._flights = layout.flights[: population.drones]
@@ -76,7 +76,7 @@ class World:
         self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
-            everybody = np.concatenate([people.bodies for people in self._people])
+            everybody = join_bodies(self._people)
             self._traffic.step(dt_s / parts, {} if part else by_number, everybody)
             for people in self._people:
                 people.step(dt_s / parts, self._traffic.fleet, everybody)

@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.people.people import People
+from coopsim.world.people.people import People, join_bodies
 from coopsim.world.places.highway import make_highway
 from coopsim.world.places.layout import Layout, StartSlot
 from coopsim.world.population import Population
@@ -43,8 +43,9 @@ def step_ms(layout: Layout, vehicles: int, pedestrians: int, engine: str, steps:
     for step in range(10 + steps):
         if step == 10:
             began = time.perf_counter()
-        traffic.step(0.1, {}, people.bodies)
-        people.step(0.1, traffic.fleet, people.bodies)
+        everybody = join_bodies([people])
+        traffic.step(0.1, {}, everybody)
+        people.step(0.1, traffic.fleet, everybody)
     assert np.isfinite(traffic.fleet.position).all()
     return 1e3 * (time.perf_counter() - began) / steps
 

@@ -72,7 +72,8 @@ class LineOfSight:
             own_id: the actor that carries the sensor: it gives no returns and hides nothing.
         """
         origins_m = np.asarray(origin_m, dtype=np.float64)[None]
-        return self.expected_returns_of_all(origins_m, actors, [own_id])[0]
+        returns: Ints = self.expected_returns_of_all(origins_m, actors, [own_id])[0]
+        return returns
 
     def expected_returns_of_all(self, origins_m: Floats, actors: Actors, own_ids: Sequence[int | None]) -> Ints:
         """Return the expected numbers (A, N) of returns of each of A sensors from each of N actors.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
@@ -40,7 +41,9 @@ class Itinerary:
         node, branch = places[rng.integers(len(places), size=len(chosen))].T
         self._from = np.where(chosen, node, self._from)
         self._to = np.where(chosen, self._ways.neighbours[node, branch], self._to)
-        self._then = np.where(chosen, self._next(self._from, self._to, rng.random(len(chosen))), self._then)
+        self._then = np.where(
+            chosen, choose_next(self._ways.neighbours, self._from, self._to, rng.random(len(chosen))), self._then
+        )
         start, end = self.ends()
         walked = rng.random(len(chosen))[:, None]
         return np.asarray(start + walked * (end - start))
@@ -60,25 +63,38 @@ class Itinerary:
 
     def leads_to_waiting(self, waits: Mask) -> Mask:
         """Return the mask (N,) of people on a way (no crossing) to where others of the mask (N,) wait to cross."""
-        return np.isin(self._to, self._from[waits]) & ~self.crosses()
+        waited_at = np.zeros(len(self._ways.nodes), np.bool_)
+        waited_at[self._from[waits]] = True
+        return np.asarray(waited_at[self._to] & ~self.crosses())
 
     def go_on(self, arrived: Mask, draw: Floats) -> None:
         """Begin the next way of people who have arrived (N,); `draw` (N,) in [0, 1) decides on the one after that."""
-        following = self._next(self._to, self._then, draw)
+        following = choose_next(self._ways.neighbours, self._to, self._then, draw)
         self._from = np.where(arrived, self._to, self._from)
         self._to, self._then = np.where(arrived, self._then, self._to), np.where(arrived, following, self._then)
 
     def turn_back(self, chosen: Mask, draw: Floats) -> None:
         """Reverse the way of people of the mask (N,)."""
-        following = self._next(self._to, self._from, draw)
+        following = choose_next(self._ways.neighbours, self._to, self._from, draw)
         self._from, self._to = np.where(chosen, self._to, self._from), np.where(chosen, self._from, self._to)
         self._then = np.where(chosen, following, self._then)
 
-    def _next(self, origin: Ints, node: Ints, draw: Floats) -> Ints:
-        """Return a neighbour of `node`, not `origin` unless there is no other."""
-        options = self._ways.neighbours[node]
-        allowed = (options >= 0) & (options != origin[:, None])
-        allowed |= (options >= 0) & ~allowed.any(axis=1, keepdims=True)
-        pick = (draw * allowed.sum(axis=1)).astype(np.int64)
-        place = np.argmax(np.cumsum(allowed, axis=1) > pick[:, None], axis=1)
-        return np.asarray(options[np.arange(len(node)), place])
+
+@njit(cache=True, nogil=True)
+def choose_next(neighbours: Ints, origin: Ints, node: Ints, draw: Floats) -> Ints:
+    """Return a neighbour (N,) of each `node` (N,), not `origin` (N,) unless there is no other.
+
+    Args:
+        neighbours: (M, B) of M nodes; -1: none.
+        origin: (N,) nodes to avoid.
+        node: (N,) nodes to go on from.
+        draw: (N,) in [0, 1), which decide.
+    """
+    chosen = np.empty(len(node), np.int64)
+    for n in range(len(node)):
+        options = neighbours[node[n]]
+        others = options[(options >= 0) & (options != origin[n])]
+        if not len(others):
+            others = options[options >= 0]
+        chosen[n] = others[int(draw[n] * len(others))] if len(others) else options[0]
+    return chosen

@@ -18,6 +18,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model, models_of
 from coopsim.world.people.itinerary import Itinerary, Mask
 from coopsim.world.people.social_force import is_blocked, push_apart
+from coopsim.world.people.walking import Walkers, advance, headings, is_safe
 from coopsim.world.places.layout import Footways
 from coopsim.world.traffic.engine.fleet import BODY, Fleet
 
@@ -35,9 +36,6 @@ HELD_S = 3.0
 SQUEEZE_S = 3.0
 """People held up by others for `HELD_S` go on through them for `SQUEEZE_S`; otherwise a crowd would stand for ever."""
 
-_CAUTION_M = 2.5  # from either end of a vehicle
-_RELAXATION_S = 0.5
-_BRAKING_M_S2 = 1.5  # before crossings and bends
 _ARRIVED_M = 0.3
 _TRIES = 20  # draws of a place to start
 
@@ -133,14 +131,11 @@ class People:
     def __len__(self) -> int:
         return len(self.position)
 
-    @property
-    def bodies(self) -> NDArray[Any]:
-        """Bodies (N,) `BODY`, as vehicles see them."""
-        bodies = np.zeros(len(self), BODY)
-        bodies["x"], bodies["y"] = self.position.T
-        bodies["heading"], bodies["speed"] = self.yaw, np.hypot(*self.velocity.T)
+    def describe(self, bodies: NDArray[Any]) -> None:
+        """Fill bodies (N,) `BODY` that are zero, as vehicles see them."""
+        bodies["x"], bodies["y"] = self.position[:, 0], self.position[:, 1]
+        bodies["heading"], bodies["speed"] = self.yaw, np.hypot(self.velocity[:, 0], self.velocity[:, 1])
         bodies["length"], bodies["width"] = self._length, self._width
-        return bodies
 
     def step(self, dt_s: float, fleet: Fleet, everybody: NDArray[Any]) -> None:
         """Advance by `dt_s`.
@@ -154,45 +149,25 @@ class People:
             return
         start, end = self._itinerary.ends()
         self._goes |= self._is_safe((start + end) / 2, fleet)
-        way = end - self.position
-        distance = np.linalg.norm(way, axis=1)
-        heading = way / np.maximum(distance, 1e-9)[:, None]
-        ahead = heading * self._manner.ahead_m
-        waits = ~self._goes | is_blocked(self.position, ahead, fleet.rows, self._manner.passes)
+        walkers = Walkers(self.position, self.velocity, start, end, self._speed, self._itinerary.will_cross())
+        heading, distance = headings(walkers)
+        passes, before = self._manner.passes, self.position
+        waits = ~self._goes | is_blocked(before, heading * self._manner.ahead_m, fleet.rows, passes)
         self._waited_s = np.where(waits, self._waited_s + dt_s, 0.0)
-        wanted = heading * np.minimum(self._speed, self._allowed(distance))[:, None]
-        push = push_apart(self.position, heading, everybody) * (self._held_s >= 0)[:, None]
-        force = (wanted - self.velocity) / _RELAXATION_S + push
-        velocity = self.velocity + force * dt_s
-        fastest = np.minimum(1.0, self._speed / np.maximum(np.hypot(*velocity.T), 1e-9))
-        moved = np.where(waits[:, None], 0.0, velocity * (fastest * dt_s)[:, None])
-        before = self.position
-        after = self._kept_on_way(before, before + moved, start, end)
+        push = push_apart(before, heading, everybody) * (self._held_s >= 0)[:, None]
+        after = advance(walkers, heading, distance, waits, push, self._manner.bend_m_s, self._manner.swerve_m, dt_s)
         # Others may push a person where they would not go themselves, such as against a bus that waits for them.
-        stopped = is_blocked(before, after - before, fleet.rows, self._manner.passes, foresight_s=0.0)
+        stopped = is_blocked(before, after - before, fleet.rows, passes, foresight_s=0.0)
         stopped &= self._held_s >= 0  # people who squeeze through are not pushed
         self.position = np.where(stopped[:, None], before, after)
         self.velocity = (self.position - before) / dt_s
-        self.travelled_m += np.hypot(*self.velocity.T) * dt_s
-        walks = np.hypot(*self.velocity.T) > 0.1
+        speed = np.hypot(self.velocity[:, 0], self.velocity[:, 1])
+        self.travelled_m += speed * dt_s
+        walks = speed > 0.1
         self.yaw = np.where(walks, np.arctan2(self.velocity[:, 1], self.velocity[:, 0]), self.yaw)
         self._held_s = self._held_for(dt_s, ~walks & ~waits & ~self._itinerary.leads_to_waiting(waits))
         self._turn_at_ends(start, end)
         self._turn_back()
-
-    def _allowed(self, distance: Floats) -> Floats:
-        """Return the speed that leaves time to brake for the way's end, m/s."""
-        at_end = np.where(self._itinerary.will_cross(), 0.3, self._manner.bend_m_s)
-        return np.sqrt(at_end**2 + 2 * _BRAKING_M_S2 * distance)
-
-    def _kept_on_way(self, before: Floats, after: Floats, start: Floats, end: Floats) -> Floats:
-        """Return `after`, not farther aside than allowed, or than before."""
-        along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1), 1e-9)[:, None]
-        normal = np.column_stack([-along[:, 1], along[:, 0]])
-        aside_before, aside = ((place - start) * normal for place in (before, after))
-        limit = np.maximum(self._manner.swerve_m, np.abs(aside_before.sum(axis=1)))
-        excess = aside.sum(axis=1) - np.clip(aside.sum(axis=1), -limit, limit)
-        return np.asarray(after - excess[:, None] * normal)
 
     def _held_for(self, dt_s: float, held: Mask) -> Floats:
         """Return the time (N,) in seconds that people of the mask (N,) have been held up or squeeze through."""
@@ -238,13 +213,17 @@ class People:
 
     def _is_safe(self, middle: Floats, fleet: Fleet) -> Mask:
         """Return the mask (N,) of places (N, 2) that no vehicle is at or about to reach."""
-        rows = fleet.rows
-        direction = np.column_stack([np.cos(rows["heading"]), np.sin(rows["heading"])])
-        offset = middle[:, None] - fleet.position
-        distance = np.linalg.norm(offset, axis=2)
-        closing = (offset * direction).sum(axis=2) * rows["speed"] / np.maximum(distance, 1e-9)
         hurried = self._hurried | (self._waited_s > PATIENCE_S)
-        gap_s = np.where(hurried, HURRIED_GAP_S, GAP_S)
-        caution_m = _CAUTION_M + rows["length"] / 2
-        threatens = (closing > 0.5) & (distance < caution_m + closing * gap_s[:, None])
-        return np.asarray(~(threatens | (distance < caution_m)).any(axis=1))
+        direction = np.column_stack([np.cos(fleet.rows["heading"]), np.sin(fleet.rows["heading"])])
+        return np.asarray(is_safe(middle, np.where(hurried, HURRIED_GAP_S, GAP_S), fleet.rows, direction))
+
+
+def join_bodies(groups: Sequence[People]) -> NDArray[Any]:
+    """Return the bodies (M,) `BODY` of all groups, in order."""
+    # To concatenate structs would take longer than to fill them.
+    bodies, end = np.zeros(sum(map(len, groups)), BODY), 0
+    for people in groups:
+        begin, end = end, end + len(people)
+        if len(people):
+            people.describe(bodies[begin:end])
+    return bodies

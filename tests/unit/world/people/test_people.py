@@ -17,7 +17,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.model import Model, models_of
 from coopsim.world.people import people
-from coopsim.world.people.people import MANNERS, People
+from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.people.social_force import is_blocked, push_apart
 from coopsim.world.places.layout import Footways
 from coopsim.world.scenario import make_scenario
@@ -53,7 +53,7 @@ def walk(people: People, steps: int, cars: Fleet) -> NDArray[np.float64]:
     """(T, N, 2) positions."""
     places = [people.position]
     for _ in range(steps):
-        people.step(DT_S, cars, people.bodies)
+        people.step(DT_S, cars, join_bodies([people]))
         places.append(people.position)
     return np.array(places)
 
@@ -100,7 +100,7 @@ def test_social_forces_turn_with_the_world(places: list[tuple[float, float]], an
 
 def test_a_car_that_comes_keeps_people_waiting_until_it_has_passed() -> None:
     people = People(a_way(8.0, crossing=True), 0, ObjectClass.PEDESTRIAN, models(), 0, NOBODY)
-    assert len(people) == 0 and len(people.bodies) == 0  # nobody starts on a road
+    assert len(people) == 0 and len(join_bodies([people])) == 0  # nobody starts on a road
     ways = Footways(
         np.array([[-6.0, 0.0], [0.0, 0.0], [8.0, 0.0]]),
         np.array([[1, -1], [2, -1], [1, -1]]),
@@ -130,7 +130,7 @@ def test_nobody_is_shoved_against_a_vehicle(shovers: list[tuple[float, float]], 
         others = np.zeros(len(shovers), BODY)
         others["x"], others["y"] = (people.position + shovers).T
         others["length"] = others["width"] = 0.5
-        people.step(DT_S, bus, np.concatenate([people.bodies, others]))
+        people.step(DT_S, bus, np.concatenate([join_bodies([people]), others]))
         assert people.position[0, 1] <= 0.2  # 0.6 m are left, more than half of anybody
 
 
