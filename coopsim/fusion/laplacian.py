@@ -23,6 +23,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
 from coopsim.errors import InvalidValueError
+from coopsim.fusion.agent_matches import match_agents
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -114,18 +115,28 @@ def group(
     """
     rows = frozen(boxes, (None, 7), np.float64, "boxes")
     names, owner = np.unique(frozen(agent, (len(rows),), np.int64, "agent"), return_inverse=True)
-    classes = np.zeros(len(rows)) if label is None else frozen(label, (len(rows),), np.int64, "label")
-    own = [np.flatnonzero(owner == k) for k in range(len(names))]
+    classes = np.zeros(len(rows), dtype=np.int64) if label is None else frozen(label, (len(rows),), np.int64, "label")
+    if kernel is iou_3d and threshold > 0 and np.isfinite(rows).all():
+        pairs, value = match_agents(rows, owner, classes, threshold)
+    else:
+        pairs, value = _match_all_pairs(rows, owner, classes, threshold, kernel)
+    first_box = _join(pairs[np.argsort(-value, kind="stable")], owner, len(names))
+    return np.unique(first_box, return_inverse=True)[1].astype(np.int64)
+
+
+def _match_all_pairs(
+    boxes: Floats, owner: Ints, classes: Ints, threshold: float, kernel: Kernel
+) -> tuple[Ints, Floats]:
+    """Match the boxes of every two agents as `match_agents` does, by any affinity."""
+    own = [np.flatnonzero(owner == k) for k in range(owner.max(initial=-1) + 1)]
     pairs, values = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
     for mine, theirs in combinations(own, 2):
-        affinity = kernel(rows[mine], rows[theirs])
+        affinity = kernel(boxes[mine], boxes[theirs])
         affinity = np.where(classes[mine, None] == classes[theirs], affinity, -np.inf)
         row, column = hungarian(affinity, threshold)
         pairs.append(np.column_stack([mine[row], theirs[column]]))
         values.append(affinity[row, column])
-    best_first = np.argsort(-np.concatenate(values), kind="stable")
-    first_box = _join(np.concatenate(pairs)[best_first], owner, len(names))
-    return np.unique(first_box, return_inverse=True)[1].astype(np.int64)
+    return np.concatenate(pairs), np.concatenate(values)
 
 
 def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
@@ -192,10 +203,18 @@ def _join(pairs: Ints, owner: Ints, agents: int) -> Ints:
     for k in range(len(pairs)):
         low, high = first[pairs[k, 0]], first[pairs[k, 1]]
         low, high = min(low, high), max(low, high)
-        if low == high or ((member[low] >= 0) & (member[high] >= 0)).any():
+        if low == high or _share_an_agent(member, low, high):
             continue
         for agent in range(agents):
             box = member[high, agent]
             if box >= 0:
                 member[low, agent], first[box] = box, low
     return first
+
+
+@njit(cache=True, nogil=True)
+def _share_an_agent(member: Ints, low: int, high: int) -> bool:
+    for agent in range(member.shape[1]):  # noqa: SIM110  (numba has no generators)
+        if member[low, agent] >= 0 and member[high, agent] >= 0:
+            return True
+    return False

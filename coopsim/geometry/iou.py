@@ -182,6 +182,21 @@ def bev_overlap(
 
 
 @njit(cache=True, nogil=True)
+def overlap_3d(
+    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
+) -> float:
+    """Return `iou_3d` of two boxes (7,); see `bev_overlap`."""
+    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
+    low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
+    if not high > low:
+        return 0.0
+    cos_a, sin_a, cos_b, sin_b = angles
+    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
+    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
+    return _over_union(area * (high - low), a[3] * a[4] * a[5], b[3] * b[4] * b[5])
+
+
+@njit(cache=True, nogil=True)
 def _over_union(inter: float, size_a: float, size_b: float) -> float:
     inter = min(inter, size_a, size_b)
     union = size_a + size_b - inter
