@@ -17,7 +17,7 @@ PolicyLike = str | Policy | None
 Others = PolicyLike | Mapping[str, PolicyLike]
 """One policy for all other agents, or one each, by agent."""
 
-_ACCEPTED = 'a policy\'s name or spec, as "late_fusion(merge_iou=0.2)", a coopsim.Policy, or None'
+_ACCEPTED = 'a policy\'s name or spec, as "late_fusion(merge_iou=0.2)", a coopsim.Policy'
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,7 @@ class Cast:
         maker = _PolicyMaker()
         made = maker.make("tracker", tracker)
         if not isinstance(others, Mapping):
-            accepted = f"{_ACCEPTED}, or a mapping of agents to these"
-            return cls(made, everybody_else=maker.make("others", others, accepted))
+            return cls(made, everybody_else=maker.make("others", others, ", a mapping of agents to these"))
         return cls(made, {agent: maker.make(f"others[{agent!r}]", each) for agent, each in others.items()})
 
     @property
@@ -68,7 +67,7 @@ class _PolicyMaker:
         self._by_spec: dict[str, Policy] = {}
         self._copied: dict[int, Any] = {}
 
-    def make(self, role: str, given: object, accepted: str = _ACCEPTED) -> Policy | None:
+    def make(self, role: str, given: object, also_accepted: str = "") -> Policy | None:
         if isinstance(given, type) and issubclass(given, Policy):
             raise InvalidValueError(
                 f"{role} must be an object, got the class {given.__name__}: write {given.__name__}()"
@@ -78,7 +77,7 @@ class _PolicyMaker:
         if isinstance(given, Policy):
             return self._copy(role, given)
         if given is not None:
-            raise InvalidValueError(f"{role} must be {accepted}; got {given!r}")
+            raise InvalidValueError(f"{role} must be {_ACCEPTED}{also_accepted}, or None; got {given!r}")
         return None
 
     def _named(self, role: str, text: str) -> Policy:

@@ -15,6 +15,9 @@ from coopsim.envs.parallel import CooperativeEnv
 from coopsim.errors import PolicyMismatchError, UnknownNameError
 from coopsim.types import AgentSpec
 
+_ROLES = ("ego", "others", "tracker")
+"""Arguments that are no options of the environment of all agents, for the error that lists what is accepted."""
+
 
 class Broadcasts:
     """An uplink option by which each agent broadcasts what its policy makes.
@@ -66,6 +69,8 @@ def make_provided(
             raise PolicyMismatchError(
                 f"{_described(roles, rig)} needs cameras {needed['cameras']!r}, and {str(environment)!r} has none"
             ) from error
+        if error.kind == "option":
+            raise UnknownNameError("option", error.name, (*error.known, *_ROLES), error.where) from error.__cause__
         raise
     try:
         _require(env, roles, options)

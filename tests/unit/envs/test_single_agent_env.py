@@ -341,7 +341,11 @@ def test_a_maneuver_that_is_none_is_refused(maneuver: Any) -> None:
         ({"others": "late_fusion(hit=2)"}, UnknownNameError, "others: unknown parameter 'hit'.*Did you mean 'hits'"),
         ({"others": "late_fusion(hits=-2)"}, InvalidValueError, "others: hits must be"),
         ({"others": LateFusion}, InvalidValueError, "others must be an object, got the class LateFusion: write"),
-        ({"others": 7}, InvalidValueError, "others must be a policy's name or spec.*or a mapping of agents.*; got 7"),
+        (
+            {"others": 7},
+            InvalidValueError,
+            "others must be a policy's name or spec.*a mapping of agents to these, or None; got 7",
+        ),
         ({"others": ["no_fusion"]}, InvalidValueError, "others must be a policy's name or spec.*got \\['no_fusion'\\]"),
         ({"others": {"cav1": "no_fusion"}}, UnknownNameError, "agent in others 'cav1'. Did you mean 'cav_1'"),
         ({"others": {"cav_0": "no_fusion"}}, InvalidValueError, "others must not have the ego 'cav_0'"),
@@ -352,6 +356,8 @@ def test_a_maneuver_that_is_none_is_refused(maneuver: Any) -> None:
         ({"tracker": "no_fusion"}, InvalidValueError, 'cav_0 does not drive.*control="policy"'),
         ({"tracker": "no_fusion", "control": "policy", "ego": "rsu_0"}, InvalidValueError, "rsu_0 does not drive"),
         ({"vehicels": 3}, UnknownNameError, "unknown option 'vehicels'. Did you mean 'vehicles'"),
+        ({"other": "no_fusion"}, UnknownNameError, "unknown option 'other'. Did you mean 'others'"),
+        ({"trackers": "no_fusion"}, UnknownNameError, "unknown option 'trackers'. Did you mean 'tracker'"),
         ({"render_mode": "rgb"}, UnknownNameError, "unknown render_mode 'rgb'"),
         (
             {"others": {"cav_1": "late_fusion", "cav_2": "track_to_track"}},
