@@ -19,7 +19,7 @@ from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
 from coopsim.tracking.delayed import RECEIVER
@@ -117,60 +117,73 @@ class TrackToTrack(Policy):
         own, tracker = self._own.in_odometry_frame(agent, observation)
         state.frame = tracker.frame
         self._listen(agent, state, observation)
-        fused, members = self._fused(own, [self._current(heard, now_ns) for heard in state.heard.values()])
+        fused, members = self._fused(own, self._current(list(state.heard.values()), now_ns))
         public = state.ids.assign([RECEIVER, *state.heard], members, now_ns)
         return replace(fused.tracks, id=public).transform(state.frame.odom_SE3_base.inverse())
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each sender's last message, while it is valid, in order of the names."""
         read = self.read(agent, within_reach(observation), decode_tracks)
-        for (message, estimates), pose in zip(read, self._poses(read, observation, state), strict=True):
-            captured_ns = min(message.captured_ns, observation.time_ns)
-            known = state.heard.get(message.sender)
-            if known is None or captured_ns > known.captured_ns:
-                state.heard[message.sender] = _Heard(
-                    captured_ns, self._placed(estimates, message.captured_ns, pose, state)
-                )
+        newest, captured_ns = dict[str, int](), {name: heard.captured_ns for name, heard in state.heard.items()}
+        for number, (message, _) in enumerate(read):
+            sent_ns, known_ns = min(message.captured_ns, observation.time_ns), captured_ns.get(message.sender)
+            if known_ns is None or sent_ns > known_ns:
+                newest[message.sender], captured_ns[message.sender] = number, sent_ns
+        senders = self._senders(read, observation, state).take(list(newest.values()))
+        placed = self._placed([read[number] for number in newest.values()], senders, state)
+        for name, estimates in zip(newest, placed, strict=True):
+            state.heard[name] = _Heard(captured_ns[name], estimates)
         oldest_ns = observation.time_ns - seconds_to_ns(self._valid_s)
         state.heard = {name: heard for name, heard in sorted(state.heard.items()) if heard.captured_ns > oldest_ns}
 
-    def _poses(
+    def _senders(
         self, read: Sequence[tuple[Message, TrackEstimates]], observation: Observation, state: _AgentState
-    ) -> list[SE3]:
+    ) -> SE3Batch:
         """Return each sender's pose in the odometry frame at capture time."""
         frame = state.frame
         if state.alignment is None:
-            senders = frame.odom_SE3_senders([message for message, _ in read], observation)
-            return [senders[number] for number in range(len(read))]
+            return frame.odom_SE3_senders([message for message, _ in read], observation)
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
         heard = [
             ReceivedBoxes(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
             for message, each in read
         ]
-        return state.alignment.place(observation, frame, own, heard)
+        return SE3Batch.of(state.alignment.place(observation, frame, own, heard))
 
     def _placed(
-        self, estimates: TrackEstimates, captured_ns: int, odom_SE3_sender: SE3, state: _AgentState
-    ) -> TrackEstimates:
+        self, received: Sequence[tuple[Message, TrackEstimates]], odom_SE3_senders: SE3Batch, state: _AgentState
+    ) -> list[TrackEstimates]:
         """Return received tracks in the odometry frame, with the uncertainty of two poses, less the receiver itself."""
+        if not received:
+            return []
         frame = state.frame
-        estimates = estimates.transform(odom_SE3_sender)
-        away_m = estimates.mean[:, :2] - frame.odom_SE3_base.translation[:2]
-        estimates = estimates[np.abs(away_m).max(axis=1, initial=0.0) <= FARTHEST_M]
+        number = np.repeat(np.arange(len(received)), [len(estimates) for _, estimates in received])
+        whole = TrackEstimates.concatenate([estimates for _, estimates in received])
+        whole = whole.transform_each(odom_SE3_senders, number)
+        away_m = whole.tracks.boxes.center[:, :2] - frame.odom_SE3_base.translation[:2]
+        kept = np.abs(away_m).max(axis=1, initial=0.0) <= FARTHEST_M
         if state.is_object:
-            then = frame.pose_at(captured_ns)
-            estimates = estimates[~covers(estimates.tracks.boxes, then.translation[:2])]
-        for pose in (odom_SE3_sender, frame.odom_SE3_base):
-            estimates = estimates.with_pose_noise(pose.translation[:2], *self._pose_noise)
-        return estimates
+            then_m = frame.positions_at([message.captured_ns for message, _ in received])[:, :2]
+            kept &= ~covers(whole.tracks.boxes, then_m[number])
+        whole, number = whole[kept], number[kept]
+        for origin_m in (odom_SE3_senders.translation[number, :2], frame.odom_SE3_base.translation[:2]):
+            whole = whole.with_pose_noise(origin_m, *self._pose_noise)
+        return whole.split(np.bincount(number, minlength=len(received)))
 
-    def _current(self, heard: _Heard, now_ns: int) -> TrackEstimates:
-        """Return received tracks predicted to now; the older they are, the lower their scores."""
-        age_s = (now_ns - heard.captured_ns) / NS_PER_S
-        score = heard.estimates.tracks.score
-        faded = replace(heard.estimates.tracks, score=score - np.abs(score) * age_s / self._valid_s)
-        estimates = replace(heard.estimates, tracks=faded)
-        return _MOTION.predict_estimates(estimates, age_s) if self._delayed == "predict" else estimates
+    def _current(self, heard: Sequence[_Heard], now_ns: int) -> list[TrackEstimates]:
+        """Return each sender's tracks predicted to now; the older they are, the lower their scores."""
+        if not heard:
+            return []
+        counts = np.array([len(each.estimates) for each in heard])
+        ages_s = np.repeat([(now_ns - each.captured_ns) / NS_PER_S for each in heard], counts)
+        whole = TrackEstimates.concatenate([each.estimates for each in heard])
+        score = whole.tracks.score
+        whole = replace(whole, tracks=replace(whole.tracks, score=score - np.abs(score) * ages_s / self._valid_s))
+        if self._delayed == "predict" and len(whole):
+            order = np.argsort(ages_s, kind="stable")
+            parts = [_MOTION.predict_estimates(whole[ages_s == age_s], age_s) for age_s in np.unique(ages_s).tolist()]
+            whole = TrackEstimates.concatenate(parts)[np.argsort(order)] if len(parts) > 1 else parts[0]
+        return whole.split(counts)
 
     def _fused(self, own: TrackEstimates, others: Sequence[TrackEstimates]) -> tuple[TrackEstimates, Ints]:
         """Return N fused tracks, and each one's ids (N, 1 + senders) at the agent itself and at the senders."""

@@ -8,6 +8,7 @@ whatever the correlation is.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
@@ -70,13 +71,25 @@ def intersection_weight(first_covariance: Floats, second_covariance: Floats) -> 
     """
     # A = F F^T, B = G G^T: B A^-1 has the eigenvalues of (F^-1 G)(F^-1 G)^T.
     whitened = np.linalg.solve(_factor(first_covariance), _factor(second_covariance))
-    excess = np.linalg.svd(whitened, compute_uv=False) ** 2 - 1
-    low, high = np.zeros(len(excess)), np.ones(len(excess))
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        slope = 2 * PULL * (middle - 0.5) - (excess / (1 + middle[:, None] * excess)).sum(axis=1)
-        low, high = np.where(slope <= 0, middle, low), np.where(slope >= 0, middle, high)
-    return (low + high) / 2
+    excess = np.asarray(np.linalg.svd(whitened, compute_uv=False) ** 2 - 1, dtype=np.float64)
+    weight: Floats = _weights(excess)
+    return weight
+
+
+@njit(cache=True, nogil=True)
+def _weights(excess: Floats) -> Floats:
+    """Return the weight (N,) at which the derivative for each row of l - 1 (N, n) is zero."""
+    weight = np.empty(len(excess))
+    for row in range(len(excess)):
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            middle, falls = (low + high) / 2, 0.0
+            for each in excess[row]:
+                falls += each / (1 + middle * each)
+            slope = 2 * PULL * (middle - 0.5) - falls
+            low, high = middle if slope <= 0 else low, middle if slope >= 0 else high
+        weight[row] = (low + high) / 2
+    return weight
 
 
 def _factor(covariance: Floats) -> Floats:

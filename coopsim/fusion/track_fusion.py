@@ -28,14 +28,17 @@ def fuse_tracks(own: TrackEstimates, other: TrackEstimates, gate: float) -> tupl
     """
     a, b = own.tracks, other.tracks
     mine, theirs = match_boxes(a.boxes, a.label, b.boxes, b.label, gate)
-    new = np.setdiff1d(np.arange(len(other)), theirs)
+    unmatched = np.ones(len(other), dtype=bool)
+    unmatched[theirs] = False
+    new = np.flatnonzero(unmatched)
     where = np.empty(len(other), dtype=np.int64)
     where[theirs], where[new] = mine, len(own) + np.arange(len(new))
-    fused = TrackEstimates.concatenate([own, _intersected(own[mine], other[theirs]), other[new]])
-    order = np.arange(len(own))
-    order[mine] = len(own) + np.arange(len(mine))
-    rest = len(own) + len(mine) + np.arange(len(new))
-    return fused[np.concatenate([order, rest])], where
+    if not len(mine):
+        return TrackEstimates.concatenate([own, other[new]]), where
+    whole = TrackEstimates.concatenate([own, other[new], _intersected(own[mine], other[theirs])])
+    order = np.arange(len(own) + len(new))
+    order[mine] = len(order) + np.arange(len(mine))
+    return whole[order], where
 
 
 def _intersected(first: TrackEstimates, second: TrackEstimates) -> TrackEstimates:
@@ -48,11 +51,11 @@ def _intersected(first: TrackEstimates, second: TrackEstimates) -> TrackEstimate
     a, b = first.tracks.boxes, second.tracks.boxes
     first_weight = weight[:, None]
     turn = (b.yaw - a.yaw + np.pi / 2) % np.pi - np.pi / 2
-    boxes = Boxes3D(
+    boxes = Boxes3D.trusted(
         first_weight * a.center + (1 - first_weight) * b.center,
         first_weight * a.size + (1 - first_weight) * b.size,
         wrap_angle(a.yaw + (1 - weight) * turn),
     )
     score = np.maximum(first.tracks.score, second.tracks.score)
-    tracks = Tracks(first.tracks.id, boxes, first.tracks.velocity, score, first.tracks.label)
-    return TrackEstimates(tracks, covariance).with_planar_states(mean, covariance)
+    tracks = Tracks.trusted(first.tracks.id, boxes, first.tracks.velocity, score, first.tracks.label)
+    return TrackEstimates.trusted(tracks, covariance).with_planar_states(mean, covariance)

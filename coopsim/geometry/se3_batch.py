@@ -54,6 +54,11 @@ class SE3Batch:
     def __getitem__(self, number: int) -> SE3:
         return SE3(self.rotation[number], self.translation[number])
 
+    def take(self, numbers: Sequence[int]) -> SE3Batch:
+        """Return the transforms of these numbers, in their order."""
+        rows = np.array(numbers, dtype=np.int64)
+        return SE3Batch(self.rotation[rows], self.translation[rows])
+
     def seen_from(self, a_SE3_b: SE3) -> SE3Batch:
         """Chain transforms: of M `b_SE3_c`, return the M `a_SE3_c`."""
         moved = (a_SE3_b.rotation @ self.translation[:, :, None])[:, :, 0] + a_SE3_b.translation

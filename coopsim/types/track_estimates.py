@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.arrays import frozen, sealed
 from coopsim.types.estimates import Tracks
+from coopsim.types.units import Ints
 
 PLANAR = 4
 """Size of the planar state x, y (m), vx, vy (m/s), which is fused by its covariance."""
@@ -46,8 +48,8 @@ class TrackEstimates:
     def concatenate(cls, parts: Iterable[TrackEstimates]) -> TrackEstimates:
         """Join the estimates of all parts, in order; at least one part."""
         whole = list(parts)
-        return cls(
-            Tracks(
+        return cls.trusted(
+            Tracks.trusted(
                 np.concatenate([part.tracks.id for part in whole]),
                 Boxes3D.concatenate(part.tracks.boxes for part in whole),
                 np.concatenate([part.tracks.velocity for part in whole]),
@@ -73,6 +75,25 @@ class TrackEstimates:
         turn = np.kron(np.eye(2), dst_SE3_src.rotation[:2, :2])
         return TrackEstimates.trusted(self.tracks.transform(dst_SE3_src), _symmetric(turn @ self.covariance @ turn.T))
 
+    def transform_each(self, transforms: SE3Batch, number: Ints) -> TrackEstimates:
+        """Move each estimate by the transform of its number (N,), as `transform` does."""
+        turn, tracks = np.zeros((len(transforms), PLANAR, PLANAR)), self.tracks
+        turn[:, :2, :2] = turn[:, 2:, 2:] = transforms.rotation[:, :2, :2]
+        turn = turn[number]
+        moved = Tracks.trusted(
+            tracks.id,
+            transforms.boxes(tracks.boxes, number),
+            transforms.rotate_planar(tracks.velocity, number),
+            tracks.score,
+            tracks.label,
+        )
+        return TrackEstimates.trusted(moved, _symmetric(turn @ self.covariance @ turn.swapaxes(1, 2)))
+
+    def split(self, counts: Ints) -> list[TrackEstimates]:
+        """Cut the estimates into parts of these sizes (G,), in order."""
+        ends = np.cumsum(counts).tolist()
+        return [self[first:last] for first, last in zip([0, *ends], ends, strict=False)]
+
     def with_pose_noise(self, origin_m: Floats, position_noise_m: float, heading_noise_rad: float) -> TrackEstimates:
         """Add the uncertainty of the pose by which the estimates were moved to their covariances.
 
@@ -81,7 +102,7 @@ class TrackEstimates:
         velocities is left out: at 20 m/s and 0.2 degrees it is 0.07 m/s.
 
         Args:
-            origin_m: (2,) position of the pose, in the frame of the estimates.
+            origin_m: (2,) position of the pose, in the frame of the estimates; or of each estimate's own pose (N, 2).
             position_noise_m: s, the standard deviation of its x and of its y.
             heading_noise_rad: h, the standard deviation of its heading.
         """
@@ -89,7 +110,7 @@ class TrackEstimates:
         across = np.column_stack([-y, x]) * heading_noise_rad
         covariance = self.covariance.copy()
         covariance[:, :2, :2] += position_noise_m**2 * np.eye(2) + across[:, :, None] * across[:, None, :]
-        return replace(self, covariance=covariance)
+        return TrackEstimates.trusted(self.tracks, covariance)
 
     def with_planar_states(self, mean: Floats, covariance: Floats) -> TrackEstimates:
         """Return the same objects with other planar states (N, 4) and covariances (N, 4, 4)."""
