@@ -10,7 +10,8 @@ import numpy as np
 from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.trust import Doubt, trust_likelier
+from coopsim.fusion.doubt import Doubt
+from coopsim.fusion.trust import trust_likelier
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_probability

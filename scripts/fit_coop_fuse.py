@@ -27,7 +27,8 @@ from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopF
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.compromise import ON_OBJECT
-from coopsim.fusion.trust import Doubt, FusedBoxes, correspond, pair_features, trust_likelier
+from coopsim.fusion.doubt import Doubt, pair_features
+from coopsim.fusion.trust import FusedBoxes, correspond, trust_likelier
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d

@@ -8,15 +8,17 @@ of one moment alone it gives the positions at which the receiver would detect th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from coopsim.fusion.common_objects import turned
-from coopsim.geometry.assignment import match_boxes
+from coopsim.fusion.least_squares import robust_least_squares
+from coopsim.geometry.box_matching import footprints, match_rows
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.types import Detections, Mask
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import Ints, Mask
+from coopsim.types import Detections
 
 _ROUNDS, _GATE = 2, -0.2
 """Number of rounds, each matching the boxes under the registration of the round before; smallest BEV GIoU of a pair."""
@@ -29,16 +31,14 @@ the boxes alone decide."""
 _NOISE_M = 0.4
 """Standard deviation of a box's own error, over ground and in height."""
 
-_OUTLIER_M = 0.6, 0.4
-"""Residual from which a pair counts little, over ground and in height: two cars, or a height without a road."""
+_OVER_GROUND_M, _IN_HEIGHT_M = 0.6, 0.4
+"""Residual from which a pair counts little: two cars, or a height without a road."""
 
-_STEPS = 4
 _FARTHEST_M = 1e5
 """Boxes farther away are ignored: their squares might overflow."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Registration:
+class Registration(NamedTuple):
     """A transform that moves the other agent's boxes onto the own ones.
 
     Attributes:
@@ -48,17 +48,14 @@ class Registration:
         common: number of objects that both agents see.
     """
 
-    middle: Floats = field(default_factory=lambda: np.zeros(2))
-    shift: Floats = field(default_factory=lambda: np.zeros(3))
-    rise: Floats = field(default_factory=lambda: np.zeros(3))
+    middle: Floats
+    shift: Floats
+    rise: Floats
     common: int = 0
 
     def place(self, boxes: Boxes3D) -> Boxes3D:
         """Return the boxes moved onto the own ones."""
-        off = boxes.center[:, :2] - self.middle
-        height = boxes.center[:, 2] + self.rise[0] + off @ self.rise[1:]
-        center = np.column_stack([self.middle + self.shift[:2] + turned(off, self.shift[2]), height])
-        return Boxes3D(center, boxes.size, wrap_angle(boxes.yaw + self.shift[2]))
+        return Boxes3D.from_array(_place(self, boxes.array))
 
 
 def register(own: Detections, other: Detections) -> Registration:
@@ -68,57 +65,90 @@ def register(own: Detections, other: Detections) -> Registration:
     priors, each reweighted by how well pairs agree (Cauchy's weights). A turn is taken as small. Without common objects
     the registration moves nothing.
     """
-    found = Registration(_middle(other.boxes))
-    fitted: list[tuple[int, int]] = []
-    for _ in range(_ROUNDS):
-        mine, theirs = match_boxes(own.boxes, own.label, found.place(other.boxes), other.label, _GATE)
-        within = _near(own.boxes[mine]) & _near(other.boxes[theirs])
-        mine, theirs = mine[within], theirs[within]
-        pairs = list(zip(mine.tolist(), theirs.tolist(), strict=True))
-        if not pairs or pairs == fitted:  # the same pairs give the same result
-            return found
+    found = register_rows(own.boxes.array, own.score, own.label, other.boxes.array, other.score, other.label)
+    registration: Registration = found[0]
+    return registration
+
+
+@njit(cache=True, nogil=True)
+def register_rows(
+    own: Floats, own_score: Floats, own_label: Ints, other: Floats, other_score: Floats, other_label: Ints
+) -> tuple[Registration, Floats, Ints, Floats]:
+    """Register boxes (M, 7) with own boxes (N, 7), as `register` says.
+
+    Returns:
+        The registration; the other boxes (M, 7) under it; and the pairs under it, as from `match_rows`.
+    """
+    near, own_near = _near(other), _near(own)
+    found = Registration(_middle(other, near), np.zeros(3), np.zeros(3), 0)
+    own_prints, fitted = footprints(own), np.full(len(other), -1)
+    for number in range(_ROUNDS + 1):
+        placed = _place(found, other)
+        own_row, giou = match_rows(own_prints, own_label, footprints(placed), other_label)
+        if number == _ROUNDS:
+            break
+        pairs = np.full(len(other), -1)
+        for k in range(len(other)):
+            if giou[k] >= _GATE and near[k] and own_near[own_row[k]]:
+                pairs[k] = own_row[k]
+        theirs = np.flatnonzero(pairs >= 0)
+        if len(theirs) == 0 or np.array_equal(pairs, fitted):  # the same pairs give the same result
+            break
         fitted = pairs
-        weight = np.clip(np.minimum(own.score[mine], other.score[theirs]), 1e-3, 1.0)
-        off = other.boxes.center[theirs, :2] - found.middle
-        apart = own.boxes.center[mine] - other.boxes.center[theirs]
-        apart[:, 2] = own.boxes.bottom[mine] - other.boxes.bottom[theirs]
-        found = Registration(
-            found.middle, _shift(off, apart[:, :2], weight), _rise(off, apart[:, 2], weight), len(mine)
-        )
-    return found
+        found = _fit(found.middle, own[pairs[theirs]], own_score[pairs[theirs]], other[theirs], other_score[theirs])
+    return found, placed, own_row, giou
 
 
-def _middle(boxes: Boxes3D) -> Floats:
-    """Return the mean centre (2,) m over ground of the boxes that are not too far away."""
-    near = boxes.center[_near(boxes), :2]
-    return near.mean(axis=0) if len(near) else np.zeros(2)
+@njit(cache=True, nogil=True)
+def _place(registration: Registration, boxes: Floats) -> Floats:
+    """Return boxes (N, 7) moved onto the own ones."""
+    middle, shift, rise, _ = registration
+    cos, sin = np.cos(shift[2]), np.sin(shift[2])
+    placed = boxes.copy()
+    for k in range(len(boxes)):
+        x, y = boxes[k, 0] - middle[0], boxes[k, 1] - middle[1]
+        placed[k, 0] = middle[0] + shift[0] + (x * cos - y * sin)
+        placed[k, 1] = middle[1] + shift[1] + (x * sin + y * cos)
+        placed[k, 2] = boxes[k, 2] + rise[0] + (x * rise[1] + y * rise[2])
+        placed[k, 6] = (boxes[k, 6] + shift[2] + np.pi) % (2 * np.pi) - np.pi
+    return placed
 
 
-def _near(boxes: Boxes3D) -> Mask:
+@njit(cache=True, nogil=True)
+def _middle(boxes: Floats, near: Mask) -> Floats:
+    """Return the mean centre (2,) m over ground of the boxes that are near; the origin without any."""
+    total, count = np.zeros(2), 0
+    for k in range(len(boxes)):
+        if near[k]:
+            total += boxes[k, :2]
+            count += 1
+    return total / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
+def _near(boxes: Floats) -> Mask:
     """Return the mask (N,) of boxes within `_FARTHEST_M` of the origin."""
-    near: Mask = np.abs(boxes.center).max(axis=1, initial=0.0) <= _FARTHEST_M
+    near = np.empty(len(boxes), dtype=np.bool_)
+    for k in range(len(boxes)):
+        near[k] = max(abs(boxes[k, 0]), abs(boxes[k, 1]), abs(boxes[k, 2])) <= _FARTHEST_M
     return near
 
 
-def _shift(off: Floats, apart: Floats, weight: Floats) -> Floats:
-    """Fit x, y (m) and the turn (rad) to gaps (N, 2) m of pairs at offsets (N, 2) m from the middle."""
-    one, none = np.ones(len(off)), np.zeros(len(off))
-    rows = np.stack([np.column_stack([one, none, -off[:, 1]]), np.column_stack([none, one, off[:, 0]])], axis=1)
-    return _least_squares(rows, apart, weight, _SHIFT, _OUTLIER_M[0])
-
-
-def _rise(off: Floats, apart: Floats, weight: Floats) -> Floats:
-    """Fit height (m) and its slopes to gaps (N,) m of pairs at offsets (N, 2) m from the middle."""
-    rows = np.column_stack([np.ones(len(off)), off])
-    return _least_squares(rows[:, None], apart[:, None], weight, _RISE, _OUTLIER_M[1])
-
-
-def _least_squares(rows: Floats, target: Floats, weight: Floats, expected: Floats, outlier_m: float) -> Floats:
-    """Return the most likely x (3,) of `rows` (N, D, 3) x = `target` (N, D) m with prior deviations `expected`."""
-    trusted = weight
-    for _ in range(_STEPS):
-        normal = np.einsum("n,ndi,ndj->ij", trusted, rows, rows) / _NOISE_M**2 + np.diag(expected**-2.0)
-        found: Floats = np.linalg.solve(normal, np.einsum("n,ndi,nd->i", trusted, rows, target) / _NOISE_M**2)
-        error_m = np.linalg.norm(rows @ found - target, axis=1)
-        trusted = weight / (1 + (error_m / outlier_m) ** 2)
-    return found
+@njit(cache=True, nogil=True)
+def _fit(middle: Floats, own: Floats, own_score: Floats, other: Floats, other_score: Floats) -> Registration:
+    """Return the registration of K pairs of boxes, (K, 7) each, around a middle (2,) m."""
+    count = len(own)
+    weight = np.empty(count)
+    over_ground, apart = np.zeros((count, 2, 3)), np.empty((count, 2))
+    in_height, higher = np.ones((count, 1, 3)), np.empty((count, 1))
+    for k in range(count):
+        weight[k] = min(max(min(own_score[k], other_score[k]), 1e-3), 1.0)
+        x, y = other[k, 0] - middle[0], other[k, 1] - middle[1]
+        over_ground[k, 0, 0], over_ground[k, 0, 2] = 1.0, -y
+        over_ground[k, 1, 1], over_ground[k, 1, 2] = 1.0, x
+        in_height[k, 0, 1], in_height[k, 0, 2] = x, y
+        apart[k] = own[k, :2] - other[k, :2]
+        higher[k, 0] = (own[k, 2] - own[k, 5] / 2) - (other[k, 2] - other[k, 5] / 2)
+    shift = robust_least_squares(over_ground, apart, weight, _NOISE_M, _SHIFT, _OVER_GROUND_M)
+    rise = robust_least_squares(in_height, higher, weight, _NOISE_M, _RISE, _IN_HEIGHT_M)
+    return Registration(middle, shift, rise, count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.fusion.covariance_intersection import covariance_intersection
-from coopsim.geometry.assignment import match_boxes
+from coopsim.geometry.box_matching import match_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle
 from coopsim.types import Ints, Tracks

@@ -11,8 +11,6 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints
 
@@ -67,21 +65,6 @@ def greedy(affinity: Floats, gate: float) -> Pairs:
     rows = row_of[columns]
     order = np.lexsort((rows, -affinity[rows, columns]))
     return rows[order], columns[order]
-
-
-def match_boxes(own: Boxes3D, own_label: Ints, other: Boxes3D, other_label: Ints, gate: float) -> Pairs:
-    """Return the rows (K,) and (K,) of boxes of one class that lie on one object (Hungarian on the BEV GIoU).
-
-    Args:
-        own: N boxes.
-        own_label: (N,) their classes.
-        other: M boxes, in the same frame.
-        other_label: (M,) their classes.
-        gate: smallest BEV GIoU of two boxes on one object, in [-1, 1].
-    """
-    affinity = giou_bev(own.array, other.array)
-    affinity[own_label[:, None] != other_label] = -np.inf
-    return hungarian(affinity, gate)
 
 
 def _best_of_all(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:

@@ -17,6 +17,9 @@ from coopsim.support.arrays import frozen
 
 _MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most eight
 
+Footprint = tuple[float, float, float, float, float, float]
+"""A box seen from above: its centre x, y m, its length and width m, the cosine and the sine of its heading."""
+
 _Rectangle = tuple[float, float, float, float, float, float]
 """Its centre x, y in the first box's axes; then, relative to it, its rightmost and its topmost corner."""
 
@@ -201,6 +204,43 @@ def _over_union(inter: float, size_a: float, size_b: float) -> float:
     inter = min(inter, size_a, size_b)
     union = size_a + size_b - inter
     return inter / union if union > 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def corner_room() -> Floats:
+    """Return room for the corners of two polygons, which the functions of one pair write to."""
+    return np.empty((2, 2 * _MOST, 2))
+
+
+@njit(cache=True, nogil=True)
+def common_ground(a: Footprint, b: Footprint, room: Floats) -> float:
+    """Return the area m^2 that two footprints share; `room` is from `corner_room`."""
+    other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
+    # Rounding can make an intersection slightly larger than either footprint.
+    return min(_area_within(a[2] / 2, a[3] / 2, other, room[0], room[1]), a[2] * a[3], b[2] * b[3])
+
+
+@njit(cache=True, nogil=True)
+def iou_3d_of_pair(a: Footprint, b: Footprint, rise: float, height_a: float, height_b: float, room: Floats) -> float:
+    """Return the number that `iou_3d` has for two boxes, of which b lies `rise` m higher; see `common_ground`."""
+    low, high = max(rise - height_b / 2, -height_a / 2), min(rise + height_b / 2, height_a / 2)
+    if high <= low:
+        return 0.0
+    size_a, size_b = a[2] * a[3] * height_a, b[2] * b[3] * height_b
+    return _over_union(common_ground(a, b, room) * (high - low), size_a, size_b)
+
+
+@njit(cache=True, nogil=True)
+def giou_bev_of_pair(a: Footprint, b: Footprint, room: Floats) -> float:
+    """Return the number that `giou_bev` has for two boxes; `room` is from `corner_room`."""
+    other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
+    area_a, area_b = a[2] * a[3], b[2] * b[3]
+    inter = min(_area_within(a[2] / 2, a[3] / 2, other, room[0], room[1]), area_a, area_b)
+    union = area_a + area_b - inter
+    if union <= 0:
+        return 0.0
+    enclosing = max(_hull_area(a[2] / 2, a[3] / 2, other), union)
+    return inter / union - (enclosing - union) / enclosing
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.trust import Doubt, away_from_middle, pair_features, trust_likelier
+from coopsim.fusion.doubt import Doubt, pair_features
+from coopsim.fusion.trust import away_from_middle, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.types import Detections
