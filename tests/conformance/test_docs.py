@@ -32,6 +32,15 @@ NOT_RUN = {
     "docs/reference/benchmark.md": "takes minutes",
 }
 
+MAY_LACK = {
+    "stable_baselines3": "stable_baselines3",
+    "supersuit": "supersuit",
+    "torchrl": "torchrl.envs",
+    "ray": "ray.rllib.algorithms.ppo",
+}
+"""Libraries that a page may show and a machine may lack, and what must be there of them. A block that imports one
+stands by itself: it is left out where that is missing."""
+
 EXAMPLES = (
     ("docs/learn/first_policy.md", "02_your_own_tracker.py"),
     ("docs/learn/first_metric.md", "08_your_own_metric.py"),
@@ -47,12 +56,34 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE)
 
 
+def imported(block: str) -> set[str]:
+    """Top-level names of the modules that a block imports."""
+    nodes = list(ast.walk(ast.parse(block)))
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {name.split(".")[0] for name in names}
+
+
+def lacks(block: str) -> bool:
+    """Whether a library that the block imports is not installed; asked elsewhere, as some change much when loaded."""
+    wanted = [MAY_LACK[name] for name in sorted(imported(block) & MAY_LACK.keys())]
+    program = "; ".join(f"import {name}" for name in wanted)
+    return (
+        bool(wanted)
+        and subprocess.run([sys.executable, "-W", "ignore", "-c", program], capture_output=True).returncode != 0
+    )
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python") and page not in NOT_RUN])
 def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a process of its own where a page registers something, which would be there in all tests after it."""
-    code = "\n".join(["import coopsim", *blocks(page, "python")])
+    """In a process of its own where a page registers something, which would be there in all tests after it.
+
+    So, too, where it imports a library that may be lacking: these warn of each other.
+    """
+    shown = blocks(page, "python")
+    code = "\n".join(["import coopsim", *(block for block in shown if not lacks(block))])
     monkeypatch.chdir(tmp_path)
-    if "register" in code:
+    if "register" in code or any(imported(block) & MAY_LACK.keys() for block in shown):
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
         subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
     else:
