@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.detection.detector import DetectorBase
 from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types import Detections, Ints, SensorView
 from coopsim.world.snapshot import Actors
 
@@ -48,7 +49,7 @@ class Oracles(Mapping[str, Oracle]):
     actors: Actors
     returns: Ints
     world_SE3_base: tuple[SE3, ...]
-    base_SE3_world: tuple[SE3, ...]
+    base_SE3_world: SE3Batch
 
     @classmethod
     def of(cls, oracles: Mapping[str, Oracle]) -> Self:
@@ -63,7 +64,7 @@ class Oracles(Mapping[str, Oracle]):
             Actors.concatenate([oracle.actors for oracle in each]),
             np.concatenate([np.zeros(0, np.int64), *(oracle.returns for oracle in each)]),
             poses,
-            tuple(pose.inverse() for pose in poses),
+            SE3Batch.of([pose.inverse() for pose in poses]),
         )
 
     def __getitem__(self, agent: str) -> Oracle:

@@ -248,6 +248,28 @@ class GroundTruth:
                 object.__setattr__(self, name, frozen(column, (count, *shape), dtype, name))
 
     @classmethod
+    def trusted(
+        cls,
+        ids: Ints,
+        boxes: Boxes3D,
+        label: Ints,
+        visible_to: Ints | None = None,
+        velocity: Floats | None = None,
+        returns: Ints | None = None,
+        in_region: Mask | None = None,
+        counts: Mask | None = None,
+    ) -> GroundTruth:
+        """Make ground truth without a check, of new or read-only arrays that are known to have shape and type."""
+        truth = object.__new__(cls)
+        object.__setattr__(truth, "boxes", boxes)
+        object.__setattr__(truth, "id", sealed(ids))
+        object.__setattr__(truth, "label", sealed(label))
+        known = visible_to, velocity, returns, in_region, counts
+        for name, column in zip(_KNOWN_TRUTH, known, strict=True):
+            object.__setattr__(truth, name, column if column is None else sealed(column))
+        return truth
+
+    @classmethod
     def empty(cls) -> GroundTruth:
         """Return no objects."""
         none = np.zeros(0, dtype=np.int64)
@@ -262,7 +284,7 @@ class GroundTruth:
         if self.counts is None:
             return self
         visible_to = None if self.visible_to is None else self.visible_to[self.counts]
-        return GroundTruth(self.id[self.counts], self.boxes[self.counts], self.label[self.counts], visible_to)
+        return GroundTruth.trusted(self.id[self.counts], self.boxes[self.counts], self.label[self.counts], visible_to)
 
     def validate(self) -> None:
         """Raise `InvalidValueError` if a box is not finite, a size not positive, or an id not unique."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import frozen
+from coopsim.support.arrays import frozen, sealed
 from coopsim.types import Ints
 
 
@@ -60,7 +60,20 @@ class Actors:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | NDArray[Any]) -> Actors:
-        return Actors(*(getattr(self, column.name)[index] for column in fields(self)))
+        return self._changed(**{name: getattr(self, name)[index] for name in self.__slots__})
+
+    def moved(self, rows: Ints, boxes: Boxes3D, velocity: Floats) -> Actors:
+        """Return the actors of these rows (N,), which may repeat, with other boxes (N) and velocities (N, 2)."""
+        rest = [name for name in self.__slots__ if name not in ("boxes", "velocity")]
+        return self._changed(boxes=boxes, velocity=velocity, **{name: getattr(self, name)[rows] for name in rest})
+
+    def _changed(self, boxes: Boxes3D, **columns: NDArray[Any]) -> Actors:
+        """Make actors without a check, of boxes and of rows of arrays that have been checked."""
+        actors = object.__new__(Actors)
+        object.__setattr__(actors, "boxes", boxes)
+        for name, column in columns.items():
+            object.__setattr__(actors, name, sealed(column))
+        return actors
 
     @classmethod
     def concatenate(cls, parts: Sequence[Actors]) -> Actors:

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -111,10 +112,11 @@ class World:
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
         bodies: dict[str, AgentBody] = {}
-        for k, row in enumerate(self._traffic.fleet.rows[list(self._traffic.connected)]):
-            pose = SE3.from_xyz_yaw([row["x"], row["y"], 0.0], row["heading"])
-            height_m = float(self.models[row["model"]].size_m[2])
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", int(row["id"]), pose, height_m)
+        cars = self._traffic.fleet.rows[list(self._traffic.connected)]
+        at = np.column_stack([cars["x"], cars["y"], np.zeros(len(cars)), cars["heading"]])
+        poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
+        for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
+            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
         for k, unit in enumerate(self._units):
             bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
         for k, flight in enumerate(self._flights):

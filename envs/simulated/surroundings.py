@@ -12,6 +12,7 @@ from numba import njit
 from coopsim.detection.oracle import Oracles
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types import GroundTruth, Ints, Mask
 from coopsim.world.snapshot import Actors, AgentBody
 
@@ -40,23 +41,13 @@ class Surroundings:
             returns: (N, A) number of LiDAR returns that each agent has from each actor.
         """
         world_SE3_base = tuple(body.world_SE3_base for body in bodies.values())
-        base_SE3_world = tuple(pose.inverse() for pose in world_SE3_base)
-        turn = np.array([pose.rotation for pose in base_SE3_world])
-        shift = np.array([pose.translation for pose in base_SE3_world])
+        base_SE3_world = SE3Batch.of([pose.inverse() for pose in world_SE3_base])
+        turn, shift = base_SE3_world.rotation, base_SE3_world.translation
         own_id = np.array([0 if body.actor_id is None else body.actor_id for body in bodies.values()])
         start, row, center, velocity = _move(actors.id, actors.boxes.center, actors.velocity, own_id, turn, shift)
         own, from_row, visible_to = _count(start, row, returns)
-        turn_rad = np.repeat(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]), np.diff(start))
-        around = Actors(
-            actors.id[row],
-            Boxes3D(center, actors.boxes.size[row], wrap_angle(actors.boxes.yaw[row] + turn_rad)),
-            velocity,
-            actors.label[row],
-            actors.model[row],
-            actors.color[row],
-            actors.accent[row],
-            actors.phase[row],
-        )
+        yaw = wrap_angle(actors.boxes.yaw[row] + np.repeat(base_SE3_world.yaw, np.diff(start)))
+        around = actors.moved(row, Boxes3D.trusted(center, actors.boxes.size[row], yaw), velocity)
         return cls(Oracles(tuple(bodies), start, around, own, world_SE3_base, base_SE3_world), from_row, visible_to)
 
     def truths(self, region_m: tuple[float, float], *, all_count: bool) -> dict[str, GroundTruth]:
@@ -72,7 +63,7 @@ class Surroundings:
         truths, start = {}, self.oracles.start.tolist()
         for agent, begin, end in zip(self.oracles.agents, start, start[1:], strict=False):
             rows = slice(begin, end)
-            truths[agent] = GroundTruth(
+            truths[agent] = GroundTruth.trusted(
                 around.id[rows],
                 boxes[rows],
                 around.label[rows],

@@ -23,6 +23,7 @@ from coopsim.detection.simulated.persistence import Persistence, PersistentNorma
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.checks import require_between, require_non_negative, require_positive
 from coopsim.support.rng import draw_key, stream
 from coopsim.types import Detections, Ints, Mask
@@ -137,7 +138,7 @@ class Clutter:
         self,
         asked: Ints,
         world_SE3_base: Sequence[SE3],
-        base_SE3_world: Sequence[SE3],
+        base_SE3_world: SE3Batch,
         start: Ints,
         solid_m: Floats,
         room_m: float = 3.0,
@@ -156,9 +157,7 @@ class Clutter:
         lived = self._frame[asked] * self._lives_per_frame[asked]
         self._frame[asked] += 1
         begin, ids, places_m, looks = _phantoms(at_m, self._around, lived, self._keys, self._share)
-        turn = np.array([pose.rotation for pose in base_SE3_world]).reshape(-1, 3, 3)
-        shift = np.array([pose.translation for pose in base_SE3_world]).reshape(-1, 3)
-        row, center = _move(begin, places_m, turn, shift)
+        row, center = _move(begin, places_m, base_SE3_world.rotation, base_SE3_world.translation)
         range_m = np.sqrt(center[:, 0] * center[:, 0] + center[:, 1] * center[:, 1])
         near = np.flatnonzero((np.abs(center) <= self._reach_m).all(axis=1) & (range_m > room_m))
         normals = self._normals.step(asked, begin, ids, near)

@@ -16,6 +16,7 @@ from coopsim.detection.simulated.persistence import Persistence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types import AgentSpec, Detections, Odometry, SensorView
 from coopsim.world.snapshot import Actors
 
@@ -137,7 +138,7 @@ def phantoms(clutter: Clutter, pose: SE3 | None = None, solid_m: np.ndarray | No
     """One frame of the only agent's."""
     pose, solid_m = pose or SE3.identity(), np.zeros((0, 2)) if solid_m is None else solid_m
     return clutter.detect(
-        np.zeros(1, np.int64), [pose], [pose.inverse()], np.array([0, len(solid_m)]), solid_m
+        np.zeros(1, np.int64), [pose], SE3Batch.of([pose.inverse()]), np.array([0, len(solid_m)]), solid_m
     ).detections
 
 
