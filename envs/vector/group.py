@@ -76,6 +76,13 @@ class Failure(NamedTuple):
     error: Exception | None = None
     refused: bool = False
 
+    @property
+    def exception(self) -> Exception:
+        """What to raise: the error itself, with the traceback as a note."""
+        error = self.error or RuntimeError(self.report.rstrip().rpartition("\n")[2])
+        error.add_note(f"Where it was raised:\n{self.report}")
+        return error
+
 
 Reply = Transition | Value | Failure
 

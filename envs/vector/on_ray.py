@@ -67,7 +67,7 @@ class RayWorker(Worker):
     def describe(self) -> Description:
         made: Description | Failure = self._receive()
         if isinstance(made, Failure):
-            raise made.error or InvalidValueError(f"an environment cannot be made:\n{made.report}")
+            raise made.exception
         return made
 
     def give(self, orders: Sequence[Order]) -> None:

@@ -11,7 +11,6 @@ from coopsim.envs.vector.arena import Arena
 from coopsim.envs.vector.group import Description, Failure, Order, Reply
 from coopsim.envs.vector.line import Line
 from coopsim.envs.vector.worker import Worker, WorkerDiedError
-from coopsim.errors import InvalidValueError
 from coopsim.support.processes import cause_of_end, start_python
 
 _PROGRAM = "from coopsim.envs.vector.serve import serve; serve()"
@@ -36,7 +35,7 @@ class Process(Worker):
     def describe(self) -> Description:
         made: Description | Failure = self._receive()
         if isinstance(made, Failure):
-            raise made.error or InvalidValueError(f"an environment cannot be made:\n{made.report}")
+            raise made.exception
         return made
 
     def give(self, orders: Sequence[Order]) -> None:

@@ -72,8 +72,8 @@ class Stepper:
             self._over[index] = before[index]
         if len(refused) < len(replies):
             self._begin({index: courses[index] for index in chosen if index not in refused}, courses, replies)
-        for index, failure in refused.items():
-            raise failure.error or InvalidValueError(f"environment {index}: {failure.report}")
+        for failure in refused.values():
+            raise failure.exception
         lost = self._lost(replies)
         if lost:
             raise LostEnvironmentsError(lost)
@@ -119,19 +119,19 @@ class Stepper:
         self._crew.give([Order(index, call, each) for index, each in enumerate(arguments)])
         values: dict[int, Any] = {}
         dead: dict[int, Reply] = {}
-        failures: list[tuple[int, Failure]] = []
+        failures: list[Failure] = []
         for index, name, reply in self._crew.replies():
             if name == DIED:
                 dead[index] = reply
                 self._keep(index, reply)
             elif isinstance(reply, Failure):
-                failures.append((index, reply))
+                failures.append(reply)
             else:
                 values[index] = reply.value if isinstance(reply, Value) else None
         if dead:
             raise LostEnvironmentsError(self._lost(dead))
-        for index, failure in failures:
-            raise failure.error or RuntimeError(f"environment {index}: {failure.report}")
+        for failure in failures:
+            raise failure.exception
         return tuple(values[index] for index in range(self.count))
 
     def close(self) -> None:
