@@ -7,7 +7,8 @@ turn and the best, and how many times as many the workers make.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,34 +39,50 @@ IDLE = {"tracks": pack_tracks(Tracks.empty())}
 @pytest.mark.parametrize("row", ROWS)
 def test_two_workers_against_the_calling_process(row: str) -> None:
     print(f"\n{row}, {COUNT} environments", flush=True)
-    turns = {workers: turn_of(workers, ROWS[row]) for workers in (0, 2)}
-    per_s: dict[int, list[float]] = {workers: [] for workers in turns}
-    for _ in range(TURNS):
-        for workers, turn in turns.items():
-            began = time.perf_counter()
-            turn()
-            per_s[workers].append(COUNT * STEPS / (time.perf_counter() - began))
-        print("  " + "   ".join(f"{workers} workers {found[-1]:6.0f}" for workers, found in per_s.items()), flush=True)
-    medians = {workers: float(np.median(found)) for workers, found in per_s.items()}
-    gain, best = medians[2] / medians[0], max(per_s[2]) / max(per_s[0])
-    print(f"  2 workers make {gain:.2f} times the steps (medians); the best turns {best:.2f} times", flush=True)
+    per_s: dict[int, list[float]] = {0: [], 2: []}
+    cpu_ms: dict[int, list[float]] = {0: [], 2: []}
+    with stepped(0, ROWS[row]) as alone, stepped(2, ROWS[row]) as shared:
+        for _ in range(TURNS):
+            for workers, turns in ((0, alone), (2, shared)):
+                began, spent = time.perf_counter(), cpu_s()
+                next(turns)
+                per_s[workers].append(COUNT * STEPS / (time.perf_counter() - began))
+                cpu_ms[workers].append(1e3 * (cpu_s() - spent) / (COUNT * STEPS))
+            print(
+                "  " + "   ".join(f"{workers} workers {each[-1]:6.0f}" for workers, each in per_s.items()), flush=True
+            )
+    gain = np.median(per_s[2]) / np.median(per_s[0])
+    cpu = {workers: float(np.median(spent)) for workers, spent in cpu_ms.items()}
+    print(f"  2 workers make {gain:.2f} times the steps; the best turns {max(per_s[2]) / max(per_s[0]):.2f} times")
+    print(
+        f"  CPU of a step: {cpu[0]:.2f} and {cpu[2]:.2f} ms, which on free cores gives {2 * cpu[0] / cpu[2]:.2f} times"
+    )
 
 
-def turn_of(workers: int, options: dict[str, Any]) -> Callable[[], None]:
-    """A function that steps a vector some times; the first steps, which load and compile, are over."""
-    vector: Any = coopsim.vector("crossing", COUNT, workers=workers, **BASE, **options)
-    vector.reset()
-    if "agents" in options:
-        actions = np.zeros(COUNT, np.int64)
-    else:
-        actions = [dict.fromkeys(agents, IDLE) for agents in vector.get_attr("agents")]
+@contextmanager
+def stepped(workers: int, options: dict[str, Any]) -> Iterator[Iterator[None]]:
+    """A vector that makes some steps at each turn; the first, which load and compile, are over."""
+    with coopsim.vector("crossing", COUNT, workers=workers, **BASE, **options) as vector:
+        vector.reset()
+        actions: Any = np.zeros(COUNT, np.int64)
+        if "agents" not in options:
+            actions = [dict.fromkeys(agents, IDLE) for agents in vector.get_attr("agents")]
 
-    def turn() -> None:
-        for _ in range(STEPS):
-            vector.step(actions)
+        def turns() -> Iterator[None]:
+            while True:
+                for _ in range(STEPS):
+                    vector.step(actions)
+                yield
 
-    turn()
-    return turn
+        endless = turns()
+        next(endless)
+        yield endless
+
+
+def cpu_s() -> float:
+    """CPU time of this process and its workers so far."""
+    me = psutil.Process()
+    return sum(sum(process.cpu_times()[:2]) for process in (me, *me.children()))
 
 
 def test_memory_of_64_environments() -> None:
