@@ -22,6 +22,9 @@ BOX, VELOCITY, SCORE, LABEL = slice(0, 7), slice(7, 9), 9, 10
 
 _COLUMNS = 11
 
+_MOST_BYTES = 16 * 2**20
+"""Memory of decoded messages: little, as vectors have many environments, and enough for those of a frame."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Received:
@@ -58,7 +61,7 @@ class Inbox:
     def __init__(self, specs: Mapping[str, AgentSpec]) -> None:
         self._specs = specs
         self._frames = {name: OdometryFrame() for name in specs}
-        self._decoded = DecodeOnce()
+        self._decoded = DecodeOnce(_MOST_BYTES)
 
     def follow(self, agent: str, observation: Observation) -> None:
         """Follow an agent's motion by one frame."""
@@ -92,8 +95,9 @@ class Inbox:
         """Return where the agent itself was when each message was captured, (M, 2) m, in its base frame now."""
         frame = self._frames[agent]
         base_SE3_odom = frame.odom_SE3_base.inverse()
-        then = [base_SE3_odom.apply(frame.pose_at(message.captured_ns).translation)[:2] for message in inbox]
-        return np.array(then).reshape(-1, 2)
+        times = {message.captured_ns for message in inbox}  # few, as senders capture together
+        places = {time: base_SE3_odom.apply(frame.pose_at(time).translation)[:2] for time in times}
+        return np.array([places[message.captured_ns] for message in inbox]).reshape(-1, 2)
 
 
 def deviations(covariance: Floats | None) -> Floats:
