@@ -135,8 +135,10 @@ def within_reach(observation: Observation) -> list[Message]:
 
 def covers(boxes: Boxes3D, point_m: Floats) -> Mask:
     """Return the mask (N,) of boxes that cover a point on the ground, one (2,) for all or one for each (N, 2)."""
-    cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
-    x, y = (boxes.center[:, :2] - point_m).T
-    ahead, aside = np.abs(x * cos + y * sin), np.abs(y * cos - x * sin)
-    over: Mask = (ahead <= boxes.size[:, 0] / 2) & (aside <= boxes.size[:, 1] / 2)
+    offset_m, beyond_m = boxes.center[:, :2] - point_m, boxes.size[:, 0] + boxes.size[:, 1]
+    over: Mask = (np.abs(offset_m[:, 0]) < beyond_m) & (np.abs(offset_m[:, 1]) < beyond_m)
+    near = np.flatnonzero(over)  # few; the others cannot
+    (x, y), (length, width), yaw = offset_m[near].T, boxes.size[near, :2].T, boxes.yaw[near]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    over[near] = (np.abs(x * cos + y * sin) <= length / 2) & (np.abs(y * cos - x * sin) <= width / 2)
     return over

@@ -50,8 +50,10 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
     require_choice("merge", merge, MERGES)
     require_threshold(iou_threshold=iou_threshold)
     boxes = detections.boxes.array
+    order = np.argsort(-detections.score, kind="stable")
     finite = np.isfinite(boxes).all(axis=1) & np.isfinite(detections.score)
-    order = np.flatnonzero(finite)[np.argsort(-detections.score[finite], kind="stable")]
+    if not finite.all():
+        order = order[finite[order]]
     boxes = boxes[order]
     owner = owners(boxes, detections.label[order], iou_threshold)
     own = owner == np.arange(len(owner))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from operator import lt
 from typing import Any, overload
 
 import numpy as np
@@ -124,6 +125,9 @@ class DelayedMeasurements(ABC):
 
     def _newest(self, measurements: Measurements) -> list[int]:
         """Return the number of each source's last captured measurement, in the order of `_in_order`."""
+        sources = list(measurements.sources)
+        if sources[:1] == [self._first] and all(map(lt, sources[1:], sources[2:])) and self._first not in sources[1:]:
+            return list(range(len(sources)))  # one of each, in order: as a policy makes them
         latest: dict[str, int] = {}
         for number, (source, captured_ns) in enumerate(
             zip(measurements.sources, measurements.captured_ns, strict=True)
