@@ -18,6 +18,8 @@ error is their speed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
@@ -50,6 +52,35 @@ GATE = 3.0
 _CANDIDATES, _REFINED, _ITERATIONS = 60, 3, 6
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Prior:
+    """A weighted normal density of motions.
+
+    Attributes:
+        mean: (3,).
+        information: (3, 3) inverse of the covariance.
+        log_weight: logarithm of its weight.
+        log_volume: logarithm of the covariance's determinant.
+    """
+
+    mean: Floats
+    information: Floats
+    log_weight: float
+    log_volume: float
+
+    @classmethod
+    def of(cls, weight: float, mean: Floats, covariance: Floats) -> _Prior:
+        """Return the density with a covariance (3, 3)."""
+        return cls(mean, np.linalg.inv(covariance), float(np.log(weight)), float(np.linalg.slogdet(covariance)[1]))
+
+    def log(self, motions: Floats) -> Floats:
+        """Return the log density (C,) at motions (C, 3), without its constant."""
+        offset = motions - self.mean
+        squared = np.einsum("ci,ij,cj->c", offset, self.information, offset)
+        log_density: Floats = self.log_weight - (squared + self.log_volume) / 2
+        return log_density
+
+
 class EgoMotion:
     """Causal estimator of one car's planar motion; give it each frame's detections in turn.
 
@@ -78,10 +109,11 @@ class EgoMotion:
         same = label[:, None] == self._label
         if not same.any():
             return
+        priors = _Prior.of(1 - LOST, self._motion, self._covariance), _Prior.of(LOST, np.zeros(3), self._wide)
         candidates = self._candidates(boxes, same)
-        best = np.argsort(-self._log_posterior(candidates, boxes, same), kind="stable")[:_REFINED]
-        refined = [self._refine(candidates[k], boxes, same) for k in best]
-        values = self._log_posterior(np.array([motion for motion, _ in refined]), boxes, same)
+        best = np.argsort(-self._log_posterior(candidates, boxes, same, priors), kind="stable")[:_REFINED]
+        refined = [self._refine(candidates[k], boxes, same, priors) for k in best]
+        values = self._log_posterior(np.array([motion for motion, _ in refined]), boxes, same, priors)
         self._motion, information = refined[int(np.argmax(values))]
         self._covariance = np.linalg.inv(information)
 
@@ -108,22 +140,20 @@ class EgoMotion:
         squared = np.einsum("cnmk,cnmk->cnm", offset, offset) / variance + 2 * np.log(variance / BOX_M**2)
         return moved, np.where(same, squared, np.inf)
 
-    def _log_posterior(self, motions: Floats, boxes: Floats, same: Mask) -> Floats:
+    def _log_posterior(self, motions: Floats, boxes: Floats, same: Mask, priors: tuple[_Prior, _Prior]) -> Floats:
         _, squared = self._distances(motions, boxes, same)
         likelihood: Floats = np.log(OUTLIER + np.exp(-squared.min(axis=2) / 2)).sum(axis=1)
-        return likelihood + np.logaddexp(*(_log_normal(motions, *prior) for prior in self._priors()))
+        return likelihood + np.logaddexp(priors[0].log(motions), priors[1].log(motions))
 
-    def _priors(self) -> tuple[tuple[float, Floats, Floats], tuple[float, Floats, Floats]]:
-        """Return weight, mean and covariance of both parts of the prior."""
-        return (1 - LOST, self._motion, self._covariance), (LOST, np.zeros(3), self._wide)
-
-    def _refine(self, motion: Floats, boxes: Floats, same: Mask) -> tuple[Floats, Floats]:
+    def _refine(
+        self, motion: Floats, boxes: Floats, same: Mask, priors: tuple[_Prior, _Prior]
+    ) -> tuple[Floats, Floats]:
         """Return the nearest maximum by reweighted least squares (Gauss-Newton), and its information matrix (3, 3)."""
         dt_s = self._dt_s
         for _ in range(_ITERATIONS):
-            _, mean, covariance = max(self._priors(), key=lambda prior: float(_log_normal(motion[None], *prior)[0]))
-            information = np.linalg.inv(covariance)
-            pull = information @ (mean - motion)
+            past, wide = priors
+            prior = past if past.log(motion[None])[0] >= wide.log(motion[None])[0] else wide
+            pull = prior.information @ (prior.mean - motion)
             moved, squared = self._distances(motion[None], boxes, same)
             nearest = squared[0].argmin(axis=1)
             match = np.exp(-squared[0, np.arange(len(boxes)), nearest] / 2)
@@ -133,7 +163,7 @@ class EgoMotion:
             jacobian = np.zeros((len(boxes), 2, 3))
             jacobian[:, 0, 0] = jacobian[:, 1, 1] = dt_s
             jacobian[:, 0, 2], jacobian[:, 1, 2] = -arm[:, 1] * dt_s, arm[:, 0] * dt_s
-            information = information + np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
+            information = prior.information + np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
             pull = pull + np.einsum("n,nki,nk->i", weight, jacobian, offset)
             motion = motion + np.linalg.solve(information, pull)
         return motion, information
@@ -164,14 +194,6 @@ class EgoMotion:
         nearest, rows = squared.argmin(axis=1), np.arange(len(boxes))
         mutual = (squared.argmin(axis=0)[nearest] == rows) & (squared[rows, nearest] < GATE**2)
         return rows[mutual], nearest[mutual]
-
-
-def _log_normal(values: Floats, weight: float, mean: Floats, covariance: Floats) -> Floats:
-    """Return the log of a weighted normal density at values (C, 3), without its constant."""
-    offset = values - mean
-    squared = np.einsum("ci,ij,cj->c", offset, np.linalg.inv(covariance), offset)
-    log_density: Floats = np.log(weight) - (squared + np.linalg.slogdet(covariance)[1]) / 2
-    return log_density
 
 
 def _rotation(angle_rad: float) -> Floats:

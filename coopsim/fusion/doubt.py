@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -43,7 +43,8 @@ class Doubt:
     @property
     def weights(self) -> Floats:
         """(7,): the bias, and the weights of `pair_features` in their order."""
-        return np.array(astuple(self), dtype=np.float64)
+        scores, away = (self.own_score, self.other_score), (self.own_away, self.other_away)
+        return np.array([self.bias, *scores, *away, self.gap, self.gap_away], dtype=np.float64)
 
     def probability_other(self, features: Floats) -> Floats:
         """Return the probability (N,) that the other box is right; `features` (N, 6) as from `pair_features`."""

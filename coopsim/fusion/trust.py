@@ -14,6 +14,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_probability
 from coopsim.types import Detections, Ints, Mask
+from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
 
 
@@ -118,16 +119,17 @@ def trust_likelier(
     """
     require_between(-1, 1, gate=gate)
     require_probability(least_chance=least_chance)
-    joined, starts = _joined(groups)
+    valid = _valid(groups)
     weights = np.zeros(0) if hearsay is None else hearsay.weights
+    joined = valid.joined
     boxes, score, label = joined.boxes.array, joined.score, joined.label
-    found = fuse_groups(boxes, score, label, starts, float(gate), doubt.weights, weights, float(least_chance))
+    found = fuse_groups(boxes, score, label, valid.starts, float(gate), doubt.weights, weights, float(least_chance))
     return FusedBoxes.of_rows(found, joined)
 
 
-def _joined(groups: Sequence[Detections]) -> tuple[Detections, Ints]:
-    """Return the valid boxes of all groups, and where each group starts; the last number is their count."""
-    valid = [drop_invalid(each) for each in groups]
-    starts = np.zeros(len(valid) + 1, dtype=np.int64)
-    np.cumsum([len(each) for each in valid], out=starts[1:])
-    return Detections.concatenate(valid), starts
+def _valid(groups: Sequence[Detections]) -> DetectionGroups:
+    """Return the valid boxes of all groups, end to end."""
+    joined = DetectionGroups.of(groups)
+    if joined.parts is None and drop_invalid(joined.joined) is joined.joined:
+        return joined
+    return DetectionGroups.of([drop_invalid(each) for each in groups])
