@@ -70,6 +70,7 @@ def trace_rays(
         start_m = origins_m[ray] + directions[ray] * travelled_m[:, None]
         height_m, climb = start_m[:, 2], directions[ray, 2]
         ahead = ((height_m >= low_m) | (climb > 0)) & ((height_m <= high_m) | (climb < 0))
+        ahead &= travelled_m <= farthest_m[ray]
         hits = scene.cast(start_m[ahead], directions[ray[ahead]])
         ray, travelled_m = ray[ahead], travelled_m[ahead] + hits.range_m
         met = travelled_m <= farthest_m[ray]

@@ -15,7 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.visibility.crossings import count_crossings, height_span, join_crossings, trace_rays
-from coopsim.sensors.visibility.ray_candidates import may_hit
+from coopsim.sensors.visibility.ray_candidates import angles_of, reaches
 from coopsim.support.arrays import frozen
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody
@@ -55,7 +55,8 @@ class VisibilityProbe:
     """
 
     def __init__(self, configs: Sequence[LidarConfig]) -> None:
-        self._sensors = [(config, config.beams.directions(config.columns)) for config in configs]
+        directions = [config.beams.directions(config.columns) for config in configs]
+        self._sensors = [(config, rays, angles_of(rays)) for config, rays in zip(configs, directions, strict=True)]
 
     def measure(self, scene: RayScene, body: AgentBody, actors: Actors, returns: Ints) -> Visibility:
         """Measure the visibility of all actors but the agent itself.
@@ -68,11 +69,17 @@ class VisibilityProbe:
         """
         other = np.ones(len(actors), np.bool_) if body.actor_id is None else actors.id != body.actor_id
         others, parts = actors[other], []
-        for config, directions in self._sensors:
+        for config, directions, (azimuth_rad, elevation_rad) in self._sensors:
             world_SE3_sensor = body.world_SE3_base.compose(config.base_SE3_sensor(body.height_m))
-            origin_m, rays = world_SE3_sensor.translation, world_SE3_sensor.rotate(directions)
-            rays = rays[may_hit(others.boxes, origin_m, rays)]
-            range_m = config.min_range_m, config.max_range_m
+            origin_m, turn = world_SE3_sensor.translation, world_SE3_sensor.rotation
+            if turn[2, 2] == 1:  # the sensor is upright
+                angles = azimuth_rad + world_SE3_sensor.yaw, elevation_rad
+            else:
+                angles = angles_of(world_SE3_sensor.rotate(directions))
+            reach_m = reaches(others.boxes, origin_m, *angles)
+            cast = np.flatnonzero(reach_m)
+            range_m = config.min_range_m, np.minimum(reach_m[cast], config.max_range_m)
+            rays = world_SE3_sensor.rotate(directions[cast])
             parts.append(trace_rays(scene, origin_m, rays, range_m, height_span(others)))
-        crossings = join_crossings(parts, [len(directions) for _, directions in self._sensors])
+        crossings = join_crossings(parts, [len(directions) for _, directions, _ in self._sensors])
         return Visibility(others.id, returns[other], *count_crossings(crossings, others.id))

@@ -21,7 +21,7 @@ from coopsim.sensors.visibility.crossings import (
     join_crossings,
     trace_rays,
 )
-from coopsim.sensors.visibility.ray_candidates import may_hit
+from coopsim.sensors.visibility.ray_candidates import angles_of, reaches
 from coopsim.support.arrays import frozen
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, AgentBody
@@ -68,8 +68,10 @@ def measure_pixels(cameras: Sequence[Camera], scene: RayScene, body: AgentBody, 
 def _crossings(camera: Camera, scene: RayScene, body: AgentBody, others: Actors) -> Crossings:
     pose, lens = body.world_SE3_base.compose(camera.base_SE3_camera(body.height_m)), camera.intrinsics
     rays = pose.rotate(lens.unit_rays)
-    ahead = may_hit(others.boxes, pose.translation, rays)
+    reach_m = reaches(others.boxes, pose.translation, *angles_of(rays))
+    ahead = np.flatnonzero(reach_m)
     start_m = pose.apply(camera.near_m * lens.rays[ahead])
-    range_m = 0.0, (camera.far_m - camera.near_m) * lens.stretch.reshape(-1)[ahead].astype(np.float64)
+    far_m = (camera.far_m - camera.near_m) * lens.stretch.reshape(-1)[ahead].astype(np.float64)
+    range_m = 0.0, np.minimum(far_m, reach_m[ahead])
     own = NOTHING if body.actor_id is None else body.actor_id
     return trace_rays(scene, start_m, rays[ahead], range_m, height_span(others), own)

@@ -1,12 +1,13 @@
-"""Preselection of the rays from a point that may hit some boxes, so that the others need not be cast."""
+"""Preselection of the rays from a point that may hit some boxes, and how far: no others need to be cast."""
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints, Mask
+from coopsim.types import Ints
 
 _CELLS = 360
 """Cells of the full turn of azimuth, and as many from nadir to zenith."""
@@ -15,22 +16,31 @@ _SLACK_M = 0.01
 """Enlargement of the boxes: actors fill theirs to a millimetre."""
 
 
-def may_hit(boxes: Boxes3D, origin_m: Floats, directions: Floats) -> Mask:
-    """Return a mask (R,) of the rays that may hit a box: conservative, by each box's upright bounding cylinder.
+def angles_of(directions: Floats) -> tuple[Floats, Floats]:
+    """Return the azimuths (R,) and elevations (R,), rad, of unit vectors (R, 3)."""
+    azimuth_rad: Floats = np.arctan2(directions[:, 1], directions[:, 0])
+    elevation_rad: Floats = np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))
+    return azimuth_rad, elevation_rad
+
+
+def reaches(boxes: Boxes3D, origin_m: Floats, azimuth_rad: Floats, elevation_rad: Floats) -> Floats:
+    """Return the distances (R,) m within which rays meet all the boxes that they meet; 0 for rays that meet none.
+
+    Conservative, by each box's upright bounding cylinder.
 
     Args:
         boxes: N of them, upright.
         origin_m: (3,) start of all rays.
-        directions: (R, 3) unit vectors.
+        azimuth_rad: (R,) of the rays; any number of turns.
+        elevation_rad: (R,) of the rays.
     """
-    elevation_rad = np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))
-    around, up = _cells(np.arctan2(directions[:, 1], directions[:, 0]), elevation_rad)
-    found: Mask = _covered(boxes, origin_m)[around % _CELLS, np.minimum(up, _CELLS - 1)]
+    around, up = _cells(azimuth_rad, elevation_rad)
+    found: Floats = _reaches_by_cell(boxes, origin_m)[around % _CELLS, np.minimum(up, _CELLS - 1)]
     return found
 
 
-def _covered(boxes: Boxes3D, origin_m: Floats) -> Mask:
-    """Return which cells of azimuth and elevation (_CELLS, _CELLS) a cylinder covers."""
+def _reaches_by_cell(boxes: Boxes3D, origin_m: Floats) -> Floats:
+    """Return the distances (_CELLS, _CELLS) by azimuth and elevation, m, to the far sides of cylinders; 0: none."""
     away = boxes.center - origin_m
     distance_m = np.hypot(away[:, 0], away[:, 1])
     radius_m = np.hypot(boxes.size[:, 0], boxes.size[:, 1]) / 2 + _SLACK_M
@@ -41,17 +51,21 @@ def _covered(boxes: Boxes3D, origin_m: Floats) -> Mask:
     lowest_rad = np.arctan2(lowest_m, np.where(lowest_m < 0, nearest_m, farthest_m))
     highest_rad = np.arctan2(highest_m, np.where(highest_m > 0, nearest_m, farthest_m))
     middle_rad = np.arctan2(away[:, 1], away[:, 0])
-    right, bottom = _cells(middle_rad - half_rad, lowest_rad)
-    left, top = _cells(middle_rad + half_rad, highest_rad)
-    # Each cylinder is a rectangle of cells, given by its four corners and filled by cumulative sums. It may reach half
-    # a turn beyond either end of the turn, so there are three turns, which are folded at the end.
-    cells = np.zeros((3 * _CELLS, _CELLS + 2), dtype=np.int32)
-    for row, column, sign in ((right, bottom, 1), (left + 1, bottom, -1), (right, top + 1, -1), (left + 1, top + 1, 1)):
-        np.add.at(cells, (row + _CELLS, column), sign)
-    cells.cumsum(axis=0, out=cells)
-    cells.cumsum(axis=1, out=cells)
-    folded: Mask = np.any((cells[:, :_CELLS] > 0).reshape(3, _CELLS, _CELLS), axis=0)
-    return folded
+    first = _cells(middle_rad - half_rad, lowest_rad)
+    last = _cells(middle_rad + half_rad, highest_rad)
+    reach_m = np.hypot(farthest_m, np.maximum(np.abs(lowest_m), np.abs(highest_m)))
+    return _paint(*first, *last, reach_m)
+
+
+@njit(cache=True, nogil=True)
+def _paint(right: Ints, bottom: Ints, left: Ints, top: Ints, reach_m: Floats) -> Floats:
+    """Return the largest number of the rectangles (N,) on each cell (_CELLS, _CELLS); the first axis is a circle."""
+    cells = np.zeros((_CELLS, _CELLS))
+    for n in range(len(reach_m)):
+        for turn in range(right[n], min(left[n], right[n] + _CELLS - 1) + 1):
+            for up in range(bottom[n], min(top[n], _CELLS - 1) + 1):
+                cells[turn % _CELLS, up] = max(cells[turn % _CELLS, up], reach_m[n])
+    return cells
 
 
 def _cells(azimuth_rad: Floats, elevation_rad: Floats) -> tuple[Ints, Ints]:
