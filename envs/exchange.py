@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
@@ -51,7 +52,7 @@ class Exchange:
         self.channel.send(self._messages(frame), frame.time_ns, positions, around)
         arrived = self.channel.deliver(frame.time_ns)
         received = {
-            name: replace(agent.observation, inbox=_by_capture(arrived.get(name, [])))
+            name: agent.observation.with_inbox(_by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
         for name, observation in received.items():
@@ -116,4 +117,4 @@ def _checked(uplink: Uplink, sender: str, message: object) -> Message:
 
 
 def _by_capture(messages: Sequence[Message]) -> tuple[Message, ...]:
-    return tuple(sorted(messages, key=lambda message: message.captured_ns))
+    return tuple(sorted(messages, key=attrgetter("captured_ns")))

@@ -6,6 +6,7 @@ A message is an envelope (sender, capture time, pose, checksum) around a payload
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from typing import Any
@@ -58,7 +59,7 @@ def decode_message(wire: bytes) -> Message:
         raise CodecError(f"the names in the envelope are not UTF-8: {error}") from error
     if not sender:
         raise CodecError("the envelope names no sender")
-    if not np.isfinite(pose).all():
+    if not all(map(math.isfinite, pose)):
         raise CodecError(f"the sender's pose must be finite, got {pose}")
     covariance = _unpack_covariance(_COVARIANCE.unpack_from(wire, names_end)) if stated else None
     payload = wire[len(wire) - payload_length :]

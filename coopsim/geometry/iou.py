@@ -58,7 +58,7 @@ def giou_bev(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
 
 def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     """Return `iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than the cost of one."""
-    in_space, from_above = both_overlaps(*_checked(a, b))
+    in_space, from_above = _both_overlaps(*_checked(a, b))
     return in_space, from_above
 
 
@@ -142,7 +142,7 @@ def _far(least: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return IoU in 3D and in the BEV as `_all_pairs` does, with each footprint clipped once."""
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
@@ -154,14 +154,32 @@ def both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
             reach = reach_a[i] + reach_b[j]
             if dx * dx + dy * dy >= reach * reach:
                 continue
-            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
-            area = _area_within(a[i, 3] / 2, a[i, 4] / 2, other, polygon, spare)
-            size_a, size_b = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4]
-            from_above[i, j] = _over_union(area, size_a, size_b)
-            dz, half_a, half_b = b[j, 2] - a[i, 2], a[i, 5] / 2, b[j, 5] / 2
-            low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
-            if high > low:
-                in_space[i, j] = _over_union(area * (high - low), size_a * a[i, 5], size_b * b[j, 5])
+            angles = (cos_a[i], sin_a[i], cos_b[j], sin_b[j])
+            in_space[i, j], from_above[i, j] = overlaps_of_pair(a[i], b[j], angles, polygon, spare)
+    return in_space, from_above
+
+
+@njit(cache=True, nogil=True)
+def overlaps_of_pair(
+    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
+) -> tuple[float, float]:
+    """Return IoU in 3D and in the BEV of two boxes (7,) that are near, for kernels that gate pairs themselves.
+
+    Args:
+        a: the first box.
+        b: the second box.
+        angles: cosine and sine of the first's yaw, then of the second's.
+        polygon: (16, 2) room to work in.
+        spare: (16, 2) more of it.
+    """
+    cos_a, sin_a, cos_b, sin_b = angles
+    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
+    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
+    size_a, size_b = a[3] * a[4], b[3] * b[4]
+    from_above = _over_union(area, size_a, size_b)
+    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
+    low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
+    in_space = _over_union(area * (high - low), size_a * a[5], size_b * b[5]) if high > low else 0.0
     return in_space, from_above
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from coopsim.geometry.iou import both_overlaps
+from coopsim.geometry.iou import overlaps_of_pair
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -44,19 +44,32 @@ def find_candidate_pairs(truth: Floats, truth_kind: Ints, tracks: Floats, track_
         tracks: (M, 7) boxes of the tracks.
         track_kind: (M,) their classes or superclasses.
     """
-    iou_3d, iou_bev = both_overlaps(truth, tracks)
-    most = iou_3d.size
+    reach, track_reach = np.hypot(truth[:, 3], truth[:, 4]) / 2, np.hypot(tracks[:, 3], tracks[:, 4]) / 2
+    cos, sin, track_cos, track_sin = (
+        np.cos(truth[:, 6]),
+        np.sin(truth[:, 6]),
+        np.cos(tracks[:, 6]),
+        np.sin(tracks[:, 6]),
+    )
+    polygon, spare = np.empty((16, 2)), np.empty((16, 2))
+    most = len(truth) * len(tracks)
     rows, columns = np.empty(most, np.int64), np.empty(most, np.int64)
     found_3d, found_bev, distance_m = np.empty(most), np.empty(most), np.empty(most)
     found = 0
     for i in range(len(truth)):
         for j in range(len(tracks)):
-            if truth_kind[i] != track_kind[j]:
-                continue
             dx, dy = truth[i, 0] - tracks[j, 0], truth[i, 1] - tracks[j, 1]
-            if iou_bev[i, j] <= 0 and dx * dx + dy * dy >= NEAR_M * NEAR_M:
+            square, both = dx * dx + dy * dy, reach[i] + track_reach[j]
+            near, touching = square < NEAR_M * NEAR_M, square < both * both
+            if truth_kind[i] != track_kind[j] or not (near or touching):
+                continue
+            iou_3d = iou_bev = 0.0
+            if touching:
+                angles = (cos[i], sin[i], track_cos[j], track_sin[j])
+                iou_3d, iou_bev = overlaps_of_pair(truth[i], tracks[j], angles, polygon, spare)
+            if not near and iou_bev <= 0:
                 continue
             rows[found], columns[found] = i, j
-            found_3d[found], found_bev[found], distance_m[found] = iou_3d[i, j], iou_bev[i, j], np.hypot(dx, dy)
+            found_3d[found], found_bev[found], distance_m[found] = iou_3d, iou_bev, np.hypot(dx, dy)
             found += 1
     return CandidatePairs(rows[:found], columns[:found], found_3d[:found], found_bev[:found], distance_m[:found])

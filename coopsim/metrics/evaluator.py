@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.metrics.candidate_pairs import CandidatePairs
 from coopsim.metrics.frame_matching import NO_OBJECTS, Objects, match_next_frame
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.arrays import sealed
@@ -67,16 +68,18 @@ class Evaluator:
         """
         objects = _objects(truth.boxes, truth.id, truth.label, truth.counts)
         reported = _objects(tracks.boxes, tracks.id, tracks.label, in_region)
-        match = match_next_frame(self._memory, len(self.log), objects, reported, self.log.match_iou)
-        if not match.sound:
+        sound, counts, pairs, matches, switches, memory = match_next_frame(
+            self._memory, len(self.log), objects, reported, self.log.match_iou
+        )
+        if not sound:
             truth.validate()  # which say what is wrong
             tracks.validate()
-        self._memory = match.memory
-        self.log.append(truth, objects.counts, tracks, match.counts, match.pairs)
-        count, made = int(np.count_nonzero(objects.counts)), int(np.count_nonzero(match.counts))
-        return FrameCounts(match.matches, made - match.matches, count - match.matches, match.switches, count)
+        self._memory = memory
+        self.log.append(truth, objects[-1], tracks, counts, CandidatePairs(*pairs))
+        count, made = int(np.count_nonzero(objects[-1])), int(np.count_nonzero(counts))
+        return FrameCounts(matches, made - matches, count - matches, switches, count)
 
 
 def _objects(boxes: Boxes3D, ids: Ints, label: Ints, counts: Mask | None) -> Objects:
     counts = np.ones(len(ids), np.bool_) if counts is None else np.ascontiguousarray(counts)
-    return Objects(boxes.array, np.ascontiguousarray(ids), np.ascontiguousarray(label), sealed(counts))
+    return boxes.array, np.ascontiguousarray(ids), np.ascontiguousarray(label), sealed(counts)

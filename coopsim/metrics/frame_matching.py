@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
@@ -21,70 +19,49 @@ NO_OBJECTS = np.zeros((0, 3), np.int64)
 """The memory of a sequence before its first frame."""
 
 
-class Objects(NamedTuple):
-    """Objects or tracks of a frame, as contiguous arrays.
+Objects = tuple[Floats, Ints, Ints, Mask]
+"""Objects or tracks of a frame, as contiguous arrays: boxes (N, 7), and read-only ids, classes and whether each counts
+(N,). A plain tuple, because numba takes several microseconds to take in or hand out one with names."""
 
-    Attributes:
-        boxes: (N, 7) x, y, z, l, w, h, yaw.
-        id: (N,), read-only.
-        label: (N,) classes, read-only.
-        counts: (N,) whether each counts in the score, read-only.
-    """
-
-    boxes: Floats
-    id: Ints
-    label: Ints
-    counts: Mask
-
-
-class FrameMatch(NamedTuple):
-    """The match of one frame.
-
-    Attributes:
-        sound: whether objects and tracks are valid. If not, nothing was matched.
-        counts: (M,) whether each track counts: see `match_next_frame`.
-        pairs: candidate pairs of objects and tracks that count, of one superclass, as rows among these.
-        matches: number of objects with a track.
-        switches: number of these with another track than at their last match.
-        memory: of the objects so far.
-    """
-
-    sound: bool
-    counts: Mask
-    pairs: CandidatePairs
-    matches: int
-    switches: int
-    memory: Ints
+Pairs = tuple[Ints, Ints, Floats, Floats, Floats]
+"""`CandidatePairs` as a plain tuple."""
 
 
 @njit(cache=True, nogil=True)
-def match_next_frame(memory: Ints, frame: int, truth: Objects, tracks: Objects, least: float) -> FrameMatch:
+def match_next_frame(
+    memory: Ints, frame: int, truth: Objects, tracks: Objects, least: float
+) -> tuple[bool, Mask, Pairs, int, int, Ints]:
     """Match the tracks of a frame, and compare the matches with those of the frames before.
 
-    A track counts if the region holds it (`tracks.counts`), unless it is on an object that does not count rather than
-    on one that does.
+    A track counts if the region holds it, unless it is on an object that does not count rather than on one that does.
 
     Args:
         memory: (K, 3) of the objects so far, by id: id, track of the last match, frame of the last match (-2: none
             yet). It is written to.
         frame: the frame's number, from 0.
         truth: the objects.
-        tracks: the reported tracks.
+        tracks: the reported tracks; they count if the region holds them.
         least: 3D IoU from which a track is on an object.
+
+    Returns:
+        Whether objects and tracks are valid (if not, nothing was matched); whether each track counts (M,); candidate
+        pairs of one superclass, as rows among the objects and tracks that count; the number of objects with a track;
+        the number of these with another track than at their last match; the memory of the objects so far.
     """
-    sound = are_sound(truth.boxes, truth.id, truth.label, _CLASSES)
-    sound = sound and are_sound(tracks.boxes, tracks.id, tracks.label, _CLASSES)
-    if not sound:
-        nothing, none = np.zeros(0, np.int64), np.zeros(0)
-        pairs = CandidatePairs(nothing, nothing, none, none, none)
-        return FrameMatch(False, np.zeros(0, np.bool_), pairs, 0, 0, memory)
-    pairs = find_candidate_pairs(truth.boxes, _SUPERCLASS[truth.label], tracks.boxes, _SUPERCLASS[tracks.label])
-    counts = _tracks_that_count(truth, tracks, pairs, least)
-    pairs = _among(pairs, truth.counts, counts)
-    truth_id, truth_label = truth.id[truth.counts], truth.label[truth.counts]
-    track_id, track_label = tracks.id[counts], tracks.label[counts]
+    boxes, true_id, true_label, true = truth
+    track_boxes, all_id, all_label, inside = tracks
+    sound = are_sound(boxes, true_id, true_label, _CLASSES) and are_sound(track_boxes, all_id, all_label, _CLASSES)
+    if not sound or len(all_id) == 0:
+        none, nothing = np.zeros(0, np.int64), np.zeros(0)
+        return sound, inside.copy(), (none, none, nothing, nothing, nothing), 0, 0, memory
+    pairs = find_candidate_pairs(boxes, _SUPERCLASS[true_label], track_boxes, _SUPERCLASS[all_label])
+    counts = inside & _not_on_ignored(pairs, true, true_label, all_label, least)
+    pairs = _among(pairs, true, counts)
+    flat = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)
+    truth_id, truth_label = true_id[true], true_label[true]
+    track_id, track_label = all_id[counts], all_label[counts]
     if len(track_id) == 0:
-        return FrameMatch(True, counts, pairs, 0, 0, memory)
+        return True, counts, flat, 0, 0, memory
     memory = _with_new_objects(memory, truth_id)
     place = np.searchsorted(memory[:, 0], truth_id)
     weight = np.zeros(len(pairs.iou_3d))
@@ -104,20 +81,20 @@ def match_next_frame(memory: Ints, frame: int, truth: Objects, tracks: Objects, 
         matches += 1
         switches += before[2] >= 0 and before[1] != track
         before[1], before[2] = track, frame
-    return FrameMatch(True, counts, pairs, matches, switches, memory)
+    return True, counts, flat, matches, switches, memory
 
 
 @njit(cache=True, nogil=True)
-def _tracks_that_count(truth: Objects, tracks: Objects, pairs: CandidatePairs, least: float) -> Mask:
-    """Return the mask (M,) of tracks that count, see `match_next_frame`."""
-    ignored, counted = np.zeros(len(tracks.id)), np.zeros(len(tracks.id))
+def _not_on_ignored(pairs: CandidatePairs, counts: Mask, truth_label: Ints, track_label: Ints, least: float) -> Mask:
+    """Return the mask (M,) of tracks that are on no object that does not count, or no less on one that does."""
+    ignored, counted = np.zeros(len(track_label)), np.zeros(len(track_label))
     for p in range(len(pairs.truth)):
         row, column = pairs.truth[p], pairs.track[p]
-        if truth.label[row] != tracks.label[column]:
+        if truth_label[row] != track_label[column]:
             continue
-        best = counted if truth.counts[row] else ignored
+        best = counted if counts[row] else ignored
         best[column] = max(best[column], pairs.iou_3d[p])
-    return tracks.counts & ((ignored < least) | (counted >= ignored))
+    return (ignored < least) | (counted >= ignored)
 
 
 @njit(cache=True, nogil=True)

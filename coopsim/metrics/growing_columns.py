@@ -36,6 +36,8 @@ class GrowingColumns:
     def append(self, rows: Mapping[str, Any]) -> None:
         """Add values to the end of columns, any number of them to each; they are cast to the columns' types."""
         for name, values in rows.items():
+            if not len(values):
+                continue
             added = np.ascontiguousarray(values, dtype=self._types[name])
             self._recent[name].frombytes(added.tobytes())
             self._bytes += added.nbytes

@@ -79,6 +79,19 @@ class Observation:
     inbox: tuple[Message, ...] = ()
     sensed: bool = True
 
+    def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
+        """Return the observation with these messages, oldest capture first."""
+        return Observation(
+            self.time_ns,
+            self.pose,
+            self.odometry,
+            self.detections,
+            self.sweeps,
+            self.cameras,
+            inbox,
+            self.sensed,
+        )
+
     def view(self, spec: AgentSpec) -> SensorView:
         """Return the sensor data alone, with calibrations and mountings, as a `Detector` sees it.
 

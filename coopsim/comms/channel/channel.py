@@ -11,8 +11,8 @@ from __future__ import annotations
 import heapq
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import count
 
 import numpy as np
@@ -41,15 +41,17 @@ class _Wire:
     """Bytes as they arrive, decoded once for all receivers and moments of arrival."""
 
     def __init__(self, content: bytes) -> None:
-        self.content = content
+        self._content: bytes | None = content
+        self._message: Message | None = None
 
-    @cached_property
+    @property
     def message(self) -> Message | None:
         """The message; None if its bytes were corrupted on the way."""
-        try:
-            return decode_message(self.content)
-        except CodecError:
-            return None
+        if self._content is not None:
+            with suppress(CodecError):
+                self._message = decode_message(self._content)
+            self._content = None
+        return self._message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,11 +255,11 @@ class Channel:
             reception: (N,) the radio's probability of reception.
         """
         self._counts.add(fan.sender, fan.receivers, "sent")
-        whole = _Transmission(next(self._numbers), fan.sender, fan.receivers, fan.names, _Wire(wire), ())
+        number, intact = next(self._numbers), _Wire(wire)
         alike: dict[tuple[bytes, tuple[int, ...]], list[int]] = {}
         if fan.certain_delays_ns is not None:
-            reached = np.flatnonzero(reception > 0).tolist() if fan.certain_delays_ns else []
-            alike = {(wire, fan.certain_delays_ns): reached}
+            if fan.certain_delays_ns:
+                alike = {(wire, fan.certain_delays_ns): np.flatnonzero(reception > 0).tolist()}
         else:
             for place, (link, probability) in enumerate(zip(fan.links, reception.tolist(), strict=True)):
                 fate = link.draw(wire, probability)
@@ -267,9 +269,11 @@ class Channel:
         sent = []
         for (content, delays_ns), places in alike.items():
             arriving[places] = True
-            arrives = whole.wire if content is wire else _Wire(content)
-            sent.append(replace(whole.only(places), wire=arrives, delays_ns=delays_ns))
-        self._counts.add(fan.sender, fan.receivers[~arriving], "lost")
+            arrives = intact if content is wire else _Wire(content)
+            whole = _Transmission(number, fan.sender, fan.receivers, fan.names, arrives, delays_ns)
+            sent.append(whole.only(places))
+        if not arriving.all():
+            self._counts.add(fan.sender, fan.receivers[~arriving], "lost")
         return sent
 
     def _queue(self, sender: str, fan: _Fan, sent: Sequence[_Transmission], size_bytes: int, now_ns: int) -> None:

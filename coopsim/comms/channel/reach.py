@@ -21,6 +21,7 @@ def out_of_range(places_m: Floats, range_m: float) -> Mask:
     apart = places_m[:, None] - places_m
     square = np.einsum("ijk,ijk->ij", apart, apart)
     far: Mask = square > range_m**2
-    for i, j in np.argwhere(np.abs(square - range_m**2) <= _ROUNDING * range_m**2).tolist():
+    near = np.abs(square - range_m**2) <= _ROUNDING * range_m**2
+    for i, j in np.argwhere(near).tolist() if near.any() else ():
         far[i, j] = math.sqrt(apart[i, j].dot(apart[i, j])) > range_m
     return far

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from typing import ClassVar, TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, encode_prefix, pack_rows, unpack_rows
@@ -25,10 +26,19 @@ OBJECT_ROW = np.dtype([("box", "<f4", (7,)), ("score", "<f4"), ("label", "u1")])
 
 def valid_objects(boxes: Boxes3D, score: Floats, label: Ints) -> Mask:
     """Return the mask (N,) of objects that an `OBJECT_ROW` can hold: finite, of positive size, of a known class."""
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        numbers = np.column_stack([boxes.array, score]).astype(np.float32)
-    good = np.asarray(np.isfinite(numbers).all(axis=1) & (numbers[:, 3:6] > 0).all(axis=1))
-    return good & (label >= 0) & (label < len(CLASS_NAMES))
+    good: Mask = _valid_rows(boxes.array, np.ascontiguousarray(score), np.ascontiguousarray(label), len(CLASS_NAMES))
+    return good
+
+
+@njit(cache=True, nogil=True)
+def _valid_rows(boxes: Floats, score: Floats, label: Ints, classes: int) -> Mask:
+    good = (label >= 0) & (label < classes)
+    for i in range(len(boxes)):
+        good[i] &= np.isfinite(np.float32(score[i]))
+        for j in range(7):
+            number = np.float32(boxes[i, j])
+            good[i] &= np.isfinite(number) and (number > 0 or not 3 <= j < 6)
+    return good
 
 
 def object_rows(boxes: Boxes3D, score: Floats, label: Ints) -> NDArray[np.void]:
