@@ -32,8 +32,8 @@ def xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
     Vehicle-Infrastructure Cooperation", eq. 19-23.
     """
     first, second = _boxes(a, b)
-    heading: Floats = np.cos(first[:, None, _YAW] - second[:, _YAW])
-    return np.maximum((giou_3d(first, second, 2 * least - 1) + 1) * (heading + 1) / 4, least)
+    affinity: Floats = _times_heading(giou_3d(first, second, 2 * least - 1), first[:, _YAW], second[:, _YAW], least)
+    return affinity
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -58,6 +58,20 @@ def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
 def _boxes(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     first = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
     return first, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
+
+
+@njit(cache=True, nogil=True)
+def _times_heading(giou: Floats, first_rad: Floats, second_rad: Floats, least: float) -> Floats:
+    """Return the XIOU of pairs with this GIoU (N, M) and these headings (N,) and (M,), in the place of the GIoU."""
+    for i in range(len(first_rad)):
+        for j in range(len(second_rad)):
+            value = (
+                (giou[i, j] + 1) * (np.cos(first_rad[i] - second_rad[j]) + 1) / 4
+                if giou[i, j] > 2 * least - 1
+                else least
+            )
+            giou[i, j] = least if value < least else value
+    return giou
 
 
 @njit(cache=True, nogil=True)

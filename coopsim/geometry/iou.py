@@ -79,6 +79,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: flo
     far = _far(least) if generalized else np.inf
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     width_a, width_b = _widths(a), _widths(b)
+    area_a, area_b = far * (a[:, 3] * a[:, 4]), far * (b[:, 3] * b[:, 4])
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
     polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))  # room for what rounding may add
     for i in range(len(a)):
@@ -88,7 +89,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: flo
             reach = reach_a[i] + reach_b[j]
             apart = dx * dx + dy * dy >= reach * reach
             if apart and far < np.inf and width_a[i] > 0 and width_b[j] > 0:
-                width, area = width_a[i] + width_b[j], far * (a[i, 3] * a[i, 4] + b[j, 3] * b[j, 4])
+                width, area = width_a[i] + width_b[j], area_a[i] + area_b[j]
                 if (dx * dx + dy * dy) * (width * width) > area * area:
                     out[i, j] = least
                     continue

@@ -65,6 +65,8 @@ class Appearance:
 
         Only a tracker that has an `Appearance` keeps embeddings of its tracks.
         """
+        if detections.embedding is None or not tracks.appearance.valid.any():
+            return np.full((len(tracks), len(detections)), -np.inf)
         similarity = tracks.appearance.similarity(tracks.appearance.readable(detections))
         distance_m = -center_distance_bev(tracks.boxes, detections.boxes.array)
         reach_m = self.reach_m * np.maximum(tracks.misses, 1)[:, None]
@@ -89,9 +91,9 @@ class Appearance:
             (N,) for each detection the row of the detection that it repeats, or its own row.
         """
         shown = np.arange(len(found))
-        rest = np.setdiff1d(shown, matched)
-        if found.embedding is None or found.seen_by is None or not len(rest):
+        if found.embedding is None or found.seen_by is None or len(matched) == len(found):
             return shown
+        rest = np.setdiff1d(shown, matched)
         alike, seen_by = self._alike(found, found.embedding, matched, memory), found.seen_by.copy()
         standing, rest = matched, rest[np.argsort(-found.score[rest], kind="stable")]
         while len(rest):

@@ -65,7 +65,7 @@ class TrackersByClass:
         tracker_of = [self._tracker_of(group.label) for group in groups]
         reports = [
             tracker.step_in_turn(
-                [group[number == k] for group, number in zip(groups, tracker_of, strict=True)],
+                [_of_tracker(k, group, number) for group, number in zip(groups, tracker_of, strict=True)],
                 time_ns,
                 incomplete=incomplete,
             )
@@ -89,6 +89,13 @@ class TrackersByClass:
 
     def _tracker_of(self, label: Ints) -> Ints:
         """Return the number (N,) of the tracker for each label."""
-        classes, index = np.unique(label, return_inverse=True)
-        numbers = np.array([self._number.get(each, 0) for each in classes.tolist()], dtype=np.int64)
-        return numbers[index]
+        numbers = np.zeros(len(label), dtype=np.int64)
+        for each, number in self._number.items():
+            numbers[label == each] = number
+        return numbers
+
+
+def _of_tracker(tracker: int, group: Detections, number: Ints) -> Detections:
+    """Return the detections of a group that one tracker is for; `number` (N,) is that of each one's tracker."""
+    mine = number == tracker
+    return group if mine.all() else group[mine]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
 from coopsim.tracking.affinity import Affinity, RowAffinity
 from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
@@ -65,6 +66,32 @@ class Stage:
     def __post_init__(self) -> None:
         require_finite_number(gate=self.gate)
 
+    @property
+    def takes_all(self) -> bool:
+        """Whether all tracks and detections take part."""
+        return self.tracks is everything and self.detections is everything
+
+    def pairs(self, tracks: Tracked, detections: Detections, classes: Pairs) -> Pairs:
+        """Return the pairs (K,), (K,) of all these tracks and detections, whose classes are (N,) and (M,)."""
+        affinity = self.affinity
+        if not isinstance(affinity, RowAffinity):
+            return self.assigner(of_one_class(affinity(tracks, detections), *classes), self.gate)
+        return self._pairs_of_rows(affinity, affinity.of_tracks(tracks), affinity.of_detections(detections), classes)
+
+    def pairs_among(self, tracks: Tracked, detections: Detections, classes: Pairs, some: Pairs) -> Pairs:
+        """Return the pairs among some tracks (K,) and detections (L,), as indices into these."""
+        left, right = some
+        affinity, classes = self.affinity, (classes[0][left], classes[1][right])
+        if not isinstance(affinity, RowAffinity):
+            return self.pairs(tracks[left], detections[right], classes)
+        first, second = affinity.of_tracks(tracks)[left], affinity.of_detections(detections)[right]
+        return self._pairs_of_rows(affinity, first, second, classes)
+
+    def _pairs_of_rows(self, affinity: RowAffinity, first: Floats, second: Floats, classes: Pairs) -> Pairs:
+        if self.assigner is hungarian:
+            return hungarian_by_rows(affinity, first, second, classes, self.gate)
+        return self.assigner(of_one_class(affinity.kernel(first, second), *classes), self.gate)
+
 
 class Cascade:
     """Association of tracks and detections of the same class, in stages.
@@ -80,18 +107,19 @@ class Cascade:
 
     def match(self, tracks: Tracked, detections: Detections) -> Pairs:
         """Return the indices of matched tracks and of their detections, (K,) each."""
-        none = np.zeros(0, dtype=np.int64)
-        rows, columns = [none], [none]
+        if not (len(tracks) and len(detections)):
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         classes = self._class_of(tracks.label), self._class_of(detections.label)
+        if len(self._stages) == 1 and self._stages[0].takes_all:
+            return self._stages[0].pairs(tracks, detections, classes)
+        rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         free_row, free_column = np.ones(len(tracks), dtype=np.bool_), np.ones(len(detections), dtype=np.bool_)
         for stage in self._stages:
-            left, right = (
-                _taking_part(free_row, stage.tracks, tracks),
-                _taking_part(free_column, stage.detections, detections),
-            )
+            left = np.flatnonzero(free_row & stage.tracks(tracks))
+            right = np.flatnonzero(free_column & stage.detections(detections))
             if not (len(left) and len(right)):
                 continue
-            row, column = _pairs(stage, tracks, detections, (left, right), classes)
+            row, column = stage.pairs_among(tracks, detections, classes, (left, right))
             rows.append(left[row])
             columns.append(right[column])
             free_row[left[row]] = free_column[right[column]] = False
@@ -100,23 +128,3 @@ class Cascade:
     def _class_of(self, label: Ints) -> Ints:
         """Return the labels (N,), or the numbers of their groups; a new array."""
         return label.copy() if self._class_groups is None else self._class_groups[label]
-
-
-def _taking_part(free: Mask, selector: Selector, of: Tracked | Detections) -> Ints:
-    """Return which tracks or detections take part in a stage, (K,)."""
-    return np.flatnonzero(free if selector is everything else free & selector(of))
-
-
-def _pairs(stage: Stage, tracks: Tracked, detections: Detections, taking_part: Pairs, classes: Pairs) -> Pairs:
-    """Return the pairs of one stage, as numbers of the tracks (K,) and detections (L,) that take part."""
-    left, right = taking_part
-    first, second = classes[0][left], classes[1][right]
-    affinity = stage.affinity
-    if not isinstance(affinity, RowAffinity):
-        whole = len(left) == len(tracks), len(right) == len(detections)
-        compared = affinity(tracks if whole[0] else tracks[left], detections if whole[1] else detections[right])
-        return stage.assigner(of_one_class(compared, first, second), stage.gate)
-    own, other = affinity.of_tracks(tracks)[left], affinity.of_detections(detections)[right]
-    if stage.assigner is hungarian:
-        return hungarian_by_rows(affinity, own, other, (first, second), stage.gate)
-    return stage.assigner(of_one_class(affinity.kernel(own, other), first, second), stage.gate)

@@ -62,12 +62,10 @@ def _certain_pairs(
     """
     certain = np.full(len(first), -1)
     free = np.ones(len(second), dtype=np.bool_)
-    if np.isnan(clipped).any():  # an exchange might be impossible
-        return certain[:0], certain[:0], np.arange(len(first)), np.arange(len(second))
-    row_next, row_at, column_next, column_at = _two_best(clipped, first, second)
+    row_next, row_at, column_next, column_at = _two_best(clipped, first, second, floor)
     for i in range(len(first)):
         j = row_at[i]
-        if j < 0 or column_at[j] != i or clipped[i, j] <= floor:
+        if j < 0 or column_at[j] != i:
             continue
         rival = max(row_next[i], column_next[j], row_next[i] + column_next[j] - lowest)
         if clipped[i, j] > rival + _MARGIN:
@@ -82,16 +80,22 @@ def _certain_pairs(
 
 
 @njit(cache=True, nogil=True)
-def _two_best(affinity: Floats, first: Ints, second: Ints) -> tuple[Floats, Ints, Floats, Ints]:
-    """Return the second best value of each row, the column of the best one, -1 if none, and the same of each column."""
+def _two_best(affinity: Floats, first: Ints, second: Ints, floor: float) -> tuple[Floats, Ints, Floats, Ints]:
+    """Return the second best value of each row, at least the floor, and the column of the best one; so of each column.
+
+    The column is -1 where no value is above the floor; everywhere, if a value is not a number: then an exchange may be
+    impossible.
+    """
     rows, columns = affinity.shape
-    row_best, row_next, row_at = np.full(rows, -np.inf), np.full(rows, -np.inf), np.full(rows, -1)
-    column_best, column_next, column_at = np.full(columns, -np.inf), np.full(columns, -np.inf), np.full(columns, -1)
+    row_best, row_next, row_at = np.full(rows, floor), np.full(rows, floor), np.full(rows, -1)
+    column_best, column_next, column_at = np.full(columns, floor), np.full(columns, floor), np.full(columns, -1)
     for i in range(rows):
         for j in range(columns):
             value = affinity[i, j]
-            if first[i] != second[j]:
+            if value <= floor or first[i] != second[j]:
                 continue
+            if np.isnan(value):
+                return row_next, np.full(rows, -1), column_next, np.full(columns, -1)
             if value > row_best[i]:
                 row_next[i], row_best[i], row_at[i] = row_best[i], value, j
             elif value > row_next[i]:

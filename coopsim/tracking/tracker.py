@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from coopsim.tracking.motion.constant_velocity import Beliefs, Motion
 from coopsim.tracking.track_scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import NS_PER_S, Detections, Ints, Tracks
+from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
 
 
@@ -132,8 +133,8 @@ class Tracker:
             InvalidValueError: time went back.
         """
         tracked, next_id = self.predict(time_ns), self.state.next_id
-        for number, group in enumerate(groups):
-            rules, found = self._later if number else self._first, drop_invalid(group)
+        for number, found in enumerate(_valid(groups)):
+            rules = self._later if number else self._first
             if len(found):
                 known, tracked = len(tracked), self._take_in(tracked, found, rules, next_id)
                 next_id += len(tracked) - known
@@ -168,7 +169,7 @@ class Tracker:
         self.require_time(time_ns)
         before = self.state.tracked
         elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
-        predicted = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S)
+        predicted = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S) if len(before) else before.beliefs
         beliefs = Beliefs(
             _apart_from(before.beliefs.mean, predicted.mean),
             _apart_from(before.beliefs.covariance, predicted.covariance),
@@ -207,7 +208,8 @@ class Tracker:
 
     def _take_in(self, tracked: Tracked, found: Detections, rules: AssociationRound, next_id: int) -> Tracked:
         """Return the tracks after one group of valid detections, the new ones last, with ids from `next_id` on."""
-        if self._appearance is not None:
+        embedded = self._appearance is not None and found.embedding is not None
+        if embedded:
             tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
         rows, columns = rules.association.match(tracked, found)
         boxes = found.boxes.array
@@ -215,7 +217,7 @@ class Tracker:
             tracked = self._update(tracked, rows, found, boxes, columns)
         free = np.ones(len(found), dtype=np.bool_)
         free[columns] = False
-        if self._appearance is not None:
+        if self._appearance is not None and embedded:
             shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
             tracked = _refresh_memory(tracked, rows, columns, found, shown)
             free &= shown == np.arange(len(found))
@@ -267,6 +269,13 @@ class Tracker:
             seen_by_others(found)[new],
             memory.begin(memory.readable(found)[new]),
         )
+
+
+def _valid(groups: Sequence[Detections]) -> Iterable[Detections]:
+    """Return the groups without their invalid detections."""
+    if isinstance(groups, DetectionGroups) and groups.parts is None and drop_invalid(groups.joined) is groups.joined:
+        return groups  # as nearly always: one look at all of them was enough
+    return map(drop_invalid, groups)
 
 
 def _apart_from(before: Floats, now: Floats) -> Floats:
