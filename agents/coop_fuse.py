@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.doubt import Doubt
 from coopsim.fusion.trust import trust_likelier
 from coopsim.geometry.assignment import hungarian
-from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_probability
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import ByScore
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.track_scoring import Likelihood
-from coopsim.tracking.tracked import Tracked
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
 
@@ -50,18 +46,12 @@ LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192,
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))
 """AB3DMOT's, with a length, a width and a heading that hardly change; a height does, where it is a compromise."""
 
-_LIKENESS = 0.6
-"""Worth of a difference of 1 in probability, in 3D GIoU."""
+_AFFINITY = replace(giou_3d, score_weight=0.6)
+"""The 3D GIoU, less for a track and a box that are not equally likely on an object.
 
-
-def _affinity(tracks: Tracked, detections: Detections, /) -> Floats:
-    """Return the 3D GIoU (N, M), less for a track and a box that are not equally likely on an object.
-
-    Of two boxes that exclude each other both are tracked, one above the other, and without this their tracks would
-    change places whenever the boxes do: then each has the score of both.
-    """
-    affinity: Floats = giou_3d(tracks, detections) - _LIKENESS * np.abs(tracks.latest[:, None] - detections.score)
-    return affinity
+Of two boxes that exclude each other both are tracked, one above the other, and without this their tracks would change
+places whenever the boxes do: then each has the score of both.
+"""
 
 
 @POLICIES.register("coop_fuse")
@@ -104,7 +94,7 @@ class CoopFuse(TrackingPolicy):
         super().__post_init__()
 
     def make_tracker(self) -> Tracker:
-        stages = Cascade([Stage(_affinity, hungarian, self.gate)])
+        stages = Cascade([Stage(_AFFINITY, hungarian, self.gate)])
         lifecycle = ByScore(self.least, age=self.age, coast=self.age)
         return Tracker(MOTION, stages, lifecycle, scoring=self.likelihood)
 

@@ -14,6 +14,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections
 
+_SCORE = 7  # its column, after the box
+
 
 class Affinity(Protocol):
     """A similarity of N tracks and M detections (N, M): larger for more similar pairs, -inf for impossible ones."""
@@ -24,12 +26,12 @@ class Affinity(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Clipping:
-    """The cheap part of an affinity: exact values above a floor, where all other pairs need no computation.
+    """The cheap part of a kernel: exact values above a floor, where all other pairs need no computation.
 
     Attributes:
-        kernel: rows (N, k), (M, k) and the floor to the affinity (N, M), smaller values given as the floor.
+        kernel: boxes (N, 7), (M, 7) and the floor to values (N, M), smaller ones given as the floor.
         floor: below the gates that are common, so that little is left to compute exactly.
-        lowest: no finite affinity is smaller.
+        lowest: no finite value is smaller.
     """
 
     kernel: Callable[[ArrayLike, ArrayLike, float], Floats]
@@ -38,30 +40,51 @@ class Clipping:
 
 
 @dataclass(frozen=True, slots=True)
-class RowAffinity:
-    """An affinity that compares one row of numbers of each track with one of each detection.
+class BoxAffinity:
+    """An affinity that compares a track's box, and maybe its latest score, with those of a detection.
 
-    `Cascade` selects such rows in the place of whole tracks and detections.
+    `Cascade` selects rows of numbers in the place of whole tracks and detections.
 
     Attributes:
-        of_tracks: tracks to rows (N, k).
-        of_detections: detections to rows (M, k).
-        kernel: rows (N, k) and (M, k) to the affinity (N, M).
+        kernel: boxes (N, 7) and (M, 7) to values (N, M), larger for more similar ones.
         clipping: the cheap part of the kernel, if it has one.
+        score_weight: subtracted per unit of difference between the track's latest score and the detection's.
     """
 
-    of_tracks: Callable[[Tracked], Floats]
-    of_detections: Callable[[Detections], Floats]
     kernel: Callable[[ArrayLike, ArrayLike], Floats]
     clipping: Clipping | None = None
+    score_weight: float = 0.0
 
     def __call__(self, tracks: Tracked, detections: Detections, /) -> Floats:
-        return self.kernel(self.of_tracks(tracks), self.of_detections(detections))
+        return self.compare(self.of_tracks(tracks), self.of_detections(detections))
+
+    @staticmethod
+    def of_tracks(tracks: Tracked) -> Floats:
+        """Return the rows (N, 8) that are compared: boxes and latest scores."""
+        return _joined(tracks.boxes, tracks.latest)
+
+    @staticmethod
+    def of_detections(detections: Detections) -> Floats:
+        """Return the rows (M, 8) that are compared: boxes and scores."""
+        return _joined(detections.boxes.array, detections.score)
+
+    def compare(self, first: Floats, second: Floats) -> Floats:
+        """Return the affinity (N, M) of rows (N, 8) and (M, 8)."""
+        value = self.kernel(first[:, :_SCORE], second[:, :_SCORE])
+        if self.score_weight:
+            value = value - self.score_weight * np.abs(first[:, _SCORE, None] - second[:, _SCORE])
+        return value
 
 
-def of_boxes(kernel: Callable[[ArrayLike, ArrayLike], Floats], clipping: Clipping | None = None) -> RowAffinity:
+def of_boxes(kernel: Callable[[ArrayLike, ArrayLike], Floats], clipping: Clipping | None = None) -> BoxAffinity:
     """Return the affinity that compares boxes only: `kernel` takes (N, 7) and (M, 7), and gives (N, M)."""
-    return RowAffinity(lambda tracks: tracks.boxes, lambda detections: detections.boxes.array, kernel, clipping)
+    return BoxAffinity(kernel, clipping)
+
+
+def _joined(boxes: Floats, score: Floats) -> Floats:
+    rows = np.empty((len(score), _SCORE + 1))
+    rows[:, :_SCORE], rows[:, _SCORE] = boxes, score
+    return rows
 
 
 def _iou_3d(a: ArrayLike, b: ArrayLike, least: float) -> Floats:

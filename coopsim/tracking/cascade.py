@@ -11,7 +11,7 @@ import numpy as np
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity, RowAffinity
+from coopsim.tracking.affinity import Affinity, BoxAffinity
 from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
 from coopsim.tracking.tracked import Tracked
 from coopsim.types import Detections, Ints, Mask
@@ -74,7 +74,7 @@ class Stage:
     def pairs(self, tracks: Tracked, detections: Detections, classes: Pairs) -> Pairs:
         """Return the pairs (K,), (K,) of all these tracks and detections, whose classes are (N,) and (M,)."""
         affinity = self.affinity
-        if not isinstance(affinity, RowAffinity):
+        if not isinstance(affinity, BoxAffinity):
             return self.assigner(of_one_class(affinity(tracks, detections), *classes), self.gate)
         return self._pairs_of_rows(affinity, affinity.of_tracks(tracks), affinity.of_detections(detections), classes)
 
@@ -82,15 +82,15 @@ class Stage:
         """Return the pairs among some tracks (K,) and detections (L,), as indices into these."""
         left, right = some
         affinity, classes = self.affinity, (classes[0][left], classes[1][right])
-        if not isinstance(affinity, RowAffinity):
+        if not isinstance(affinity, BoxAffinity):
             return self.pairs(tracks[left], detections[right], classes)
         first, second = affinity.of_tracks(tracks)[left], affinity.of_detections(detections)[right]
         return self._pairs_of_rows(affinity, first, second, classes)
 
-    def _pairs_of_rows(self, affinity: RowAffinity, first: Floats, second: Floats, classes: Pairs) -> Pairs:
+    def _pairs_of_rows(self, affinity: BoxAffinity, first: Floats, second: Floats, classes: Pairs) -> Pairs:
         if self.assigner is hungarian:
             return hungarian_by_rows(affinity, first, second, classes, self.gate)
-        return self.assigner(of_one_class(affinity.kernel(first, second), *classes), self.gate)
+        return self.assigner(of_one_class(affinity.compare(first, second), *classes), self.gate)
 
 
 class Cascade:
