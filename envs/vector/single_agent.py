@@ -32,6 +32,7 @@ class SingleAgentVector(VectorCalls, VectorEnv[Any, Any, Any]):
         self.num_envs = stepper.count
         self.render_mode = described.render_mode
         self.metadata = {**described.metadata, "autoreset_mode": stepper.mode}
+        self.autoreset_mode = stepper.mode  # gymnasium's own vectors have it, and TorchRL asks for it
         self.single_observation_space, self.single_action_space = described.observation, described.action
         try:
             self.observation_space = batch_space(described.observation, stepper.count)

@@ -10,7 +10,7 @@ one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same k
 | `Flatten` | all of these as one (N,) `Box`; a picture by itself stays one | |
 | `Driving` | | maneuvers alone, a `Discrete`; a policy tracks |
 | `FixedTracks` | | tracks, and the maneuver of a driver, as one (N,) `Box` |
-| `WithoutInfos` | the same; infos are empty, as TorchRL needs them | |
+| `WithoutInfos` | the same, and empty infos, as TorchRL needs them | |
 
 `FixedSize` and `BevImage` around each other give a `Dict` with the arrays of both. What changes actions comes first:
 

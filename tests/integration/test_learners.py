@@ -101,6 +101,17 @@ def test_torchrl_takes_all_agents_and_one() -> None:
         torchrl.check_env_specs(torchrl.GymWrapper(form(one_car())))
 
 
+def test_torchrl_takes_a_vector() -> None:
+    torchrl = needs("torchrl.envs", "'coopsim[rl]'")
+    options = SMALL | {"tracker": "late_fusion", "control": "policy"}
+    with coopsim.vector(
+        "crossing", 2, workers=0, agents="single", autoreset_mode="Disabled", wrap=[FixedSize, Flatten], **options
+    ) as envs:
+        played = torchrl.GymWrapper(envs).rollout(SMALL["max_cycles"] + 3, break_when_any_done=False)
+    assert played["observation"].shape[:2] == (2, SMALL["max_cycles"] + 3)
+    assert int(played["next", "done"].sum()) == 2
+
+
 def test_torchrl_learns() -> None:
     torchrl = needs("torchrl.envs", "'coopsim[rl]'")
     torch, modules = needs("torch", "'coopsim[rl]'"), needs("tensordict.nn", "'coopsim[rl]'")
