@@ -89,7 +89,8 @@ class LineOfSight:
         shares, distance_m = _visible_shares(origins_m, actors.id, own_id, self._range_m, obstacles, _ACROSS, _UP)
         sensor, seen = np.nonzero(shares)
         away, box = boxes[seen, :3] - origins_m[sensor], boxes[seen]
-        rays = self._columns_over(away, box) * self._beams_over(away, box)
+        ground_m = np.sqrt(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1])
+        rays = self._columns_over(away, ground_m, box) * self._beams_over(away, ground_m, box)
         share = shares[sensor, seen] * self._share_returned(distance_m[sensor, seen])
         returns = np.zeros(shares.shape, np.int64)
         returns[sensor, seen] = np.floor(rays * share)
@@ -104,17 +105,19 @@ class LineOfSight:
         share: Floats = -np.expm1(-energy / _DROPOUT_ENERGY)
         return share
 
-    def _columns_over(self, away_m: Floats, boxes: Floats) -> Floats:
-        """Return the number of columns (N,) over boxes (N, 7) whose middles are `away_m` (N, 3) from the sensor."""
-        distance = np.maximum(np.linalg.norm(away_m[:, :2], axis=1), 1e-6)
+    def _columns_over(self, away_m: Floats, ground_m: Floats, boxes: Floats) -> Floats:
+        """Return the number of columns (N,) over boxes (N, 7).
+
+        Their middles are `away_m` (N, 3) from the sensor, and on the ground at the distance `ground_m` (N,).
+        """
+        distance = np.maximum(ground_m, 1e-6)
         columns: Floats = 2 * np.arctan2(_width_across(away_m, boxes) / 2, distance) / self._step_rad
         return columns
 
-    def _beams_over(self, away_m: Floats, boxes: Floats) -> Ints:
+    def _beams_over(self, away_m: Floats, ground_m: Floats, boxes: Floats) -> Ints:
         """Return the number of beams (N,) over the same."""
-        distance = np.linalg.norm(away_m[:, :2], axis=1)
         middle, half = away_m[:, 2], boxes[:, 5] / 2
-        low, high = np.arctan2(middle - half, distance), np.arctan2(middle + half, distance)
+        low, high = np.arctan2(middle - half, ground_m), np.arctan2(middle + half, ground_m)
         beams: Ints = np.searchsorted(self._elevation, high, "right") - np.searchsorted(self._elevation, low)
         return beams
 
