@@ -23,7 +23,7 @@ types: $(VENV)/.dev
 check: lint types test
 
 bench: $(VENV)/.dev
-	$(BIN)/python -m pytest tests/benchmarks --override-ini=addopts= -s
+	$(BIN)/python -u -m pytest tests/benchmarks --override-ini=addopts= -s -q
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

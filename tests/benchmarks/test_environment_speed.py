@@ -1,37 +1,22 @@
-"""How fast the environment runs, what that depends on, where the time goes, and how much memory it takes.
+"""How fast the environment runs, what that depends on, and how much memory it takes.
 
-Run by `make bench`. Nothing here fails by time; the figures are printed. Where `COOPSIM_PLOT` names a file,
-the costs are drawn into it.
+Run by `make bench`. Nothing here fails by time; the figures are printed. Where `COOPSIM_PLOTS` names a folder,
+the costs are drawn into it. For policies see `test_policy_speed`.
 """
 
 from __future__ import annotations
 
-import cProfile
 import os
-import pstats
-import time
 from pathlib import Path
-from typing import Any
 
 import psutil
+import pytest
 from plot_cost import Costs, plot_costs
 from stepping import DENSE, at_crossing, most_memory_mb, on_highway, rays_of, step_times
 
 import coopsim
 
 MOST_MB = 1500
-
-PARTS = {
-    "traffic": "world/world.py:step",
-    "triangles and ray scene": "sensors/scene.py:triangles sensors/raycast.py:__init__",
-    "LiDAR sweeps": "sensors/lidar/lidar.py:sense",
-    "detection": "detection/simulated/simulated.py:detect",
-    "localization": "localization/localizer.py:localize",
-    "channel and codec": "comms/channel/channel.py:send comms/channel/channel.py:deliver",
-    "packing observations": "wire/observation_format.py:pack",
-    "policy": "agents/policy.py:act",
-    "scoring": "envs/scoring.py:update",
-}
 
 
 def test_steps_per_second() -> None:
@@ -72,8 +57,8 @@ def test_costs() -> None:
             one, two = by_threads["1"], by_threads["2"]
             print(f"{number:9d}: 1 thread {one}")
             print(f"           2 threads {two}; {one.least_ms / two.least_ms:.2f} times as fast")
-    if os.environ.get("COOPSIM_PLOT"):
-        plot_costs(Path(os.environ["COOPSIM_PLOT"]), costs)
+    if os.environ.get("COOPSIM_PLOTS"):
+        plot_costs(Path(os.environ["COOPSIM_PLOTS"]) / "speed.svg", costs)
 
 
 def test_memory_at_the_largest() -> None:
@@ -90,55 +75,33 @@ def test_memory_at_the_largest() -> None:
     assert max(found.values()) < MOST_MB
 
 
-def start(max_cycles: int, **options: Any) -> tuple[Any, Any, Any]:
-    policy = coopsim.make_policy("late_fusion")
-    env = coopsim.parallel_env(
-        "crossing", detector="simulated", max_cycles=max_cycles, uplink=policy.needs.uplink, **options
-    )
+def test_cost_of_the_truth() -> None:
+    """What the infos cost: without the truth, with it, and with visibility by rays, too."""
+    print()
+    for lidar in (None, DENSE):
+        envs = {
+            "no truth": at_crossing(lidar=lidar),
+            "expose_ground_truth": at_crossing(lidar=lidar, expose_ground_truth=True),
+            "expose_visibility, too": at_crossing(lidar=lidar, expose_ground_truth=True, expose_visibility=True),
+        }
+        for name, times in step_times(envs, 30).items():
+            print(f"{'no rays' if lidar is None else lidar:>9}, {name:>22}: {times}", flush=True)
+
+
+@pytest.mark.filterwarnings("ignore:there is room for")
+def test_memory_over_many_steps() -> None:
+    """42 agents with late fusion, from step 200 on; `COOPSIM_STEPS` says to which step, 500 by default."""
+    policy, last = coopsim.make_policy("late_fusion"), int(os.environ.get("COOPSIM_STEPS", "500"))
+    population = {"vehicles": 100, "connected_cars": 40, "rsus": 2}
+    env = coopsim.parallel_env("urban_grid", uplink=policy, lidar=None, max_cycles=last, **population)
     observations, _ = env.reset(seed=0)
     policy.reset(env.agent_specs, seed=0)
-    return env, policy, observations
-
-
-def steps(env: Any, policy: Any, observations: Any, count: int) -> Any:
-    for _ in range(count):
+    process, before = psutil.Process(), 0
+    print()
+    for step in range(1, last + 1):
         observations, *_ = env.step(policy.act(observations))
-    return observations
-
-
-def test_steps_per_second_and_where_the_time_goes() -> None:
-    """3 cars and 1 roadside unit, 32 x 1024 LiDAR each, 30 vehicles, no cameras, late fusion."""
-    env, policy, observations = start(1000)
-    observations = steps(env, policy, observations, 20)
-    began = time.perf_counter()
-    observations = steps(env, policy, observations, 150)
-    print(f"\n{150 / (time.perf_counter() - began):.1f} steps/s end to end")
-    profile = cProfile.Profile()
-    profile.enable()
-    steps(env, policy, observations, 100)
-    profile.disable()
-    found: Any = pstats.Stats(profile).stats  # type: ignore[attr-defined]
-    total = sum(row[2] for row in found.values())
-    rest = total
-    for part, places in PARTS.items():
-        wanted = [place.split(":") for place in places.split()]
-        spent = sum(
-            row[3]
-            for (path, _, function), row in found.items()
-            if any(path.endswith(file) and function == name for file, name in wanted)
-        )
-        rest -= spent
-        print(f"{part:>26}: {10 * spent:6.2f} ms a step ({100 * spent / total:4.1f} %, under the profiler)")
-    print(f"{'the rest':>26}: {10 * rest:6.2f} ms a step ({100 * rest / total:4.1f} %)")
-
-
-def test_memory_over_two_thousand_steps() -> None:
-    """Resident memory, from step 200 on."""
-    env, policy, observations = start(2000)
-    process = psutil.Process()
-    observations = steps(env, policy, observations, 200)
-    before = process.memory_info().rss
-    steps(env, policy, observations, 1800)
-    grown_mb = (process.memory_info().rss - before) / 2**20
-    print(f"\nresident memory grew by {grown_mb:.1f} MB from step 200 to 2000")
-    assert grown_mb < 50
+        if step == 200 or not step % max(500, last // 20) or step == last:
+            resident = process.memory_info().rss
+            before = before or resident
+            print(f"step {step:6d}: {resident / 2**20:6.1f} MB resident", flush=True)
+    assert (resident - before) / 2**20 < 150

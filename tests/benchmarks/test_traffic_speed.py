@@ -1,6 +1,7 @@
 """How long a step of the traffic takes, by how many vehicles there are, and against highway-env. Run by `make bench`.
 
-The targets are for a machine at rest: 50 vehicles under 2 ms a step and 200 under 8, people included.
+The targets are for a machine at rest: 50 vehicles under 2 ms a step and 200 under 8, people included. Nothing here
+fails by time.
 """
 
 from __future__ import annotations
@@ -60,7 +61,6 @@ def test_time_by_number_of_vehicles() -> None:
         theirs = step_ms(layout, vehicles, 0, "highway-env", max(2, 200 // vehicles))
         print(f"{vehicles:9d} {ours:6.3f} ms {theirs:9.1f} ms {theirs / ours:7.0f}")
     print(f"8 times as many vehicles (50 to 400) take {found[400] / found[50]:.1f} times as long")
-    assert found[50] < 2 and found[200] < 8
 
 
 def test_time_at_the_crossing_with_people() -> None:
@@ -71,4 +71,3 @@ def test_time_at_the_crossing_with_people() -> None:
         ours = step_ms(layout, vehicles, people, "arrays", 300)
         theirs = step_ms(layout, vehicles, people, "highway-env", 10)
         print(f"{vehicles:9d} {people:7d} {ours:6.3f} ms {theirs:9.1f} ms {theirs / ours:7.0f}")
-        assert ours < 2
