@@ -12,73 +12,97 @@ from coopsim.types import Ints, Mask
 _CORNERS = 16  # room for the corners of a clipped rectangle, and for what rounding may add
 
 
-def owners(boxes: Floats, label: Ints, iou_threshold: float) -> Ints:
-    """Return for each box the row (N,) of the box that stands for it: itself, or the kept rival that it overlaps most.
+def suppress(boxes: Floats, score: Floats, label: Ints, iou_threshold: float) -> tuple[Ints, Ints, Ints]:
+    """Suppress boxes of a class that overlap a better one, greedily.
 
     From best to worst, a box is kept unless it overlaps a better kept one. Only kept boxes are compared with others,
     and only with those whose footprints can touch theirs: the cost is about that of the boxes around each object.
 
     Args:
-        boxes: (N, 7), finite, best first.
+        boxes: (N, 7).
+        score: (N,)
         label: (N,) classes; only boxes of a class are rivals.
         iou_threshold: least BEV IoU of rivals.
+
+    Returns:
+        The order (N,) from best to worst; the rows (K,) of the kept boxes in that order; and for each row (N,) the
+        number in 0..K - 1 of the kept box that stands for it, the rival that it overlaps most, or -1 if it or its score
+        is not finite.
     """
-    reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
-    order = np.argsort(boxes[:, 0], kind="stable")
-    along = boxes[order, 0]
-    window = (reach + reach.max(initial=0.0)) * (1 + 1e-9)  # rounding must not leave out what just touches
-    first = np.searchsorted(along, boxes[:, 0] - window)
-    last = np.searchsorted(along, boxes[:, 0] + window, side="right")
-    owner: Ints = _owners(np.ascontiguousarray(boxes), np.ascontiguousarray(label), order, first, last, iou_threshold)
-    return owner
+    order, along = np.argsort(-score, kind="stable"), np.argsort(boxes[:, 0], kind="stable")
+    # Contiguous, so that the kernel is compiled once.
+    score, label = np.ascontiguousarray(score), np.ascontiguousarray(label)
+    kept, number = _suppress(boxes, score, label, order, along, iou_threshold)
+    return order, kept, number
 
 
 @njit(cache=True, nogil=True)
-def _owners(boxes: Floats, label: Ints, order: Ints, first: Ints, last: Ints, iou_threshold: float) -> Ints:
-    """Return `owners`; the rivals of a box are among `order[first:last]` of its row."""
+def _suppress(
+    boxes: Floats, score: Floats, label: Ints, order: Ints, along: Ints, iou_threshold: float
+) -> tuple[Ints, Ints]:
+    """Return the kept rows and the numbers of `suppress`; `along` are the rows in order of their x."""
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
     polygon, spare = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
-    owner, most = np.full(len(boxes), -1), np.zeros(len(boxes))
-    suppressed = np.zeros(len(boxes), dtype=np.bool_)
-    for row in range(len(boxes)):
-        if suppressed[row]:
+    place, free = np.empty(len(boxes), dtype=np.int64), np.empty(len(boxes), dtype=np.bool_)
+    widest = 0.0
+    for at in range(len(along)):
+        row = along[at]
+        place[row], free[row] = at, np.isfinite(boxes[row]).all() and np.isfinite(score[row])
+        if free[row]:
+            widest = max(widest, reach[row])
+    candidate = free.copy()
+    kept, number, most = np.empty(len(boxes), dtype=np.int64), np.full(len(boxes), -1), np.zeros(len(boxes))
+    count = 0
+    for row in order:
+        if not free[row]:
             continue
-        for place in range(first[row], last[row]):
-            other = order[place]
-            dx, dy, both = boxes[other, 0] - boxes[row, 0], boxes[other, 1] - boxes[row, 1], reach[row] + reach[other]
-            if other == row or label[other] != label[row] or dx * dx + dy * dy >= both * both:
-                continue
-            angles = (cos[row], sin[row], cos[other], sin[other])
-            overlap = bev_overlap(boxes[row], boxes[other], angles, polygon, spare)
-            if overlap >= iou_threshold:
-                suppressed[other] |= other > row
-                if overlap > most[other]:
-                    owner[other], most[other] = row, overlap
-    for row in range(len(boxes)):
-        if not suppressed[row]:
-            owner[row] = row  # though it may overlap a worse kept box by rounding, or not even itself without an area
-    return owner
+        free[row], candidate[row], number[row] = False, False, count
+        window = (reach[row] + widest) * (1 + 1e-9)  # rounding must not leave out what just touches
+        for step in (-1, 1):
+            at = place[row] + step
+            while 0 <= at < len(along) and not abs(boxes[along[at], 0] - boxes[row, 0]) > window:
+                other = along[at]
+                at += step
+                if not candidate[other] or label[other] != label[row]:
+                    continue
+                dx, dy, both = (
+                    boxes[other, 0] - boxes[row, 0],
+                    boxes[other, 1] - boxes[row, 1],
+                    reach[row] + reach[other],
+                )
+                if dx * dx + dy * dy >= both * both:
+                    continue
+                angles = (cos[row], sin[row], cos[other], sin[other])
+                overlap = bev_overlap(boxes[row], boxes[other], angles, polygon, spare)
+                if overlap >= iou_threshold and overlap > most[other]:
+                    free[other], number[other], most[other] = False, count, overlap
+        kept[count] = row
+        count += 1
+    return kept[:count], number
 
 
 @njit(cache=True, nogil=True)
-def weighted_means(values: Floats, weight: Floats, group: Ints, count: int) -> Floats:
-    """Return the weighted means (count, D) of values (N, D) by group (N,); a group without a row has zeros."""
-    total, mean = np.zeros(count), np.zeros((count, values.shape[1]))
-    for row in range(len(values)):
-        total[group[row]] += weight[row]
-    for row in range(len(values)):
-        share = weight[row] / total[group[row]]
-        for column in range(values.shape[1]):
-            mean[group[row], column] += share * values[row, column]
+def weighted_means(boxes: Floats, weight: Floats, order: Ints, number: Ints, count: int) -> Floats:
+    """Return the weighted mean centre and size (count, 6) of boxes (N, 7) by number (N,), summed in an order (N,)."""
+    total, mean = np.zeros(count), np.zeros((count, 6))
+    for row in order:
+        if number[row] >= 0:
+            total[number[row]] += weight[row]
+    for row in order:
+        if number[row] >= 0:
+            share = weight[row] / total[number[row]]
+            for column in range(6):
+                mean[number[row], column] += share * boxes[row, column]
     return mean
 
 
 @njit(cache=True, nogil=True)
-def seen_by_any(seen_by: Mask, group: Ints, count: int) -> Mask:
-    """Return which agents (count, A) saw a row of each group, of rows (N, A) by group (N,)."""
+def seen_by_any(seen_by: Mask, number: Ints, count: int) -> Mask:
+    """Return which agents (count, A) saw a row of each number, of rows (N, A) by number (N,); -1 is left out."""
     seen = np.zeros((count, seen_by.shape[1]), dtype=np.bool_)
     for row in range(len(seen_by)):
-        for agent in range(seen_by.shape[1]):
-            seen[group[row], agent] |= seen_by[row, agent]
+        if number[row] >= 0:
+            for agent in range(seen_by.shape[1]):
+                seen[number[row], agent] |= seen_by[row, agent]
     return seen

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.fusion.duplicates import owners, seen_by_any, weighted_means
+from coopsim.fusion.duplicates import seen_by_any, suppress, weighted_means
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
@@ -49,25 +49,20 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
     """
     require_choice("merge", merge, MERGES)
     require_threshold(iou_threshold=iou_threshold)
-    boxes = detections.boxes.array
-    order = np.argsort(-detections.score, kind="stable")
-    finite = np.isfinite(boxes).all(axis=1) & np.isfinite(detections.score)
-    if not finite.all():
-        order = order[finite[order]]
-    boxes = boxes[order]
-    owner = owners(boxes, detections.label[order], iou_threshold)
-    own = owner == np.arange(len(owner))
-    number = (np.cumsum(own) - 1)[owner]  # of the merged box
-    best = detections[order[own]]
-    merged = _weighted_mean(boxes, detections.score[order], number, best) if merge == "mean" else best.boxes
+    boxes, score = detections.boxes.array, detections.score
+    order, kept, number = suppress(boxes, score, detections.label, iou_threshold)
+    best, covariance = detections.boxes[kept], detections.covariance
+    if merge == "mean":
+        extent = weighted_means(boxes, np.maximum(score, _LEAST_WEIGHT), order, number, len(kept))
+        best = Boxes3D.trusted(extent[:, :3], extent[:, 3:], best.yaw)
     embedding, seen_by = detections.embedding, detections.seen_by
     return Detections.trusted(
-        merged,
-        best.score,
-        best.label,
-        best.covariance,
-        None if embedding is None else _first_embedding(embedding[order], number),
-        None if seen_by is None else seen_by_any(seen_by[order], number, len(best)),
+        best,
+        score[kept],
+        detections.label[kept],
+        None if covariance is None else covariance[kept],
+        None if embedding is None else _first_embedding(embedding, order[number[order] >= 0], number),
+        None if seen_by is None else seen_by_any(seen_by, number, len(kept)),
     )
 
 
@@ -78,16 +73,11 @@ def pool(groups: Sequence[Detections]) -> Detections:
     return Detections.trusted(whole.boxes, whole.score, whole.label, whole.covariance, whole.embedding, seen_by)
 
 
-def _weighted_mean(boxes: Floats, score: Floats, number: Ints, best: Detections) -> Boxes3D:
-    """Return the mean centre and size of boxes (N, 7) by merged box (N,), with the heading of the K best ones."""
-    extent: Floats = weighted_means(boxes[:, :6].copy(), np.maximum(score, _LEAST_WEIGHT), number, len(best))
-    return Boxes3D.trusted(extent[:, :3], extent[:, 3:], best.boxes.yaw)
-
-
-def _first_embedding(embedding: Floats, number: Ints) -> Floats:
+def _first_embedding(embedding: Floats, order: Ints, number: Ints) -> Floats:
     """Return the embeddings (K, D) of K merged boxes: each the first valid one of its boxes' (N, D), by number (N,)."""
     _, present = normalize_embeddings(embedding)
-    order = np.lexsort((~present, number))  # stable: of those that have one, the first stays the first
+    # Stable: of those that have one, the first stays the first.
+    order = order[np.lexsort((~present[order], number[order]))]
     _, first = np.unique(number[order], return_index=True)
     chosen: Floats = embedding[order[first]]
     return chosen
