@@ -8,5 +8,5 @@
 | crew | which worker has which environments; workers that die |
 | in_process, process (with serve), on_ray | the three kinds of workers |
 | group | the environments of one worker |
-| line, arena | messages between two processes: headers by pipes, contents by shared memory |
+| line, contents, arena | messages between two processes: headers by pipes, contents by shared memory |
 """

@@ -81,7 +81,7 @@ class Crew:
                 try:
                     reply = worker.take()
                 except WorkerDiedError as death:
-                    self._bury(k, f"the worker died ({death}) in the {order.call} of environment {order.env}\n")
+                    self._bury(k, f"the worker died ({death}) in a {order.call}\n")
                     continue
                 waiting.popleft()
                 yield order.env, order.call, reply

@@ -8,14 +8,13 @@ import struct
 from typing import Any
 
 from coopsim.envs.vector.arena import Arena
+from coopsim.envs.vector.contents import arrays_from, parts_of, put_together, taken_apart
 
 _HEADER = struct.Struct("<qqqq")
-"""Start of the pickle, its length, number of buffers that follow it, and the end of the last."""
+"""Where in the memory the pickled skeleton, the small arrays and the large ones begin, and where they end."""
 
-_LENGTH = struct.Struct("<q")
-
-_LARGE = 2**15
-"""Bytes of a content from which its arrays stay outside the pickle: they are copied once less, but each costs time."""
+_ATOMIC = 4096 - 4096 % _HEADER.size
+"""Bytes of headers that a pipe takes as a whole."""
 
 
 class Line:
@@ -34,27 +33,34 @@ class Line:
     def __init__(self, reader: int, writer: int, inbox: Arena, outbox: Arena) -> None:
         self._reader, self._writer, self._inbox, self._outbox = reader, writer, inbox, outbox
         self._filled = 0
-        self._large = False  # the last content was
+        self._held = b""
 
-    def send(self, content: object) -> None:
+    def send(self, content: object, *, hold: bool = False) -> None:
         """Send any content that can be pickled; it is copied.
+
+        Args:
+            content: the content.
+            hold: let the other end sleep until more is sent.
 
         Raises:
             BrokenPipeError: the other end is gone.
         """
-        buffers: list[pickle.PickleBuffer] = []
-        outside = buffers.append if self._large else None
-        pickled = pickle.dumps(content, protocol=5, buffer_callback=outside)
-        raw = [buffer.raw() for buffer in buffers]
-        end = self._filled + len(pickled) + sum(_LENGTH.size + each.nbytes for each in raw)
-        self._large = end - self._filled > _LARGE
+        skeleton, arrays = taken_apart(content)
+        shapes, small, large = parts_of(arrays)
+        pickled = pickle.dumps((skeleton, shapes), protocol=5)
+        start = self._filled
+        small_at = start + len(pickled)
+        large_at = small_at + len(small)
+        end = large_at + sum(map(len, large))
         self._outbox.reserve(end)
-        header = _HEADER.pack(self._filled, len(pickled), len(raw), end)
         self._put(pickled)
-        for each in raw:
-            self._put(_LENGTH.pack(each.nbytes))
-            self._put(each)
-        os.write(self._writer, header)  # shorter than a pipe's atomic write
+        self._put(small)
+        for part in large:
+            self._put(part)
+        self._held += _HEADER.pack(start, small_at, large_at, end)
+        if not hold or len(self._held) >= _ATOMIC:
+            os.write(self._writer, self._held)
+            self._held = b""
 
     def receive(self) -> Any:
         """Wait for the next content, and return it; its arrays are the caller's own.
@@ -65,18 +71,12 @@ class Line:
         header = os.read(self._reader, _HEADER.size)
         if len(header) < _HEADER.size:
             raise EOFError
-        start, length, count, end = _HEADER.unpack(header)
+        start, small_at, large_at, end = _HEADER.unpack(header)
         self._filled = 0
         self._inbox.reserve(end)
         view = self._inbox.view
-        buffers = []
-        at = start + length
-        for _ in range(count):
-            (size,) = _LENGTH.unpack_from(view, at)
-            at += _LENGTH.size
-            buffers.append(bytearray(view[at : at + size]))
-            at += size
-        return pickle.loads(view[start : start + length], buffers=buffers)
+        skeleton, shapes = pickle.loads(view[start:small_at])
+        return put_together(skeleton, arrays_from(shapes, view[small_at:large_at], view[large_at:end]))
 
     def close(self) -> None:
         """Let go of the shared memory."""
