@@ -71,7 +71,8 @@ class _Prior:
     @classmethod
     def of(cls, weight: float, mean: Floats, covariance: Floats) -> _Prior:
         """Return the density with a covariance (3, 3)."""
-        return cls(mean, np.linalg.inv(covariance), float(np.log(weight)), float(np.linalg.slogdet(covariance)[1]))
+        information: Floats = np.linalg.inv(covariance)
+        return cls(mean, information, float(np.log(weight)), float(np.linalg.slogdet(covariance)[1]))
 
     def log(self, motions: Floats) -> Floats:
         """Return the log density (C,) at motions (C, 3), without its constant."""
@@ -112,10 +113,9 @@ class EgoMotion:
         priors = _Prior.of(1 - LOST, self._motion, self._covariance), _Prior.of(LOST, np.zeros(3), self._wide)
         candidates = self._candidates(boxes, same)
         best = np.argsort(-self._log_posterior(candidates, boxes, same, priors), kind="stable")[:_REFINED]
-        refined = [self._refine(candidates[k], boxes, same, priors) for k in best]
-        values = self._log_posterior(np.array([motion for motion, _ in refined]), boxes, same, priors)
-        self._motion, information = refined[int(np.argmax(values))]
-        self._covariance = np.linalg.inv(information)
+        motions, information = self._refine(candidates[best], boxes, same, priors)
+        likeliest = int(np.argmax(self._log_posterior(motions, boxes, same, priors)))
+        self._motion, self._covariance = motions[likeliest], np.linalg.inv(information[likeliest])
 
     def _candidates(self, boxes: Floats, same: Mask) -> Floats:
         """Return motions (C, 3): as predicted, and those that put a box exactly on a position of the map."""
@@ -146,27 +146,31 @@ class EgoMotion:
         return likelihood + np.logaddexp(priors[0].log(motions), priors[1].log(motions))
 
     def _refine(
-        self, motion: Floats, boxes: Floats, same: Mask, priors: tuple[_Prior, _Prior]
+        self, motions: Floats, boxes: Floats, same: Mask, priors: tuple[_Prior, _Prior]
     ) -> tuple[Floats, Floats]:
-        """Return the nearest maximum by reweighted least squares (Gauss-Newton), and its information matrix (3, 3)."""
-        dt_s = self._dt_s
+        """Return the maximum nearest to each motion (C, 3) by reweighted least squares (Gauss-Newton), and the maxima's
+        information matrices (C, 3, 3).
+        """
+        dt_s, (past, wide) = self._dt_s, priors
+        rows, numbers = np.arange(len(boxes)), np.arange(len(motions))[:, None]
+        jacobian = np.zeros((len(motions), len(boxes), 2, 3))
+        jacobian[..., 0, 0] = jacobian[..., 1, 1] = dt_s
         for _ in range(_ITERATIONS):
-            past, wide = priors
-            prior = past if past.log(motion[None])[0] >= wide.log(motion[None])[0] else wide
-            pull = prior.information @ (prior.mean - motion)
-            moved, squared = self._distances(motion[None], boxes, same)
-            nearest = squared[0].argmin(axis=1)
-            match = np.exp(-squared[0, np.arange(len(boxes)), nearest] / 2)
+            chosen = [past if as_past else wide for as_past in past.log(motions) >= wide.log(motions)]
+            moved, squared = self._distances(motions, boxes, same)
+            nearest = squared.argmin(axis=2)
+            match = np.exp(-squared[numbers, rows, nearest] / 2)
             weight = match / (match + OUTLIER) / (BOX_M**2 + self._variance[nearest])
-            offset = self._at[nearest] - moved[0]
-            arm = moved[0] - motion[:2] * dt_s
-            jacobian = np.zeros((len(boxes), 2, 3))
-            jacobian[:, 0, 0] = jacobian[:, 1, 1] = dt_s
-            jacobian[:, 0, 2], jacobian[:, 1, 2] = -arm[:, 1] * dt_s, arm[:, 0] * dt_s
-            information = prior.information + np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
-            pull = pull + np.einsum("n,nki,nk->i", weight, jacobian, offset)
-            motion = motion + np.linalg.solve(information, pull)
-        return motion, information
+            offset = self._at[nearest] - moved
+            arm = moved - motions[:, None, :2] * dt_s
+            jacobian[..., 0, 2], jacobian[..., 1, 2] = -arm[..., 1] * dt_s, arm[..., 0] * dt_s
+            information, pull = np.empty((len(motions), 3, 3)), np.empty((len(motions), 3))
+            for k, prior in enumerate(chosen):
+                pull[k] = prior.information @ (prior.mean - motions[k])
+                pull[k] += np.einsum("n,nki,nk->i", weight[k], jacobian[k], offset[k])
+                information[k] = prior.information + np.einsum("n,nki,nkj->ij", weight[k], jacobian[k], jacobian[k])
+            motions = motions + np.linalg.solve(information, pull[..., None])[..., 0]
+        return motions, information
 
     def _update_map(self, boxes: Floats, label: Ints) -> None:
         """Average matched positions (a Kalman filter of standing objects), add unmatched boxes, drop old ones."""
