@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.types import Detections
 from coopsim.types.groups import DetectionGroups
 
@@ -51,6 +53,18 @@ def test_groups_are_those_that_were_joined(groups: Sequence[Detections]) -> None
     backwards = list(range(len(groups)))[::-1]
     assert [columns(each) for each in joined.take(backwards)] == [columns(each) for each in groups[::-1]]
     assert [columns(each) for each in joined[1:]] == [columns(each) for each in groups[1:]]
+
+
+@pytest.mark.parametrize("covariance", [(True, True), (False, False), (True, False)])
+def test_groups_are_moved_and_masked_as_each_by_itself(covariance: tuple[bool, bool]) -> None:
+    groups = [some(3, 0, covariance=covariance[0]), some(0, 1), some(4, 2, covariance=covariance[1])]
+    moves = [SE3.from_xyz_yaw([5.0 * number, 1.0, 0.0], 0.4 * number) for number in range(3)]
+    mask = np.array([True, False, True, False, True, True, False])
+    found = DetectionGroups.of(groups).transform_each(SE3Batch.of(moves)).keep(mask)
+    expected = [group.transform(move) for group, move in zip(groups, moves, strict=True)]
+    expected = [expected[0][mask[:3]], expected[1], expected[2][mask[3:]]]
+    assert [columns(each) for each in found] == [columns(each) for each in expected]
+    assert columns(found.joined) == columns(Detections.concatenate(expected))
 
 
 def test_an_index_beyond_the_groups_is_refused() -> None:

@@ -9,6 +9,7 @@ from some_tracks import FRAME_NS, cars
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import Tracks
@@ -34,6 +35,17 @@ def test_transforming_moves_a_cloud_of_samples_alike() -> None:
     expected = estimate.transform(pose)
     np.testing.assert_allclose(moved.mean(axis=0), expected.mean[0], atol=0.03)
     np.testing.assert_allclose(np.cov(moved.T), expected.covariance[0], atol=0.1)
+
+
+def test_many_move_each_by_its_own_pose() -> None:
+    parts, poses = [some(3), some(0), some(2, seed=1)], [SE3.from_xyz_yaw([5, k, 1], 0.7 * k) for k in range(3)]
+    whole = TrackEstimates.concatenate(parts).transform_each(SE3Batch.of(poses), np.array([0, 0, 0, 2, 2]))
+    for moved, part, pose in zip(whole.split(np.array([3, 0, 2])), parts, poses, strict=True):
+        expected = part.transform(pose)
+        np.testing.assert_allclose(moved.tracks.boxes.array, expected.tracks.boxes.array, atol=1e-12)
+        np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-12)
+        np.testing.assert_allclose(moved.covariance, expected.covariance, atol=1e-12)
+        assert moved.tracks.id.tolist() == part.tracks.id.tolist()
 
 
 def test_there_and_back_again() -> None:
