@@ -61,13 +61,15 @@ class Exchange:
 
     def _messages(self, frame: Frame) -> list[Message]:
         """Ask each uplink once for the messages of all agents that it serves; in the order of the agents."""
-        observed = {name: agent.observation for name, agent in frame.agents.items() if agent.observation.sensed}
+        served: dict[Uplink, dict[str, Observation]] = {uplink: {} for uplink in self._uplinks.values()}
+        for name, agent in frame.agents.items():
+            if agent.observation.sensed:
+                served[self._uplinks[name]][name] = agent.observation
         sent: dict[str, Message] = {}
-        for uplink in dict.fromkeys(self._uplinks.values()):
-            served = {name: each for name, each in observed.items() if self._uplinks[name] is uplink}
-            for name, message in uplink.messages(served).items():
+        for uplink, observed in served.items():
+            for name, message in uplink.messages(observed).items():
                 sent[name] = _checked(uplink, name, message)
-        return [sent[name] for name in observed if name in sent]
+        return [sent[name] for name in frame.agents if name in sent]
 
 
 def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: int) -> dict[str, Uplink]:

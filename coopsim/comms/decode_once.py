@@ -25,10 +25,12 @@ class DecodeOnce:
 
     Args:
         most_bytes: the most memory of payloads and contents together. Beyond it, the least recently used are forgotten.
+        most_messages: the most messages that are remembered, however small they are: seconds of many agents, not hours.
     """
 
-    def __init__(self, most_bytes: int = 128 * 2**20) -> None:
+    def __init__(self, most_bytes: int = 128 * 2**20, most_messages: int = 4096) -> None:
         self._most_bytes, self._bytes = most_bytes, 0
+        self._most_messages = most_messages
         self._known: OrderedDict[Hashable, tuple[Any, str | None, int]] = OrderedDict()
 
     def __call__(self, message: Message, decode: Callable[[Message], T]) -> T:
@@ -62,7 +64,7 @@ class DecodeOnce:
         size = len(message.payload) + size_bytes(content) + _OVERHEAD_BYTES
         entry = self._known[key] = content, error, size
         self._bytes += size
-        while self._bytes > self._most_bytes:
+        while self._bytes > self._most_bytes or len(self._known) > self._most_messages:
             _, (_, _, forgotten) = self._known.popitem(last=False)
             self._bytes -= forgotten
         return entry

@@ -16,7 +16,14 @@ from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
 
-_TRACK_COLUMNS = {"id": np.int64, "box": np.float64, "velocity": np.float64, "score": np.float64, "label": np.int64}
+_TRACK_COLUMNS = {
+    "id": ("track id", np.dtype(np.int64)),
+    "box": ("track box", np.dtype(np.float64)),
+    "velocity": ("track velocity", np.dtype(np.float64)),
+    "score": ("track score", np.dtype(np.float64)),
+    "label": ("track label", np.dtype(np.int64)),
+}
+"""Names for errors, and types."""
 
 
 def action_space(*, drives: bool) -> spaces.Dict:
@@ -98,12 +105,12 @@ def unpack_actions(
 
 
 def _unpack_tracks(packed: object) -> Tracks:
-    if not isinstance(packed, Mapping) or set(packed) != set(_TRACK_COLUMNS):
+    if not isinstance(packed, Mapping) or packed.keys() != _TRACK_COLUMNS.keys():
         got = sorted(map(str, packed)) if isinstance(packed, Mapping) else repr(packed)
         raise InvalidActionError(f"tracks are a dict with {list(_TRACK_COLUMNS)}, got {got}")
     # Copies, so that later changes of the caller's arrays do not change its report.
     track_id, box, velocity, score, label = (
-        as_numbers(packed[name], dtype, f"track {name}").copy() for name, dtype in _TRACK_COLUMNS.items()
+        as_numbers(packed[name], dtype, what).copy() for name, (what, dtype) in _TRACK_COLUMNS.items()
     )
     if track_id.size and not 0 <= track_id.min() <= track_id.max() < COUNTER:
         raise InvalidActionError(f"track id must be in 0..{COUNTER - 1}, got {track_id.min()}..{track_id.max()}")

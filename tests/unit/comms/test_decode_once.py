@@ -77,6 +77,13 @@ def test_memory_is_bounded_and_the_least_recently_used_goes_first() -> None:
     assert decoded._bytes <= 1_000_000 and len(decoded._known) <= 10
 
 
+def test_small_messages_are_forgotten_too() -> None:
+    decoded, decode = DecodeOnce(most_messages=10), Decoder()
+    for number in range(100):
+        decoded(message(b"%d" % number), decode)
+    assert len(decoded._known) == 10 and decoded._bytes == sum(size for _, _, size in decoded._known.values())
+
+
 def test_a_content_larger_than_the_memory_is_decoded_all_the_same() -> None:
     decoded, decode = DecodeOnce(most_bytes=1000), Decoder(size=10_000)
     for _ in range(2):
