@@ -77,6 +77,11 @@ class Policy(ABC):
     specs: Mapping[str, AgentSpec]
     rejected: Counter[tuple[str, str]]
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "track" in vars(cls) and "track_all" not in vars(cls):  # the base's batch does not know the new rule
+            cls.track_all = Policy.track_all  # type: ignore[method-assign]
+
     @abstractmethod
     def track(self, agent: str, observation: Observation) -> Tracks:
         """Return the tracks that `agent` reports for this observation, in its base frame at the observation's time."""
@@ -85,7 +90,7 @@ class Policy(ABC):
         """Return the tracks that each agent reports for its observation of one frame, by agent.
 
         By default `track` is asked for each agent, in order. Override it to compute all agents in one batch, as by one
-        forward pass of a network.
+        forward pass of a network. A subclass that overrides `track` alone has the default again.
 
         Args:
             observations: by agent. Receivers of one broadcast have the same `Message` object in their inboxes.

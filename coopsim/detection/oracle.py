@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -82,7 +82,15 @@ class Oracles(Mapping[str, Oracle]):
 
 
 class OracleDetector(DetectorBase, ABC):
-    """A detector that is simulated: it thins and disturbs the truth. It needs no sensors of its own."""
+    """A detector that is simulated: it thins and disturbs the truth. It needs no sensors of its own.
+
+    A subclass that overrides `detect` alone is asked agent by agent, whatever its base class does for all at once.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "detect" in vars(cls) and "detect_all" not in vars(cls):
+            cls.detect_all = OracleDetector.detect_all  # type: ignore[method-assign]
 
     @abstractmethod
     def detect(self, view: SensorView, oracle: Oracle, rng: np.random.Generator) -> Detections:

@@ -39,6 +39,14 @@ class Forgetful(Batched):
         return {agent: Tracks.empty() for agent in list(observations)[:-1]}
 
 
+class OneByOne(Batched):
+    """Has a rule of its own for one agent."""
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        self.calls.append([agent])
+        return Tracks.empty()
+
+
 def ready(policy: Policy) -> dict[str, dict[str, Any]]:
     """Begin an episode, and return the observations of its first frame."""
     policy.reset({name: AgentSpec(name, "cav", 0.1) for name in AGENTS})
@@ -57,3 +65,9 @@ def test_an_agent_left_out_is_named() -> None:
     policy = Forgetful()
     with pytest.raises(InvalidActionError, match=r"Forgetful.track_all .*'cav_1'.*got \['cav_0'\]"):
         policy.act(ready(policy))
+
+
+def test_a_subclass_with_a_rule_for_one_agent_is_asked_for_each() -> None:
+    policy = OneByOne()
+    policy.act(ready(policy))
+    assert policy.calls == [[name] for name in AGENTS]
