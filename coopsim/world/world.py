@@ -60,6 +60,7 @@ class World:
         for label in MANNERS:
             others = join_bodies(self._people)
             self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
+        self._groups = {PERSON_ID * (k + 1): people for k, people in enumerate(self._people) if len(people)}  # first id
         self._time_s = 0.0
         self._flights = layout.flights[: population.drones]
         self._units = layout.rsus[: population.rsus]
@@ -84,19 +85,17 @@ class World:
 
     def actors(self) -> Actors:
         """Return all vehicles, connected ones included, then all people; in the world frame."""
-        fleet, groups = self._traffic.fleet, self._people
-        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups)])
+        fleet, groups = self._traffic.fleet, self._groups
+        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups.values())])
         size = self._sizes_m[model]
-        ground = np.concatenate([fleet.position, *(people.position for people in groups)])
-        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups)])
+        ground = np.concatenate([fleet.position, *(people.position for people in groups.values())])
+        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups.values())])
         label = self._labels[model]
-        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups)])
-        identity = np.concatenate(
-            [fleet.rows["id"], *(PERSON_ID * (k + 1) + np.arange(len(people)) for k, people in enumerate(groups))]
-        )
+        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values())])
+        identity = np.concatenate([fleet.rows["id"], *(first + np.arange(len(each)) for first, each in groups.items())])
         boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
         # Only people, on foot and riding, have cycles of poses.
-        travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups)])
+        travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups.values())])
         cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
