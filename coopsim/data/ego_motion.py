@@ -71,7 +71,7 @@ class _Prior:
     @classmethod
     def of(cls, weight: float, mean: Floats, covariance: Floats) -> _Prior:
         """Return the density with a covariance (3, 3)."""
-        information: Floats = np.linalg.inv(covariance)
+        information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         return cls(mean, information, float(np.log(weight)), float(np.linalg.slogdet(covariance)[1]))
 
     def log(self, motions: Floats) -> Floats:
