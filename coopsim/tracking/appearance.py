@@ -54,7 +54,7 @@ class Appearance:
 
     def stage(self) -> Stage:
         """Return the stage of a cascade that matches by embeddings, most similar pairs first (eq. 9)."""
-        return Stage(self.affinity, greedy, self.similarity)
+        return Stage(self.affinity, greedy, self.similarity, tracks=_have_embeddings, detections=_show_embeddings)
 
     def affinity(self, tracks: Tracked, detections: Detections, /) -> Floats:
         """Return the cosine similarity of N tracks and M detections (N, M): the best over each track's memory (eq. 9).
@@ -65,8 +65,6 @@ class Appearance:
 
         Only a tracker that has an `Appearance` keeps embeddings of its tracks.
         """
-        if detections.embedding is None or not tracks.appearance.valid.any():
-            return np.full((len(tracks), len(detections)), -np.inf)
         similarity = tracks.appearance.similarity(tracks.appearance.readable(detections))
         distance_m = -center_distance_bev(tracks.boxes, detections.boxes.array)
         reach_m = self.reach_m * np.maximum(tracks.misses, 1)[:, None]
@@ -125,3 +123,11 @@ class Appearance:
 def seen_by_others(found: Detections) -> Mask:
     """Return which detections (N,) came from other agents only, not from the first, the receiver."""
     return np.zeros(len(found), dtype=bool) if found.seen_by is None else ~found.seen_by[:, 0]
+
+
+def _have_embeddings(tracks: Tracked) -> Mask:
+    return tracks.appearance.known
+
+
+def _show_embeddings(found: Detections) -> Mask:
+    return np.full(len(found), found.embedding is not None)
