@@ -129,10 +129,12 @@ class TrackToTrack(Policy):
             sent_ns, known_ns = min(message.captured_ns, observation.time_ns), captured_ns.get(message.sender)
             if known_ns is None or sent_ns > known_ns:
                 newest[message.sender], captured_ns[message.sender] = number, sent_ns
-        senders = self._senders(read, observation, state).take(list(newest.values()))
-        placed = self._placed([read[number] for number in newest.values()], senders, state)
-        for name, estimates in zip(newest, placed, strict=True):
-            state.heard[name] = _Heard(captured_ns[name], estimates)
+        senders = self._senders(read, observation, state)
+        if newest:
+            numbers = list(newest.values())
+            placed = self._placed([read[number] for number in numbers], senders.take(numbers), state)
+            for name, estimates in zip(newest, placed, strict=True):
+                state.heard[name] = _Heard(captured_ns[name], estimates)
         oldest_ns = observation.time_ns - seconds_to_ns(self._valid_s)
         state.heard = {name: heard for name, heard in sorted(state.heard.items()) if heard.captured_ns > oldest_ns}
 
@@ -153,9 +155,10 @@ class TrackToTrack(Policy):
     def _placed(
         self, received: Sequence[tuple[Message, TrackEstimates]], odom_SE3_senders: SE3Batch, state: _AgentState
     ) -> list[TrackEstimates]:
-        """Return received tracks in the odometry frame, with the uncertainty of two poses, less the receiver itself."""
-        if not received:
-            return []
+        """Return received tracks in the odometry frame, with the uncertainty of two poses, less the receiver itself.
+
+        At least one message.
+        """
         frame = state.frame
         number = np.repeat(np.arange(len(received)), [len(estimates) for _, estimates in received])
         whole = TrackEstimates.concatenate([estimates for _, estimates in received])

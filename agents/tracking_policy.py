@@ -66,7 +66,8 @@ class TrackingPolicy(Policy):
         """Turn one moment's detections, a group per agent, into the groups that update the tracks one after another.
 
         The first group is the receiver's or, in a recording, that of the agent whose frame it is, because it came
-        through no estimated pose. By default each agent's own group updates the tracks.
+        through no estimated pose. By default each agent's own group updates the tracks. The groups come as
+        `DetectionGroups`, so a fusion of many agents may work on `groups.joined`.
         """
         return groups
 
@@ -128,6 +129,8 @@ def _measurements(
 
 def within_reach(observation: Observation) -> list[Message]:
     """Return the messages with a stated sender pose within `FARTHEST_M` of the receiver."""
+    if not observation.inbox:
+        return []
     away_m = stated_poses(observation.inbox)[:, :3] - observation.pose.xyz_yaw[:3]
     farthest_m: Floats = np.abs(away_m).max(axis=1)
     return list(compress(observation.inbox, (farthest_m <= FARTHEST_M).tolist()))

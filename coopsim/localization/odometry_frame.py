@@ -46,6 +46,8 @@ class OdometryFrame:
 
     def odom_SE3_senders(self, messages: Sequence[Message], observation: Observation) -> SE3Batch:
         """Return each sender's pose at capture, by its *estimated* pose then and the receiver's estimated pose now."""
+        if not messages:
+            return SE3Batch.of([])
         world_SE3_senders = SE3Batch.from_xyz_yaw(stated_poses(messages))
         return world_SE3_senders.seen_from(self.odom_SE3_base.compose(observation.pose.world_SE3_base.inverse()))
 
