@@ -32,4 +32,4 @@ with coopsim.vector("crossing", 3, workers=1, **options) as everybody:
         observations, rewards, terminations, truncations, infos = everybody.step(actions)
         over = all(truncations[0].values())
     for score in everybody.call("score"):  # before the next step begins new episodes
-        print(f"HOTA {score['HOTA']:.3f}")
+        print(f"HOTA {score['HOTA']:.1f} %")
