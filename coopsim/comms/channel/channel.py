@@ -256,6 +256,8 @@ class Channel:
         """
         self._counts.add(fan.sender, fan.receivers, "sent")
         number, intact = next(self._numbers), _Wire(wire)
+        if fan.certain_delays_ns and reception.all():
+            return [_Transmission(number, fan.sender, fan.receivers, fan.names, intact, fan.certain_delays_ns)]
         alike: dict[tuple[bytes, tuple[int, ...]], list[int]] = {}
         if fan.certain_delays_ns is not None:
             if fan.certain_delays_ns:
