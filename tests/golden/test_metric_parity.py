@@ -227,7 +227,7 @@ def test_real_recordings(v2v4real: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     recorded: dict[int, tuple[Evaluator, list[Frame]]] = {}
     update = Evaluator.update
 
-    def record(self: Evaluator, truth: GroundTruth, tracks: Tracks) -> FrameCounts:
+    def record(self: Evaluator, truth: GroundTruth, tracks: Tracks, in_region: None = None) -> FrameCounts:
         recorded.setdefault(id(self), (self, []))[1].append(Frame(truth, tracks))
         return update(self, truth, tracks)
 
