@@ -28,6 +28,7 @@ from coopsim.comms.uplinks.uplink import Uplink, named_uplink
 from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
 from coopsim.sensors.camera.rig_names import rig_camera_names
 from coopsim.support.checks import require_choice, require_flag
+from coopsim.support.overrides import is_newer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, Tracks
 from coopsim.types.maneuvers import IDLE
@@ -79,8 +80,11 @@ class Policy(ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if "track" in vars(cls) and "track_all" not in vars(cls):  # the base's batch does not know the new rule
-            cls.track_all = Policy.track_all  # type: ignore[method-assign]
+        if is_newer(cls, "track", "track_all") and cls.track_all is not Policy.track_all:
+            raise TypeError(
+                f"{cls.__name__} overrides track and inherits a track_all that may not ask it: override track_all, "
+                "too; track_all = coopsim.Policy.track_all asks track for each agent"
+            )
 
     @abstractmethod
     def track(self, agent: str, observation: Observation) -> Tracks:
@@ -90,7 +94,7 @@ class Policy(ABC):
         """Return the tracks that each agent reports for its observation of one frame, by agent.
 
         By default `track` is asked for each agent, in order. Override it to compute all agents in one batch, as by one
-        forward pass of a network. A subclass that overrides `track` alone has the default again.
+        forward pass of a network; a subclass of such a policy that overrides `track` must override this, too.
 
         Args:
             observations: by agent. Receivers of one broadcast have the same `Message` object in their inboxes.
@@ -139,7 +143,10 @@ class Policy(ABC):
         return readable
 
     def drive(self, agent: str, observation: Observation) -> int:
-        """Choose how `agent` drives: an index into `MANEUVERS`. Called only under `control="policy"`."""
+        """Choose how `agent` drives: an index into `MANEUVERS`.
+
+        Called only under `control="policy"`, for each agent that drives, after the tracks of all agents.
+        """
         return IDLE
 
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
@@ -185,7 +192,8 @@ class Policy(ABC):
         Raises:
             EpisodeStateError: before `reset`.
             UnknownNameError: an agent is not among those given to `reset`.
-            InvalidActionError: `track` returned something other than `Tracks`, or `track_all` left out an agent.
+            InvalidActionError: `track` returned something other than `Tracks`, or `track_all` returned them
+                for other agents than it was given.
         """
         if not hasattr(self, "specs"):
             raise EpisodeStateError("act before reset: call policy.reset(env.agent_specs) first")
@@ -194,7 +202,7 @@ class Policy(ABC):
         seen = self._format.unpack_all(observations)
         reported: Mapping[str, object] = self.track_all(seen)  # custom policies may ignore the annotation
         if not (isinstance(reported, Mapping) and set(reported) == set(seen)):
-            got = sorted(reported) if isinstance(reported, Mapping) else type(reported).__name__
+            got = sorted(map(str, reported)) if isinstance(reported, Mapping) else type(reported).__name__
             raise InvalidActionError(
                 f"{type(self).__name__}.track_all must return Tracks by agent for {list(seen)}, got {got}"
             )

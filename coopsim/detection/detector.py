@@ -10,11 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.overrides import is_newer
 from coopsim.support.registry import Registry
 from coopsim.types import AgentSpec, Detections, SensorView
 
@@ -76,9 +77,17 @@ class DetectorBase:
 
 
 class Detector(DetectorBase, ABC):
-    """A detector that works on sensor data. Override `detect`; override `detect_all` to process agents as one batch."""
+    """A detector that works on sensor data. Override `detect`; override `detect_all` to process agents as one batch.
+
+    A subclass that overrides `detect` alone is asked agent by agent, whatever its base class does for all at once.
+    """
 
     needs: ClassVar[SensorNeeds] = SensorNeeds(lidar=True)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if is_newer(cls, "detect", "detect_all"):
+            cls.detect_all = Detector.detect_all  # type: ignore[method-assign]
 
     @abstractmethod
     def detect(self, view: SensorView, rng: Rng) -> Detections:

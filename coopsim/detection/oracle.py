@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.detection.detector import DetectorBase
 from coopsim.geometry.se3 import SE3
 from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.support.overrides import is_newer
 from coopsim.types import Detections, Ints, SensorView
 from coopsim.world.snapshot import Actors
 
@@ -52,14 +53,20 @@ class Oracles(Mapping[str, Oracle]):
     base_SE3_world: SE3Batch
 
     @classmethod
-    def of(cls, oracles: Mapping[str, Oracle]) -> Self:
-        """Return the same truth as rows."""
-        if isinstance(oracles, cls):
+    def of(cls, oracles: Mapping[str, Oracle], agents: Iterable[str] | None = None) -> Self:
+        """Return the same truth as rows.
+
+        Args:
+            oracles: by agent, at least one.
+            agents: names of those that are wanted, at least one; None: all.
+        """
+        names = tuple(oracles if agents is None else agents)
+        if isinstance(oracles, cls) and names == oracles.agents:
             return oracles
-        each = list(oracles.values())
+        each = [oracles[name] for name in names]
         poses = tuple(oracle.world_SE3_base for oracle in each)
         return cls(
-            tuple(oracles),
+            names,
             np.cumsum([0, *(len(oracle.actors) for oracle in each)]),
             Actors.concatenate([oracle.actors for oracle in each]),
             np.concatenate([np.zeros(0, np.int64), *(oracle.returns for oracle in each)]),
@@ -89,7 +96,7 @@ class OracleDetector(DetectorBase, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if "detect" in vars(cls) and "detect_all" not in vars(cls):
+        if is_newer(cls, "detect", "detect_all"):
             cls.detect_all = OracleDetector.detect_all  # type: ignore[method-assign]
 
     @abstractmethod

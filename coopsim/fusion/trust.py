@@ -122,7 +122,8 @@ def trust_likelier(
     valid = _valid(groups)
     weights = np.zeros(0) if hearsay is None else hearsay.weights
     joined = valid.joined
-    boxes, score, label = joined.boxes.array, joined.score, joined.label
+    boxes = joined.boxes.array
+    score, label = np.ascontiguousarray(joined.score), np.ascontiguousarray(joined.label)  # one layout is compiled
     found = fuse_groups(boxes, score, label, valid.starts, float(gate), doubt.weights, weights, float(least_chance))
     return FusedBoxes.of_rows(found, joined)
 

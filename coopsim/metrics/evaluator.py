@@ -9,8 +9,9 @@ import numpy as np
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.candidate_pairs import CandidatePairs
 from coopsim.metrics.frame_matching import NO_OBJECTS, Objects, match_next_frame
+from coopsim.metrics.growing_columns import Spool
 from coopsim.metrics.track_log import TrackLog
-from coopsim.support.arrays import sealed
+from coopsim.support.arrays import frozen, sealed
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
 
 
@@ -42,13 +43,14 @@ class Evaluator:
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
+        spool: a temporary file for long logs, which several evaluators may share; None: one of its own.
 
     Attributes:
         log: everything that scores need, of all frames so far.
     """
 
-    def __init__(self, match_iou: float = 0.25) -> None:
-        self.log = TrackLog(match_iou)
+    def __init__(self, match_iou: float = 0.25, spool: Spool | None = None) -> None:
+        self.log = TrackLog(match_iou, spool)
         self._memory = NO_OBJECTS
 
     def update(self, truth: GroundTruth, tracks: Tracks, in_region: Mask | None = None) -> FrameCounts:
@@ -67,11 +69,13 @@ class Evaluator:
             InvalidValueError: boxes are not finite or have no size, ids are not unique, or labels are no classes.
         """
         objects = _objects(truth.boxes, truth.id, truth.label, truth.counts)
+        if in_region is not None:
+            in_region = frozen(in_region, (len(tracks),), np.bool_, "in_region")
         reported = _objects(tracks.boxes, tracks.id, tracks.label, in_region)
         sound, counts, pairs, matches, switches, memory = match_next_frame(
             self._memory, len(self.log), objects, reported, self.log.match_iou
         )
-        if not sound:
+        if not (sound and np.isfinite(tracks.score).all() and np.isfinite(tracks.velocity).all()):
             truth.validate()  # which say what is wrong
             tracks.validate()
         self._memory = memory
@@ -81,5 +85,6 @@ class Evaluator:
 
 
 def _objects(boxes: Boxes3D, ids: Ints, label: Ints, counts: Mask | None) -> Objects:
+    """Return objects or tracks as the matching takes them; `counts` is read-only if it is given."""
     counts = np.ones(len(ids), np.bool_) if counts is None else np.ascontiguousarray(counts)
     return boxes.array, np.ascontiguousarray(ids), np.ascontiguousarray(label), sealed(counts)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.candidate_pairs import NEAR_M, CandidatePairs
-from coopsim.metrics.growing_columns import GrowingColumns
+from coopsim.metrics.growing_columns import GrowingColumns, Spool
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceMatches, frame_of, match_sequence
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
@@ -35,14 +35,15 @@ class TrackLog:
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
+        spool: the file for what memory does not hold; None: one of its own.
     """
 
-    def __init__(self, match_iou: float) -> None:
+    def __init__(self, match_iou: float, spool: Spool | None = None) -> None:
         require_threshold(match_iou=match_iou)
         self.match_iou = match_iou
         self._frames = 0
         self._ends = dict.fromkeys(_START, 0)
-        self._columns = GrowingColumns(_COLUMNS)
+        self._columns = GrowingColumns(_COLUMNS, spool)
         self._columns.append({name: [0] for name in _START})
 
     def __len__(self) -> int:

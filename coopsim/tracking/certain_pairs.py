@@ -28,7 +28,9 @@ def hungarian_by_rows(affinity: BoxAffinity, first: Floats, second: Floats, clas
         gate: smallest affinity of a pair.
     """
     clipping = affinity.clipping
-    if clipping is None:
+    # A filter may shrink a track through zero, and then bounds on overlaps hold no more.
+    solid = min(first[:, 3:6].min(initial=1.0), second[:, 3:6].min(initial=1.0)) > 0
+    if clipping is None or not solid:
         return hungarian(of_one_class(affinity.compare(first, second), *classes), gate)
     clipped = clipping.kernel(first[:, :7], second[:, :7], clipping.floor)
     score, weight = (first[:, 7].copy(), second[:, 7].copy()), affinity.score_weight

@@ -77,11 +77,11 @@ class DetectionGroups(Sequence[Detections]):
         """Return the groups without the rows of `joined` that are not in the mask (N,)."""
         if mask.all():
             return self
-        starts, parts = np.concatenate([[0], np.cumsum(mask)])[self.starts], self.parts
+        parts = self.parts
         if parts is not None:
             bounds = zip(self.starts[:-1].tolist(), self.starts[1:].tolist(), strict=True)
-            parts = tuple(part[mask[first:last]] for part, (first, last) in zip(parts, bounds, strict=True))
-        return DetectionGroups(self.joined[mask], starts, parts)
+            return DetectionGroups.of(part[mask[first:last]] for part, (first, last) in zip(parts, bounds, strict=True))
+        return DetectionGroups(self.joined[mask], np.concatenate([[0], np.cumsum(mask)])[self.starts])
 
     def take(self, numbers: Sequence[int]) -> DetectionGroups:
         """Return the groups of these numbers, in their order."""

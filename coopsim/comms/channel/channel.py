@@ -13,7 +13,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 
@@ -122,7 +121,7 @@ class Channel:
         self._arrivals: list[tuple[int, int, int, int, _Transmission]] = []
         self._clocks: dict[str, AgentClock] = {}
         self._offered_ns: dict[str, int] = {}
-        self._numbers, self._serials = count(), count()
+        self._broadcasts = self._events = 0  # numbers of both so far
         self._counts = LinkCounts()
         self._broadcast_bytes: Counter[str] = Counter()
 
@@ -255,7 +254,8 @@ class Channel:
             reception: (N,) the radio's probability of reception.
         """
         self._counts.add(fan.sender, fan.receivers, "sent")
-        number, intact = next(self._numbers), _Wire(wire)
+        number, intact = self._broadcasts, _Wire(wire)
+        self._broadcasts += 1
         if fan.certain_delays_ns and reception.all():
             return [_Transmission(number, fan.sender, fan.receivers, fan.names, intact, fan.certain_delays_ns)]
         alike: dict[tuple[bytes, tuple[int, ...]], list[int]] = {}
@@ -310,7 +310,8 @@ class Channel:
     def _send_off(self, transmissions: Sequence[_Transmission], sent_ns: int) -> None:
         for each in transmissions:
             for copy, delay_ns in enumerate(each.delays_ns if each.names else ()):
-                heapq.heappush(self._arrivals, (sent_ns + delay_ns, each.number, copy, next(self._serials), each))
+                heapq.heappush(self._arrivals, (sent_ns + delay_ns, each.number, copy, self._events, each))
+                self._events += 1
 
     def _pending(self) -> Iterator[tuple[int, Ints]]:
         """Yield sender and receivers, by number, of every message that has not arrived."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +47,7 @@ class LinkCounts:
         self._number: dict[str, int] = {}
         self._counts = {kind: np.zeros((0, 0), np.int64) for kind in _COUNTED}
 
-    def numbers(self, agents: Iterable[str]) -> Ints:
+    def numbers(self, agents: Sequence[str]) -> Ints:
         """Return the numbers (N,) by which the counts know these agents; new ones are added."""
         for agent in agents:
             self._number.setdefault(agent, len(self._number))

@@ -124,7 +124,9 @@ class CorrelatedDetector(OracleDetector):
         self, views: Mapping[str, SensorView], oracles: Mapping[str, Oracle], rngs: Mapping[str, np.random.Generator]
     ) -> dict[str, Detections]:
         """Report the objects of one frame for all agents; see `detect`."""
-        return self._detect(Oracles.of(oracles))
+        if not views:
+            return {}
+        return self._detect(Oracles.of(oracles, views))
 
     def _detect(self, oracles: Oracles) -> dict[str, Detections]:
         memory, actors, start = self._memory, oracles.actors, oracles.start

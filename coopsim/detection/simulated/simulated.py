@@ -108,7 +108,9 @@ class SimulatedDetector(OracleDetector):
         self, views: Mapping[str, SensorView], oracles: Mapping[str, Oracle], rngs: Mapping[str, np.random.Generator]
     ) -> dict[str, Detections]:
         """Report the objects of one frame for all agents; see `OracleDetector.detect_all`."""
-        return self._detect(Oracles.of(oracles), [rngs[agent] for agent in oracles])
+        if not views:
+            return {}
+        return self._detect(Oracles.of(oracles, views), [rngs[agent] for agent in views])
 
     def _detect(self, oracles: Oracles, rngs: Sequence[np.random.Generator]) -> dict[str, Detections]:
         draws, ghosts = _Draws(len(oracles.returns)), []

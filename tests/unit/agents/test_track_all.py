@@ -39,14 +39,6 @@ class Forgetful(Batched):
         return {agent: Tracks.empty() for agent in list(observations)[:-1]}
 
 
-class OneByOne(Batched):
-    """Has a rule of its own for one agent."""
-
-    def track(self, agent: str, observation: Observation) -> Tracks:
-        self.calls.append([agent])
-        return Tracks.empty()
-
-
 def ready(policy: Policy) -> dict[str, dict[str, Any]]:
     """Begin an episode, and return the observations of its first frame."""
     policy.reset({name: AgentSpec(name, "cav", 0.1) for name in AGENTS})
@@ -67,7 +59,33 @@ def test_an_agent_left_out_is_named() -> None:
         policy.act(ready(policy))
 
 
-def test_a_subclass_with_a_rule_for_one_agent_is_asked_for_each() -> None:
+def test_a_newer_track_below_a_batch_is_refused() -> None:
+    with pytest.raises(TypeError, match="OneByOne overrides track and inherits a track_all"):
+
+        class OneByOne(Batched):
+            def track(self, agent: str, observation: Observation) -> Tracks:
+                return Tracks.empty()
+
+
+def test_a_mixin_with_a_newer_track_is_refused() -> None:
+    class Mixin:
+        def track(self, agent: str, observation: Observation) -> Tracks:
+            return Tracks.empty()
+
+    with pytest.raises(TypeError, match=r"track_all = coopsim\.Policy\.track_all"):
+
+        class Mixed(Mixin, Batched):  # type: ignore[misc]
+            pass
+
+
+def test_a_subclass_may_ask_for_each_agent() -> None:
+    class OneByOne(Batched):
+        track_all = Policy.track_all
+
+        def track(self, agent: str, observation: Observation) -> Tracks:
+            self.calls.append([agent])
+            return Tracks.empty()
+
     policy = OneByOne()
     policy.act(ready(policy))
     assert policy.calls == [[name] for name in AGENTS]

@@ -91,3 +91,14 @@ def test_hiding_one_actor_does_not_shift_the_noise_of_the_others() -> None:
 def test_bad_settings(setting: dict[str, float], match: str) -> None:
     with pytest.raises(InvalidValueError, match=match):
         SimulatedDetectorConfig(**setting)  # type: ignore[arg-type]
+
+
+def test_only_the_agents_that_are_asked_for_are_simulated() -> None:
+    detector, truth = SimulatedDetector(QUIET), oracle(actors(5), 100)
+    alone = detector.detect(VIEW, truth, np.random.default_rng(0))
+    view = replace(VIEW, agent="cav_1")
+    rngs = {"cav_1": np.random.default_rng(0)}
+    found = detector.detect_all({"cav_1": view}, {"cav_0": truth, "cav_1": truth}, rngs)
+    assert list(found) == ["cav_1"]
+    np.testing.assert_array_equal(found["cav_1"].boxes.array, alone.boxes.array)
+    assert detector.detect_all({}, {}, {}) == {}

@@ -55,3 +55,20 @@ def test_what_cannot_be_scored_is_refused_and_changes_nothing(make: Any, wrong: 
 def test_objects_must_be_as_many_as_their_ids() -> None:
     with pytest.raises(InvalidValueError, match=r"id must have shape \(2,\), got \(3,\)"):
         truth(ids=(1, 2, 3))
+
+
+@pytest.mark.parametrize(("score", "velocity"), [((0.5, np.nan), 0.0), ((0.5, 0.5), np.inf)])
+def test_numbers_of_tracks_must_be_finite(score: Any, velocity: float) -> None:
+    evaluator, boxes = Evaluator(), Boxes3D.from_array(ROWS)
+    with pytest.raises(InvalidValueError, match="must be finite"):
+        evaluator.update(truth(), Tracks((1, 2), boxes, np.full((2, 2), velocity), score, (0, 0)))
+    assert not len(evaluator.log)
+
+
+def test_the_mask_of_the_region_is_a_mask_and_stays_the_callers() -> None:
+    inside = np.array([True, False])
+    counts = Evaluator().update(truth(), tracks(), inside)
+    assert (counts.tp, counts.fp, counts.fn) == (1, 0, 1)
+    assert inside.flags.writeable
+    with pytest.raises(InvalidValueError, match="in_region"):
+        Evaluator().update(truth(), tracks(), np.array([True]))

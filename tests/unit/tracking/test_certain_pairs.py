@@ -57,3 +57,15 @@ def test_a_box_that_is_not_a_number_is_left_out_as_ever() -> None:
     found[2, 0] = np.nan
     rows, columns = hungarian_by_rows(affinity.giou_3d, tracks, found, classes, -0.2)
     assert rows.tolist() == columns.tolist() == [0, 1, 3, 4]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_track_that_shrank_through_zero_is_matched_as_ever(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tracks, found = street(rng, 6, 4.0), street(rng, 6, 4.0)
+    tracks[rng.integers(6), 4] = -1.0
+    classes = np.zeros(6, dtype=int), np.zeros(6, dtype=int)
+    expected = hungarian(affinity.giou_3d.compare(tracks, found), -0.2)
+    rows, columns = hungarian_by_rows(affinity.giou_3d, tracks, found, classes, -0.2)
+    np.testing.assert_array_equal(rows, expected[0])
+    np.testing.assert_array_equal(columns, expected[1])

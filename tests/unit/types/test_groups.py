@@ -72,3 +72,12 @@ def test_an_index_beyond_the_groups_is_refused() -> None:
     assert len(joined[-1]) == 2
     with pytest.raises(IndexError):
         joined[2]
+
+
+def test_what_is_left_is_joined_as_if_it_had_been_all() -> None:
+    groups = DetectionGroups.of([some(2, 0, covariance=True), some(1, 1), some(2, 2, covariance=True)])
+    assert groups.joined.covariance is None
+    kept = groups.keep(np.array([True, True, False, True, False]))
+    assert kept.joined.covariance is not None
+    assert len(kept) == 3
+    assert kept.starts.tolist() == [0, 2, 2, 3]
