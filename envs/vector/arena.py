@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import os
 import tempfile
@@ -46,7 +47,8 @@ class Arena:
     def close(self) -> None:
         """Let go of the file."""
         if self.descriptor >= 0:
-            self.view.release()
-            self._memory.close()
+            with contextlib.suppress(BufferError):  # an interrupted reader may have views of it; it ends with them
+                self.view.release()
+                self._memory.close()
             os.close(self.descriptor)
             self.descriptor = -1

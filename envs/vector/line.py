@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import struct
 from typing import Any
 
@@ -34,6 +35,8 @@ class Line:
         self._reader, self._writer, self._inbox, self._outbox = reader, writer, inbox, outbox
         self._filled = 0
         self._held = b""
+        self._ready = select.poll()
+        self._ready.register(reader, select.POLLIN)
 
     def send(self, content: object, *, hold: bool = False) -> None:
         """Send any content that can be pickled; it is copied.
@@ -61,6 +64,10 @@ class Line:
         if not hold or len(self._held) >= _ATOMIC:
             os.write(self._writer, self._held)
             self._held = b""
+
+    def wait(self) -> None:
+        """Wait until `receive` has something to read, or the other end is gone; may be interrupted and called again."""
+        self._ready.poll()
 
     def receive(self) -> Any:
         """Wait for the next content, and return it; its arrays are the caller's own.

@@ -73,9 +73,11 @@ class RayWorker(Worker):
     def give(self, orders: Sequence[Order]) -> None:
         self._promise = self._actor.obey.remote(pickle.dumps(orders, protocol=5))
 
-    def take(self) -> Reply:
+    def wait(self) -> None:
         if not self._replies:
             self._replies.extend(self._receive())
+
+    def take(self) -> Reply:
         return self._replies.popleft()
 
     def end(self) -> None:
@@ -97,7 +99,7 @@ class _Actor:
         try:
             self._group = EnvironmentGroup(recipe, indices)
             return pickle.dumps(self._group.describe(), protocol=5)
-        except Exception as error:  # of a user's environment or option
+        except BaseException as error:  # of a user's environment or option, as SystemExit
             return pickle.dumps(failure(error))
 
     def obey(self, orders: bytes) -> bytes:

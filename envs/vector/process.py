@@ -42,6 +42,9 @@ class Process(Worker):
         with contextlib.suppress(BrokenPipeError):  # `take` says so
             self._line.send(orders)
 
+    def wait(self) -> None:
+        self._line.wait()
+
     def take(self) -> Reply:
         reply: Reply = self._receive()
         return reply

@@ -34,7 +34,7 @@ def _obey(line: Line) -> None:
     try:
         group = EnvironmentGroup(recipe, indices)
         made = group.describe()
-    except Exception as error:  # of a user's environment or option
+    except BaseException as error:  # of a user's environment or option, as SystemExit
         line.send(failure(error))
         return
     line.send(made)

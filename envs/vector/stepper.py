@@ -53,6 +53,10 @@ class Stepper:
             InvalidValueError: a seed or an option is not accepted. All environments are as they were.
             LostEnvironmentsError: environments were lost; the others have begun their episodes.
         """
+        with self._crew.hold:
+            return self._reset(seed, options)
+
+    def _reset(self, seed: object, options: Mapping[str, Any] | None) -> tuple[list[Any], dict[int, Any]]:
         self._require_open()
         given = dict(options or {})
         chosen = [int(index) for index in np.flatnonzero(self._mask(given.pop(MASK, None)))]
@@ -88,6 +92,10 @@ class Stepper:
             EpisodeStateError: before `reset`, or an episode is over and autoreset is disabled.
             InvalidActionError: an environment refused its action.
         """
+        with self._crew.hold:
+            return self._step(actions)
+
+    def _step(self, actions: Sequence[Any]) -> tuple[list[Transition], dict[int, str]]:
         self._require_open()
         courses = self._courses
         if courses is None:
@@ -98,6 +106,7 @@ class Stepper:
         self._crew.give([self._order(courses[index], actions[index]) for index in missing])
         for index, _, reply in self._crew.replies():
             self._keep(index, reply)
+        self._crew.hold.wait()  # Ctrl-C that came by now, while all is kept
         refused = {index: reply for index, reply in self._kept.items() if isinstance(reply, Failure) and reply.refused}
         if refused:
             for index in refused:
@@ -114,6 +123,10 @@ class Stepper:
             Exception: what an environment raised.
             LostEnvironmentsError: a worker died.
         """
+        with self._crew.hold:
+            return self._call(call, arguments)
+
+    def _call(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
         self._require_open()
         self._drain()
         self._crew.give([Order(index, call, each) for index, each in enumerate(arguments)])
@@ -141,9 +154,10 @@ class Stepper:
         self._closed = True
         try:
             if not self._crew.busy:
-                self._crew.give([Order(index, "close", ()) for index in range(self.count)], replace=False)
-                for _ in self._crew.replies():
-                    continue
+                with self._crew.hold:
+                    self._crew.give([Order(index, "close", ()) for index in range(self.count)], replace=False)
+                    for _ in self._crew.replies():
+                        continue
         finally:
             self._crew.end()
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 
-from coopsim.envs.vector.group import Description, EnvironmentGroup, Order, Reply
+from coopsim.envs.vector.group import Description, EnvironmentGroup, Failure, Order, Reply
 
 
 class WorkerDiedError(Exception):
@@ -30,8 +30,16 @@ class Worker(ABC):
         """Give orders; all earlier ones have been replied to. A worker that is gone says so in `take`."""
 
     @abstractmethod
-    def take(self) -> Reply:
+    def wait(self) -> None:
         """Wait for the reply to the next order. If Ctrl-C interrupts it, it can be called again.
+
+        Raises:
+            WorkerDiedError: it is gone.
+        """
+
+    @abstractmethod
+    def take(self) -> Reply:
+        """Return the reply that `wait` has waited for; must not be interrupted.
 
         Raises:
             WorkerDiedError: it is gone.
@@ -43,11 +51,15 @@ class Worker(ABC):
 
 
 class InProcess(Worker):
-    """Environments in the calling process. An order is obeyed when its reply is taken."""
+    """Environments in the calling process. An order is obeyed when its reply is waited for.
+
+    An environment that Ctrl-C interrupts is lost, as nobody knows how far it came.
+    """
 
     def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
         self._group = EnvironmentGroup(recipe, indices)
         self._orders: deque[Order] = deque()
+        self._reply: Reply | None = None
 
     def describe(self) -> Description:
         return self._group.describe()
@@ -55,10 +67,18 @@ class InProcess(Worker):
     def give(self, orders: Sequence[Order]) -> None:
         self._orders.extend(orders)
 
+    def wait(self) -> None:
+        if self._reply is None:
+            order = self._orders[0]
+            self._reply = Failure(f"Ctrl-C interrupted its {order.call}\n")  # the reply, if nothing else comes of it
+            self._reply = self._group.do(order)
+
     def take(self) -> Reply:
-        reply = self._group.do(self._orders[0])  # stays there if Ctrl-C interrupts it
+        reply, self._reply = self._reply, None
+        assert reply is not None
         self._orders.popleft()
         return reply
 
     def end(self) -> None:
+        self._reply = None
         self._orders.clear()

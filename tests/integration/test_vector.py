@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ import pytest
 from counting_envs import FAILING, KILLED, REFUSED, CountingAgents, CountingEnv, SeededEnv
 
 import coopsim
+from coopsim.envs.vector import line
 from coopsim.envs.vector.process import Process
 from coopsim.errors import InvalidActionError, InvalidValueError, LostEnvironmentsError, UnknownNameError
 from coopsim.types import Tracks
@@ -179,21 +181,105 @@ def shared_memory() -> list[str]:
 def test_an_interrupted_step_can_be_taken_up(vector: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a notebook: no environment is stepped twice, and none is passed over."""
     vector.reset(seed=0)
-    take, taken = Process.take, []
+    wait, waited = Process.wait, []
 
     def interrupted(worker: Process) -> Any:
-        if len(taken) == 1:
+        if len(waited) == 1:
             raise KeyboardInterrupt
-        taken.append(worker)
-        return take(worker)
+        waited.append(worker)
+        return wait(worker)
 
-    monkeypatch.setattr(Process, "take", interrupted)
+    monkeypatch.setattr(Process, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
         vector.step(acts(1, 2, 3, 4))
     monkeypatch.undo()
     observations, rewards, *_ = vector.step(acts(9, 9, 9, 9))
     np.testing.assert_array_equal(observations[:, 1], [1, 1, 1, 1])
     assert rewards.tolist() == [1, 2, 3, 4]
+
+
+def test_interrupts_at_any_moment(vector: Any) -> None:
+    """Ctrl-C within `step`, a hundred times: all environments are at the same step ever after."""
+    vector.reset(seed=0)
+    vector.set_attr("length", 10**6)
+    rng, main, steps = np.random.default_rng(0), threading.get_ident(), 0.0
+    begun = time.perf_counter()
+    vector.step(acts(1, 1, 1, 1))
+    duration, interrupted = time.perf_counter() - begun, 0
+    for _ in range(100):
+        timer = threading.Timer(rng.uniform(0, duration), signal.pthread_kill, (main, signal.SIGINT))
+        try:
+            timer.start()
+            vector.step(acts(1, 1, 1, 1))
+            timer.join()
+        except KeyboardInterrupt:
+            interrupted += 1
+        timer.join()
+        observations, *_ = vector.step(acts(1, 1, 1, 1))
+        assert len(set(observations[:, 1])) == 1 and observations[0, 1] > steps
+        steps = observations[0, 1]
+    assert interrupted == 100
+    vector.set_attr("length", 50)
+
+
+def test_an_interrupt_while_a_reply_is_read(vector: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C is held back until the reply is kept; an exception of another signal loses the worker, not more."""
+    put_together: Any = line.put_together
+    for raises in (False, True):
+        vector.reset(seed=0)
+        calls: list[object] = []
+
+        def interrupted(*arguments: Any, calls: list[object] = calls, raises: bool = raises) -> Any:
+            calls.append(arguments)
+            if len(calls) == 2:
+                if raises:
+                    raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
+            return put_together(*arguments)
+
+        monkeypatch.setattr(line, "put_together", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            vector.step(acts(1, 2, 3, 4))
+        monkeypatch.undo()
+        if raises:
+            with pytest.raises(LostEnvironmentsError, match="interrupted in the middle of a message"):
+                vector.step(acts(9, 9, 9, 9))
+        else:
+            assert vector.step(acts(9, 9, 9, 9))[1].tolist() == [1, 2, 3, 4]
+            assert vector.step(acts(9, 9, 9, 9))[0][:, 1].tolist() == [2, 2, 2, 2]
+
+
+def test_an_interrupt_in_the_calling_process() -> None:
+    """The environment that was stepping is lost; the others step once."""
+
+    class Interrupted(CountingEnv):
+        def step(self, action: Any) -> Any:
+            stepped = super().step(action)
+            if action[0] == 7:
+                signal.raise_signal(signal.SIGINT)
+            return stepped
+
+    with coopsim.vector(Interrupted, 3, workers=0) as here:
+        here.reset(seed=0)
+        with pytest.raises(KeyboardInterrupt):
+            here.step(acts(1, 7, 1))
+        with pytest.raises(LostEnvironmentsError, match="lost environment 1: Ctrl-C interrupted its step") as raised:
+            here.step(acts(1, 1, 1))
+        assert raised.value.results[0][:, 1].tolist() == [1, 0, 1]
+        assert here.step(acts(1, 1, 1))[0][:, 1].tolist() == [2, 0, 2]
+
+
+@pytest.mark.parametrize("end", ["os._exit(3)", "sys.exit(3)"])
+def test_a_worker_that_ends_while_it_makes_environments(end: str) -> None:
+    def ends() -> Any:
+        exec(f"import os, sys; {end}")
+
+    with pytest.raises((LostEnvironmentsError, RuntimeError)) as raised:
+        coopsim.vector(ends, 2, workers=1)
+    if end.startswith("os"):
+        assert "lost environments 0, 1: the worker died (exit status 3) while it made" in str(raised.value)
+    else:
+        assert "SystemExit: 3" in str(raised.value)
 
 
 def test_on_ray() -> None:
