@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from coopsim.envs.wrappers.forms import cooperative_env
 from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
+from coopsim.errors import InvalidValueError
 
 
 class WithoutInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
@@ -16,9 +18,14 @@ class WithoutInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  #
 
     Args:
         env: the environment; put this wrapper around all others.
+
+    Raises:
+        InvalidValueError: `env` is no parallel environment of coopsim's.
     """
 
     def __init__(self, env: ParallelEnv[str, Any, Any]) -> None:
+        if isinstance(env, gymnasium.Env):
+            raise InvalidValueError("env must be parallel: TorchRL's GymWrapper takes a single-agent one as it is")
         cooperative_env(env)
         super().__init__(env)
 

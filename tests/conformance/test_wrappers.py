@@ -18,8 +18,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 import coopsim
 from coopsim.comms.uplinks.share_features import ShareQueries
-from coopsim.envs.wrappers import BevImage, Driving, FixedSize, FixedTracks, Flatten
-from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError
+from coopsim.envs.wrappers import BevImage, Driving, FixedSize, FixedTracks, Flatten, WithoutInfos
+from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError, UnknownNameError
 
 Make = Callable[..., Any]
 
@@ -302,6 +302,8 @@ def test_a_refused_maneuver_changes_nothing(make_small: Make) -> None:
         (lambda env: Driving(env, tracker=None), "tracker must be a policy or its name"),
         (lambda env: Driving(env, tracker="track_to_track"), "needs uplink 'tracks'"),
         (lambda env: Driving(FixedSize(env)), "coopsim's own observations, which no wrapper changed"),
+        (lambda env: WithoutInfos(single(lidar=None)), "env must be parallel: TorchRL's GymWrapper takes"),
+        (lambda env: WithoutInfos(None), "env must be an environment by coopsim.parallel_env"),
         (lambda env: FixedSize(None), "env must be an environment by coopsim.parallel_env"),
         (lambda env: Flatten(gymnasium.make("CartPole-v1")), "env must be an environment by coopsim.parallel_env"),
     ],
