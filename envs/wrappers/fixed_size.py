@@ -76,7 +76,7 @@ class FixedSizeView(View):
         detections: number of own detections.
         messages: number of messages: the newest, and among equally new ones those of the nearest senders.
         received: number of boxes of each message.
-        points: number of LiDAR points, evenly spaced among all.
+        points: number of LiDAR points, evenly spaced among those within `reach_m`.
         order: which boxes come first, and stay where not all fit: "nearest" or "surest".
         reach_m: boxes, senders and points farther away, along x, y or z, are left out.
     """
@@ -150,12 +150,17 @@ class FixedSizeView(View):
             if self.received:
                 found["received"] = self._kept_boxes(scene.received, kept)
         if self.points:
-            points = self._within(_spread_points(scene.observation, self.points))
+            points = _spread(self._points(scene.observation), self.points)
             found["points"] = points, (np.arange(len(points)),)
         return found
 
     def _within(self, rows: Floats) -> Floats:
         return rows[(np.abs(rows[:, :3]) <= self.reach_m).all(axis=1)]
+
+    def _points(self, observation: Observation) -> Floats:
+        """Return the points (P, 4) of all sweeps that are within reach."""
+        parts = [np.column_stack([sweep.points, sweep.intensity]) for sweep in observation.sweeps.values()]
+        return self._within(np.concatenate([np.zeros((0, 4)), *parts]))
 
     def _first(self, rows: Floats) -> Ints:
         """Return the order of boxes: indices (N,)."""
@@ -223,10 +228,6 @@ def _message_columns(received: Received, kept: Ints) -> Floats:
     return np.column_stack([pose[:, :3], heading, received.age_s[kept], received.deviation[kept]])
 
 
-def _spread_points(observation: Observation, most: int) -> Floats:
-    """Return at most so many points (P, 4), evenly spaced among those of all sweeps."""
-    parts = [np.column_stack([sweep.points, sweep.intensity]) for sweep in observation.sweeps.values()]
-    points = np.concatenate([np.zeros((0, 4)), *parts])
-    if len(points) <= most:
-        return points
-    return points[np.arange(most) * len(points) // most]
+def _spread(points: Floats, most: int) -> Floats:
+    """Return at most so many of the points, evenly spaced among them."""
+    return points if len(points) <= most else points[np.arange(most) * len(points) // most]

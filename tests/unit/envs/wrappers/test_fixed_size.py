@@ -133,6 +133,15 @@ def test_points_are_spread_over_all() -> None:
     assert shown["points"][:, 0].tolist() == [0, 20, 40, 60, 80]
 
 
+def test_points_beyond_reach_take_no_rows() -> None:
+    """Half of the points are too far, in one sweep with those that stay."""
+    shown = FixedSizeView(points=50, reach_m=49.5).show(
+        scene(points=np.column_stack([np.arange(100), np.zeros((100, 2))]))
+    )
+    assert shown["points_mask"].all()
+    assert shown["points"][:, 0].tolist() == list(range(50))
+
+
 def test_own_tells_the_estimated_pose_and_motion() -> None:
     shown = FixedSizeView().show(scene(pose=(3, 4, 1, 0.5)))
     row = dict(zip(OWN_COLUMNS, shown["own"].tolist(), strict=True))
