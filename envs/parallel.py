@@ -14,7 +14,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium import spaces
@@ -39,6 +39,7 @@ from coopsim.wire.actions import action_space, unpack_actions
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
+AgentSpace = TypeVar("AgentSpace", bound=spaces.Space[Any])
 
 
 class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  # pettingzoo is untyped
@@ -125,12 +126,20 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         return self._options.seed
 
     def observation_space(self, agent: str) -> spaces.Dict:
-        """Return the space of an agent's observations; always the same object."""
-        return self._observation_spaces[agent]
+        """Return the space of an agent's observations; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._observation_spaces)
 
     def action_space(self, agent: str) -> spaces.Dict:
-        """Return the space of an agent's actions; always the same object."""
-        return self._action_spaces[agent]
+        """Return the space of an agent's actions; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._action_spaces)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -329,6 +338,19 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
             self.render()
+
+
+def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
+    """Return an agent's space.
+
+    Raises:
+        UnknownNameError: there is no such agent; the message lists those that there are.
+    """
+    try:
+        return by_agent[agent]
+    except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
+        require_choice("agent", agent, by_agent)
+        raise
 
 
 def fresh_seed() -> int:

@@ -12,6 +12,7 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from coopsim.agents.policy import Policy
+from coopsim.envs.parallel import space_of
 from coopsim.envs.single.cast import Cast
 from coopsim.envs.wrappers.forms import cooperative_env
 from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
@@ -62,8 +63,12 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         self._actions: ByAgent | None = None
 
     def action_space(self, agent: str) -> spaces.Discrete:
-        """Return the space of an agent's maneuvers; always the same object."""
-        return self._spaces[agent]
+        """Return the space of an agent's maneuvers; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._spaces)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

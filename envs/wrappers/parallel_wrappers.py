@@ -7,6 +7,7 @@ from typing import Any
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
+from coopsim.envs.parallel import space_of
 from coopsim.envs.wrappers.forms import ActionForm, AnySpace, ObservationForm, cooperative_env
 from coopsim.errors import InvalidActionError
 
@@ -28,8 +29,12 @@ class ObservingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[mis
         self._spaces = {name: form.space(env.observation_space(name)) for name in env.possible_agents}
 
     def observation_space(self, agent: str) -> AnySpace:
-        """Return the space of an agent's observations; always the same object."""
-        return self._spaces[agent]
+        """Return the space of an agent's observations; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._spaces)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -60,8 +65,12 @@ class ActingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc] 
         self._spaces = {name: form.space(env.action_space(name)) for name in env.possible_agents}
 
     def action_space(self, agent: str) -> AnySpace:
-        """Return the space of an agent's actions; always the same object."""
-        return self._spaces[agent]
+        """Return the space of an agent's actions; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._spaces)
 
     def step(self, actions: ByAgent) -> Stepped:
         """Go to the next frame; see `CooperativeEnv.step`."""
