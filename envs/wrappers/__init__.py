@@ -50,6 +50,12 @@ def FixedSize(env: Any, **options: Any) -> Any:
         env: a parallel or single-agent environment.
         **options: fields of `FixedSizeView`: `detections`, `messages`, `received`, `points`, `order`, `reach_m`.
 
+    Returns:
+        A wrapper of the same kind. It shows a dict of float32 arrays in the agent's base frame (m, s, rad, m/s): `own`
+        (12,), which has the estimated pose in the world frame, `detections` (32, 18), `messages` (8, 9), `received`
+        (8, 16, 20) and, if asked for, `points` (points, 4); and with each but `own` a mask, as `detections_mask` (32,):
+        1 for a row with content, 0 for padding.
+
     Raises:
         InvalidValueError: a value is not accepted, or `env` has other observations than coopsim's.
         UnknownNameError: there is no such option or order; the message lists those that there are.
@@ -63,6 +69,11 @@ def BevImage(env: Any, **options: Any) -> Any:
     Args:
         env: a parallel or single-agent environment.
         **options: fields of `BevImageView`: `size`, `metres`, `channels`, `dtype`.
+
+    Returns:
+        A wrapper of the same kind. It shows a picture (planes, size, size), uint8 from 0 to 255 or float32 from 0 to 1,
+        by default (16, 128, 128) with pixels of 0.75 m: row 0 is farthest ahead, column 0 farthest to the left. With
+        `FixedSize` it is the array `picture` of the dict.
 
     Raises:
         InvalidValueError: a value is not accepted, or `env` has other observations than coopsim's.

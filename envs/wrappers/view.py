@@ -54,14 +54,17 @@ class View(ABC):
 
     @abstractmethod
     def spaces(self) -> dict[str, spaces.Box]:
-        """Return new spaces of the arrays, by name."""
+        """Return new spaces of the arrays, by name: of each its shape, its dtype and the bounds of its numbers."""
 
     def begin(self, road_map: RoadMap) -> None:
         """Take over the map of an episode that begins."""
 
     @abstractmethod
     def show(self, scene: Scene) -> Arrays:
-        """Return new arrays, by name."""
+        """Return new arrays, by name: those of `spaces`, each in its space.
+
+        All that has a place is in the agent's base frame now (m, rad), or in pixels of a picture around it.
+        """
 
 
 class Views(ObservationForm):
