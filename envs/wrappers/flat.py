@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopsim.envs.wrappers.forms import AnySpace, ObservationForm
+from coopsim.envs.wrappers.forms import AnySpace, ObservationForm, kind_of
 from coopsim.errors import InvalidValueError
 
 _PICTURE_AXES = 3
@@ -36,5 +36,5 @@ def _parts(space: AnySpace) -> list[spaces.Box]:
     parts = [space[name] for name in sorted(space.spaces)] if isinstance(space, spaces.Dict) else [space]
     boxes = [part for part in parts if isinstance(part, spaces.Box)]
     if len(boxes) < len(parts):
-        raise InvalidValueError(f"env must be wrapped in FixedSize or BevImage before Flatten: it shows {space}")
+        raise InvalidValueError(f"env must be wrapped in FixedSize or BevImage before Flatten: it has {kind_of(space)}")
     return boxes

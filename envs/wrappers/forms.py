@@ -51,12 +51,25 @@ class ActionForm(ABC):
         """
 
     @abstractmethod
-    def act(self, agent: str, action: Any) -> Any:
+    def act(self, agent: str, action: Any, space: AnySpace) -> Any:
         """Return the action in `inner` that an action stands for.
+
+        Args:
+            agent: name of the agent that acts.
+            action: its action in this form.
+            space: what `space` returned for this agent.
 
         Raises:
             InvalidActionError: names the agent and what is wrong.
         """
+
+
+def kind_of(space: AnySpace) -> str:
+    """Return the kind of a space in words for messages: "a Dict of own, picture", "a Box (24,)"."""
+    kind = type(space).__name__
+    if isinstance(space, spaces.Dict):
+        return f"a {kind} of {', '.join(space.spaces)}"
+    return f"a {kind} {space.shape}" if isinstance(space, spaces.Box) else f"a {kind}"
 
 
 def cooperative_env(env: Any) -> CooperativeEnv:

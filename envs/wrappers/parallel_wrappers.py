@@ -77,6 +77,8 @@ class ActingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc] 
         if not isinstance(actions, dict):
             raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
         known = self._spaces  # the environment refuses all other agents, by name
-        taken = {name: self.form.act(name, each) if name in known else each for name, each in actions.items()}
+        taken = {
+            name: self.form.act(name, each, known[name]) if name in known else each for name, each in actions.items()
+        }
         stepped: Stepped = self.env.step(taken)
         return stepped

@@ -57,4 +57,4 @@ class ActingSingle(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Go to the next frame; see `SingleAgentEnv.step`."""
-        return self.env.step(self.form.act(self.get_wrapper_attr("ego"), action))
+        return self.env.step(self.form.act(self.get_wrapper_attr("ego"), action, self.action_space))

@@ -25,7 +25,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopsim.envs.wrappers.forms import ActionForm, AnySpace
+from coopsim.envs.wrappers.forms import ActionForm, AnySpace, kind_of
 from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -62,14 +62,16 @@ class TrackRows(ActionForm):
 
     def space(self, inner: AnySpace) -> AnySpace:
         if not (isinstance(inner, spaces.Dict) and "tracks" in inner.spaces):
-            raise InvalidValueError(f"env must have coopsim's own actions, which no wrapper changed, got {inner}")
+            raise InvalidValueError(
+                f"env must have coopsim's own actions, which no wrapper changed, got {kind_of(inner)}"
+            )
         count = self.tracks * len(TRACK_COLUMNS) + len(MANEUVERS) * ("maneuver" in inner.spaces)
         return spaces.Box(-1.0, 1.0, (count,), np.float32)
 
-    def act(self, agent: str, action: Any) -> dict[str, Any]:
+    def act(self, agent: str, action: Any, space: AnySpace) -> dict[str, Any]:
         """Return the tracks, and the maneuver if there is one; numbers beyond [-1, 1] are taken as the bound."""
         length = self.tracks * len(TRACK_COLUMNS)
-        numbers = _checked(agent, action, (length, length + len(MANEUVERS)))
+        numbers = self._checked(agent, action, space)
         rows = numbers[:length].reshape(self.tracks, len(TRACK_COLUMNS))
         taken: dict[str, Any] = {"tracks": pack_tracks(self._as_tracks(rows))}
         if len(numbers) > length:
@@ -86,16 +88,16 @@ class TrackRows(ActionForm):
             ids, boxes, rows[:, 8:10] * FASTEST_M_S, (rows[:, 10] + 1) / 2, np.argmax(rows[:, _CLASSES:], axis=1)
         )
 
-
-def _checked(agent: str, action: Any, lengths: tuple[int, int]) -> NDArray[np.float64]:
-    """Return an action as numbers in [-1, 1]."""
-    try:
-        numbers = as_numbers(action, np.float64, "action")
-        require_finite(numbers, "action")
-    except CoopsimError as error:
-        raise InvalidActionError(f"{agent}: {error}") from error
-    if numbers.ndim != 1 or len(numbers) not in lengths:
-        accepted = " or, for a car that it drives, ".join(f"({length},)" for length in lengths)
-        raise InvalidActionError(f"{agent}: action must have shape {accepted}, got {numbers.shape}")
-    clipped: NDArray[np.float64] = np.clip(numbers, -1.0, 1.0)
-    return clipped
+    def _checked(self, agent: str, action: Any, space: AnySpace) -> NDArray[np.float64]:
+        """Return an action as numbers in [-1, 1]."""
+        try:
+            numbers = as_numbers(action, np.float64, "action")
+            require_finite(numbers, "action")
+        except CoopsimError as error:
+            raise InvalidActionError(f"{agent}: {error}") from error
+        if numbers.shape != space.shape:
+            drives = space.shape != (self.tracks * len(TRACK_COLUMNS),)
+            parts = f"{self.tracks} rows of {len(TRACK_COLUMNS)}" + f" and {len(MANEUVERS)} for the maneuver" * drives
+            raise InvalidActionError(f"{agent}: action must have shape {space.shape}, {parts}, got {numbers.shape}")
+        clipped: NDArray[np.float64] = np.clip(numbers, -1.0, 1.0)
+        return clipped

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.wrappers.forms import AnySpace, ObservationForm
+from coopsim.envs.wrappers.forms import AnySpace, ObservationForm, kind_of
 from coopsim.envs.wrappers.received import Inbox, Received
 from coopsim.errors import InvalidValueError
 from coopsim.types import Observation
@@ -87,7 +87,9 @@ class Views(ObservationForm):
 
     def space(self, inner: AnySpace) -> AnySpace:
         if not (isinstance(inner, spaces.Dict) and "inbox_payload" in inner.spaces):
-            raise InvalidValueError(f"env must have coopsim's own observations, which no wrapper changed, got {inner}")
+            raise InvalidValueError(
+                f"env must have coopsim's own observations, which no wrapper changed, got {kind_of(inner)}"
+            )
         parts: dict[str, AnySpace] = {name: space for view in self.views for name, space in view.spaces().items()}
         return spaces.Dict(parts) if self._alone is None else parts[self._alone]
 

@@ -318,3 +318,58 @@ def test_driving_needs_drivers(make_small: Make) -> None:
         Driving(make_small(lidar=None))
     with pytest.raises(CoopsimError, match="make a single-agent one with tracker"):
         Driving(single())
+
+
+def test_errors_say_the_kind_of_space_and_its_keys(make_small: Make) -> None:
+    env = make_small(lidar=None)
+    with pytest.raises(CoopsimError, match=r"it has a Dict of time_ns, pose, .*, inbox_payload$"):
+        Flatten(env)
+    with pytest.raises(CoopsimError, match=r"which no wrapper changed, got a Box \(5, 8, 8\)$"):
+        FixedSize(Flatten(BevImage(env, size=8, channels=("map",))))
+
+
+@pytest.mark.parametrize("kind", ["observation_space", "action_space"])
+@pytest.mark.parametrize(
+    ("wrap", "known"),
+    [
+        (lambda env: env, "cav_0, cav_1, cav_2"),
+        (FixedSize, "cav_0, cav_1, cav_2"),
+        (FixedTracks, "cav_0, cav_1, cav_2"),
+        (Driving, "cav_0, cav_1, cav_2"),
+    ],
+)
+def test_an_unknown_agent_has_no_space(make_small: Make, wrap: Make, known: str, kind: str) -> None:
+    env = wrap(make_small(control="policy", lidar=None))
+    for wrong in ("cav9", None, ["cav_0"]):
+        with pytest.raises(UnknownNameError, match=f"unknown agent .*Accepted: {known}"):
+            getattr(env, kind)(wrong)
+
+
+def test_actions_of_a_wrong_length_are_told_their_own(make_small: Make) -> None:
+    """The lengths differ between agents that drive and agents that do not."""
+    env = FixedTracks(make_small(control="policy", lidar=None, rsus=1), tracks=2)
+    env.reset(seed=0)
+    right = {agent: env.action_space(agent).sample() for agent in env.agents}
+    for agent, given, wanted in (("cav_0", 40, 45), ("rsu_0", 45, 40)):
+        with pytest.raises(InvalidActionError, match=rf"{agent}: action must have shape \({wanted},\), 2 rows of 20"):
+            env.step(right | {agent: np.zeros(given)})
+    env.step(right)
+
+
+def test_gymnasium_makes_it_again() -> None:
+    """Both environments of one spec play on their own: none has the other's messages or map."""
+
+    def wrap(env: Any) -> Any:
+        return Flatten(BevImage(FixedSize(FixedTracks(env, tracks=2), detections=5), size=8))
+
+    first = wrap(gymnasium.make("coopsim/crossing-v1", **(SMALL | {"lidar": None, "max_cycles": 4} | DELAYED)))
+    second, third = gymnasium.make(first.spec), gymnasium.make(first.spec)
+    assert second.observation_space == first.observation_space and second.action_space == first.action_space
+    action = np.zeros(first.action_space.shape, np.float32)
+    alone = [first.reset(seed=3)[0], *(first.step(action)[0] for _ in range(3))]
+    seen = [second.reset(seed=3)[0]]
+    third.reset(seed=8)
+    for _ in range(3):
+        third.step(action)
+        seen.append(second.step(action)[0])
+    np.testing.assert_array_equal(seen, alone)

@@ -20,10 +20,10 @@ def row(**columns: float) -> list[float]:
 
 def test_rows_become_tracks() -> None:
     form = TrackRows(tracks=3, reach_m=50.0)
-    size = form.space(action_space(drives=False)).shape
-    assert size == (3 * len(TRACK_COLUMNS),)
+    space = form.space(action_space(drives=False))
+    assert space.shape == (3 * len(TRACK_COLUMNS),)
     numbers = [row(present=-1), row(), row(present=0.1, x=0.5, y=-1, z=0.1, l=1, w=0, h=-1, yaw=0.5, vx=0.25, van=1)]
-    tracks = form.act("cav_0", np.array(numbers, np.float32).reshape(-1))["tracks"]
+    tracks = form.act("cav_0", np.array(numbers, np.float32).reshape(-1), space)["tracks"]
     assert tracks["id"].tolist() == [2]
     np.testing.assert_allclose(tracks["box"], [[25, -50, 1, 20, 2.05, 0.1, np.pi / 2]], rtol=1e-6)
     np.testing.assert_allclose(tracks["velocity"], [[10, 0]])
@@ -33,8 +33,9 @@ def test_rows_become_tracks() -> None:
 def test_a_driver_chooses_its_largest_number() -> None:
     form = TrackRows(tracks=1)
     inner = action_space(drives=True)
-    assert form.space(inner).shape == (len(TRACK_COLUMNS) + 5,)
-    action = form.act("cav_0", [*row(present=1), 0, 0, 0.3, 0.1, 0])
+    space = form.space(inner)
+    assert space.shape == (len(TRACK_COLUMNS) + 5,)
+    action = form.act("cav_0", [*row(present=1), 0, 0, 0.3, 0.1, 0], space)
     assert action["maneuver"] == 2
     assert inner.contains(action)
 
@@ -44,12 +45,13 @@ def test_every_sample_is_an_action() -> None:
     space = form.space(inner)
     space.seed(0)
     for _ in range(20):
-        assert inner.contains(form.act("cav_0", space.sample()))
+        assert inner.contains(form.act("cav_0", space.sample(), space))
 
 
 def test_numbers_beyond_the_bound_are_the_bound() -> None:
     form = TrackRows(tracks=1)
-    beyond, bound = (form.act("cav_0", row(present=1, x=far, l=-far, score=far))["tracks"] for far in (7, 1))
+    space = form.space(action_space(drives=False))
+    beyond, bound = (form.act("cav_0", row(present=1, x=far, l=-far, score=far), space)["tracks"] for far in (7, 1))
     np.testing.assert_array_equal(beyond["box"], bound["box"])
     assert beyond["box"][0, 3] > 0
 
@@ -58,15 +60,23 @@ def test_numbers_beyond_the_bound_are_the_bound() -> None:
     ("wrong", "says"),
     [
         (np.full(20, np.nan), "cav_0: action must be finite"),
-        (np.zeros(19), r"cav_0: action must have shape \(20,\) or, for a car that it drives, \(25,\), got \(19,\)"),
+        (np.zeros(19), r"cav_0: action must have shape \(20,\), 1 rows of 20, got \(19,\)"),
+        (np.zeros(25), r"cav_0: action must have shape \(20,\), 1 rows of 20, got \(25,\)"),
         (np.zeros((1, 20)), r"got \(1, 20\)"),
         (None, "cav_0: action must be numbers"),
         ("idle", "cav_0: action must be numbers"),
     ],
 )
 def test_wrong_actions_are_refused(wrong: Any, says: str) -> None:
+    form = TrackRows(tracks=1)
     with pytest.raises(InvalidActionError, match=says):
-        TrackRows(tracks=1).act("cav_0", wrong)
+        form.act("cav_0", wrong, form.space(action_space(drives=False)))
+
+
+def test_a_driver_without_a_maneuver_is_told_the_length() -> None:
+    form = TrackRows(tracks=2)
+    with pytest.raises(InvalidActionError, match=r"shape \(45,\), 2 rows of 20 and 5 for the maneuver, got \(40,\)"):
+        form.act("cav_0", np.zeros(40), form.space(action_space(drives=True)))
 
 
 def test_wrong_settings_are_refused() -> None:
@@ -74,5 +84,5 @@ def test_wrong_settings_are_refused() -> None:
         TrackRows(tracks=0)
     with pytest.raises(CoopsimError, match="reach_m must be"):
         TrackRows(reach_m=np.inf)
-    with pytest.raises(CoopsimError, match="env must have coopsim's own actions"):
+    with pytest.raises(CoopsimError, match=r"env must have coopsim's own actions.*got a Discrete$"):
         TrackRows().space(spaces.Discrete(5))
