@@ -46,6 +46,7 @@ class Transition(NamedTuple):
         info: the environment's.
         over: the episode is over, and no other has begun.
         final: last observation and info of an episode that ended in this step, where the next began in it too.
+        lost: the next should have begun in it, but its reset failed: to be reported by the next call.
     """
 
     observation: Any
@@ -55,6 +56,7 @@ class Transition(NamedTuple):
     info: Any
     over: bool
     final: tuple[Any, Any] | None = None
+    lost: Failure | None = None
 
 
 class Value(NamedTuple):
@@ -173,7 +175,13 @@ def _step(env: Any, action: Any, next_seed: int | None) -> Transition:
     over = bool(terminated or truncated) if isinstance(env, gymnasium.Env) else not env.agents
     if not over or next_seed is None:
         return Transition(observation, reward, terminated, truncated, info, over)
-    begun = _reset(env, next_seed, None)
+    try:
+        begun = _reset(env, next_seed, None)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # the episode has its proper end all the same
+        ended = observation, info
+        return Transition(observation, reward, terminated, truncated, {}, True, ended, failure(error))
     return Transition(begun.observation, reward, terminated, truncated, begun.info, begun.over, (observation, info))
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -16,12 +18,11 @@ from coopsim.envs.vector.on_ray import RayWorkers
 from coopsim.envs.vector.process import Process
 from coopsim.envs.vector.recipe import Recipe, Wrap
 from coopsim.envs.vector.single_agent import SingleAgentVector
-from coopsim.envs.vector.stepper import Stepper
+from coopsim.envs.vector.stepper import Stepper, require_vector_seed
 from coopsim.envs.vector.worker import InProcess
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.processes import cores
-from coopsim.support.rng import require_seed
 
 AGENTS = ("all", "single")
 BACKENDS = ("local", "ray")
@@ -35,13 +36,13 @@ def vector(
 
 @overload
 def vector(
-    environment: str | Path, /, count: int, *, agents: Literal["all"] = "all", **options: Any
+    environment: str | Path, /, count: int, *, agents: Literal["all"] | None = None, **options: Any
 ) -> MultiAgentVector: ...
 
 
 @overload
 def vector(
-    environment: Callable[..., Any], /, count: int, *, agents: str = "all", **options: Any
+    environment: Callable[..., Any], /, count: int, *, agents: str | None = None, **options: Any
 ) -> SingleAgentVector | MultiAgentVector: ...
 
 
@@ -51,7 +52,7 @@ def vector(
     count: int,
     *,
     workers: int | None = None,
-    agents: str = "all",
+    agents: str | None = None,
     wrap: Wrap | Sequence[Wrap] = (),
     seed: int | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -71,7 +72,8 @@ def vector(
         workers: number of processes that share them; 0 steps in the calling process, None is one for each core. There
             are never more than environments.
         agents: "all": each environment has all its agents, and the vector is a `MultiAgentVector`; "single": each is a
-            `coopsim.single_env`, and the vector is a `SingleAgentVector`, which is gymnasium's `VectorEnv`.
+            `coopsim.single_env`, and the vector is a `SingleAgentVector`, which is gymnasium's `VectorEnv`. None is
+            "all" for names; a function decides itself, and what is given must agree with what it makes.
         wrap: a wrapper, or several, the innermost first: each is called with an environment and returns one.
         seed: of the first `reset` without one; None: a fresh one.
         autoreset_mode: gymnasium's `AutoresetMode`, or its value: "NextStep", "SameStep", "Disabled".
@@ -79,18 +81,24 @@ def vector(
         address: of a Ray cluster, as `ray.init` takes it; None: `RAY_ADDRESS`, or else this machine alone.
         **options: of the environment.
 
+    Returns:
+        A `SingleAgentVector` or a `MultiAgentVector`, by `agents` or by what the function makes.
+
     Raises:
         UnknownNameError: no such environment, option, backend or choice of agents; the message lists the close ones.
         InvalidValueError: a value is not accepted.
         MissingDependencyError: Ray is not installed.
+        LostEnvironmentsError: a worker died while it made its environments.
+        Exception: what making an environment raised.
     """
     require_count(1, count=count)
     if workers is not None:
         require_count(0, workers=workers)
-    require_choice("agents", agents, AGENTS)
+    if agents is not None:
+        require_choice("agents", agents, AGENTS)
     require_choice("backend", backend, BACKENDS)
     if seed is not None:
-        require_seed(seed)
+        require_vector_seed(seed)
     if not (isinstance(environment, (str, Path)) or callable(environment)):
         raise InvalidValueError(f"environment must be a name, the path of a file or a function, got {environment!r}")
     if backend == "local" and workers != 0 and os.name != "posix":
@@ -101,6 +109,11 @@ def vector(
     start, stop = _starter(recipe, workers, backend, address)
     try:
         crew = Crew(start, count, max(workers, 1))
+    except UnknownNameError as error:
+        stop()
+        if error.kind == "option" and error.name in options and not callable(environment):
+            raise _unknown_option(error, agents) from error
+        raise
     except BaseException:
         stop()
         raise
@@ -111,6 +124,11 @@ def vector(
 
     try:
         stepper = Stepper(crew, count, mode, seed)
+        made = AGENTS[stepper.description.single]
+        if agents not in (None, made):
+            raise InvalidValueError(
+                f"agents must be {made!r} or left out for what the environments are, got {agents!r}"
+            )
         kind = SingleAgentVector if stepper.description.single else MultiAgentVector
         return kind(stepper, end)
     except BaseException:
@@ -128,6 +146,17 @@ def _starter(recipe: bytes, workers: int, backend: str, address: str | None) -> 
     if address is not None:
         raise InvalidValueError(f"address is of a Ray cluster: it needs backend='ray', got {address!r}")
     return partial(Process if workers else InProcess, recipe), _nothing
+
+
+def _unknown_option(error: UnknownNameError, agents: str | None) -> UnknownNameError:
+    """Return the error with the vector's own arguments among what is accepted."""
+    own = [name for name, each in signature(vector).parameters.items() if each.kind is each.KEYWORD_ONLY]
+    where = error.where
+    if error.name == "num_envs":
+        where = "(the number of environments is `count`)"
+    elif agents != "single" and error.name in signature(importlib.import_module("coopsim").single_env).parameters:
+        where = 'without agents="single"'
+    return UnknownNameError(error.kind, error.name, {*error.known, *own, "count"}, where)
 
 
 def _nothing() -> None:

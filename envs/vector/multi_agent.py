@@ -51,21 +51,32 @@ class MultiAgentVector(VectorCalls):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[list[ByAgent], list[ByAgent]]:
-        """Begin episodes; return observations and infos by environment and agent.
+        """Begin episodes.
+
+        Returns:
+            Observations and infos, each a list with a dict by agent for each environment.
 
         Args:
-            seed: integer >= 0, of which each episode's seed is derived by environment and episode; a list of one for
-                each environment is of their first episodes themselves; None goes on with the next episodes (at first:
-                the option `seed`, or a fresh one). The seed of an episode is in its infos.
+            seed: integer from 0 to 2**63 - 1, of which each episode's seed is derived by environment and episode; a
+                list of one for each environment is of their first episodes themselves; None goes on with the next
+                episodes (at first: the option `seed`, or a fresh one). The seed of an episode is in its infos.
             options: of the environments' `reset`; `{"reset_mask": mask}`, an array (num_envs,) of bool, resets these
                 environments alone: the others go on, with their last observations and without infos.
 
         Raises:
             InvalidValueError: a seed or an option is not accepted. All environments are as they were.
+            UnknownNameError: an option's name or value is not known, or is nearly `reset_mask`.
+            EpisodeStateError: the first reset is not of all environments, or the vector is closed.
             LostEnvironmentsError: an environment raised an error, or its worker died; the others have begun episodes.
+                The error has the results of these, with an empty dict or the last observations for a lost one.
+                Reset the lost ones by `reset_mask`; or the next `step` begins their episodes, unless autoreset is
+                disabled.
         """
-        observations, infos = self._stepper.reset(seed, options)
-        return observations, [infos.get(index, {}) for index in range(self.num_envs)]
+        observations, begun, lost = self._stepper.reset(seed, options)
+        results = [each or {} for each in observations], [begun.get(index, {}) for index in range(self.num_envs)]
+        if lost:
+            raise LostEnvironmentsError(lost, results)
+        return results
 
     def step(
         self, actions: Sequence[Mapping[str, Any]]

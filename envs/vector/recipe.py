@@ -21,13 +21,13 @@ class Recipe:
 
     Attributes:
         environment: name or scenario file, or a function that makes one.
-        agents: "all" or "single", which decides how names are made.
+        agents: "all", "single" or None (which is "all"): decides how names are made.
         options: of the environment.
         wrap: wrappers, the innermost first.
     """
 
     environment: str | Path | Callable[..., Any]
-    agents: str
+    agents: str | None
     options: Mapping[str, Any]
     wrap: tuple[Wrap, ...]
 

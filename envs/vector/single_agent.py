@@ -43,23 +43,34 @@ class SingleAgentVector(VectorCalls, VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes; return a batch of observations, and infos.
+        """Begin episodes.
+
+        Returns:
+            A batch of observations, by `observation_space`, and infos of the environments that began, as gymnasium's.
 
         Args:
-            seed: integer >= 0, of which each episode's seed is derived by environment and episode; a list of one for
-                each environment is of their first episodes themselves; None goes on with the next episodes (at first:
-                the option `seed`, or a fresh one).
+            seed: integer from 0 to 2**63 - 1, of which each episode's seed is derived by environment and episode; a
+                list of one for each environment is of their first episodes themselves; None goes on with the next
+                episodes (at first: the option `seed`, or a fresh one).
             options: of the environments' `reset`; `{"reset_mask": mask}`, an array (num_envs,) of bool, resets these
                 environments alone: the others go on, with their last observations.
 
         Raises:
             InvalidValueError: a seed or an option is not accepted. All environments are as they were.
+            UnknownNameError: an option's name or value is not known, or is nearly `reset_mask`.
+            EpisodeStateError: the first reset is not of all environments, or the vector is closed.
             LostEnvironmentsError: an environment raised an error, or its worker died; the others have begun episodes.
+                The error has the results of these, unless a lost one has no observation yet.
+                Reset the lost ones by `reset_mask`; or the next `step` begins their episodes, unless autoreset is
+                disabled.
         """
-        observations, begun = self._stepper.reset(seed, options)
+        observations, begun, lost = self._stepper.reset(seed, options)
         infos: dict[str, Any] = {}
         for index in sorted(begun):
             infos = self._add_info(infos, begun[index], index)
+        if lost:
+            whole = all(each is not None for each in observations)
+            raise LostEnvironmentsError(lost, (self._batch(observations), infos) if whole else None)
         return self._batch(observations), infos
 
     def step(self, actions: Any) -> Results:

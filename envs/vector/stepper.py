@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +11,17 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from coopsim.envs.parallel import fresh_seed
+from coopsim.envs.vector.contents import put_together, taken_apart
 from coopsim.envs.vector.courses import Course
 from coopsim.envs.vector.crew import DIED, Crew
 from coopsim.envs.vector.group import Description, Failure, Order, Reply, Transition, Value
-from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, LostEnvironmentsError
+from coopsim.errors import (
+    EpisodeStateError,
+    InvalidActionError,
+    InvalidValueError,
+    LostEnvironmentsError,
+    UnknownNameError,
+)
 from coopsim.support.rng import require_seed
 
 MASK = "reset_mask"
@@ -42,23 +50,31 @@ class Stepper:
         self._kept: dict[int, Transition | Failure] = {}
         self._closed = False
 
-    def reset(self, seed: object, options: Mapping[str, Any] | None) -> tuple[list[Any], dict[int, Any]]:
-        """Begin episodes; return the observations of all environments, and the infos of those that began.
+    def reset(
+        self, seed: object, options: Mapping[str, Any] | None
+    ) -> tuple[list[Any], dict[int, Any], dict[int, str]]:
+        """Begin episodes; return observations of all environments, infos of those that began, and reports of lost ones.
+
+        The observation of a lost one is its last, or None.
 
         Args:
             seed: one integer >= 0 for all, one integer or None for each, or None to go on with the next episodes.
             options: of the environments' `reset`; `reset_mask` (count,) chooses the environments, None is all.
 
         Raises:
-            InvalidValueError: a seed or an option is not accepted. All environments are as they were.
-            LostEnvironmentsError: environments were lost; the others have begun their episodes.
+            InvalidValueError: a seed or an option is not accepted. Where environments refuse an option, these are as
+                they were; so are all where the vector does.
+            UnknownNameError: an option is nearly `reset_mask`.
+            EpisodeStateError: the first reset is not of all environments.
         """
         with self._crew.hold:
             return self._reset(seed, options)
 
-    def _reset(self, seed: object, options: Mapping[str, Any] | None) -> tuple[list[Any], dict[int, Any]]:
+    def _reset(
+        self, seed: object, options: Mapping[str, Any] | None
+    ) -> tuple[list[Any], dict[int, Any], dict[int, str]]:
         self._require_open()
-        given = dict(options or {})
+        given = _options(options)
         chosen = [int(index) for index in np.flatnonzero(self._mask(given.pop(MASK, None)))]
         courses = self._planned(seed)
         if self._courses is None and len(chosen) < self.count:
@@ -79,9 +95,8 @@ class Stepper:
         for failure in refused.values():
             raise failure.exception
         lost = self._lost(replies)
-        if lost:
-            raise LostEnvironmentsError(lost)
-        return list(self._observations), {index: replies[index].info for index in chosen}  # type: ignore[union-attr]
+        infos = {index: reply.info for index, reply in replies.items() if isinstance(reply, Transition)}
+        return [_copied(each) for each in self._observations], infos, lost
 
     def step(self, actions: Sequence[Any]) -> tuple[list[Transition], dict[int, str]]:
         """Step all environments; return their transitions, and reports of those that were lost.
@@ -111,7 +126,7 @@ class Stepper:
         if refused:
             for index in refused:
                 del self._kept[index]
-            raise InvalidActionError(_refusal(refused))
+            raise InvalidActionError(_refusal(refused, self.count))
         replies, self._kept = self._kept, {}
         lost = self._lost(replies)
         return [self._transition(index, replies[index]) for index in range(self.count)], lost
@@ -191,7 +206,7 @@ class Stepper:
     def _note(self, index: int, course: Course, transition: Transition) -> None:
         assert self._courses is not None
         self._courses[index] = course
-        self._observations[index], self._over[index] = transition.observation, transition.over
+        self._observations[index], self._over[index] = _copied(transition.observation), transition.over
 
     def _transition(self, index: int, reply: Transition | Failure) -> Transition:
         """Note a reply, and return it as a transition."""
@@ -199,22 +214,27 @@ class Stepper:
         course = self._courses[index]
         if isinstance(reply, Failure):
             return self._truncated(index, reply.report)
-        began = self._over[index] or reply.final is not None
+        began = self._over[index] or (reply.final is not None and reply.lost is None)
         self._note(index, course.advanced if began else course, reply)
+        if reply.lost is not None:
+            self._kept[index] = reply.lost
         return reply
 
     def _truncated(self, index: int, report: str) -> Transition:
-        last = self._observations[index]
+        last, same_step = _copied(self._observations[index]), self.mode is AutoresetMode.SAME_STEP
         if self.description.single:
-            return Transition(last, 0.0, False, True, {"error": report}, over=True)
+            info: dict[str, Any] = {"error": report}
+            return Transition(last, 0.0, False, True, info, True, (last, dict(info)) if same_step else None)
         agents = list(last or ())
+        infos = {agent: {"error": report} for agent in agents}
         return Transition(
             last or {},
             dict.fromkeys(agents, 0.0),
             dict.fromkeys(agents, False),
             dict.fromkeys(agents, True),
-            {agent: {"error": report} for agent in agents},
-            over=True,
+            infos,
+            True,
+            (last or {}, infos) if same_step else None,
         )
 
     def _lost(self, replies: Mapping[int, Reply]) -> dict[int, str]:
@@ -235,7 +255,7 @@ class Stepper:
         if isinstance(seed, (list, tuple, np.ndarray)):
             return self._planned_each(seed)
         base = fresh_seed() if seed is None else seed
-        require_seed(base)
+        require_vector_seed(base)
         return [Course(index, int(base)) for index in range(self.count)]  # type: ignore[call-overload]
 
     def _planned_each(self, seeds: Sequence[Any] | NDArray[Any]) -> list[Course]:
@@ -244,7 +264,7 @@ class Stepper:
         courses = self._planned(None)
         for index, seed in enumerate(seeds):
             if seed is not None:
-                require_seed(seed)
+                require_vector_seed(seed)
                 courses[index] = Course(index, int(seed), exact=True)
         return courses
 
@@ -271,8 +291,34 @@ class Stepper:
             )
 
 
-def _refusal(refused: Mapping[int, Failure]) -> str:
+def require_vector_seed(seed: object) -> None:
+    """Raise `InvalidValueError` unless `seed` is an integer >= 0 that all kinds of environments can take."""
+    require_seed(seed)
+    if int(seed) >= 2**63:  # type: ignore[call-overload]
+        raise InvalidValueError(f"seed must be < 2**63 in a vector, got {seed}")
+
+
+def _options(options: object) -> dict[str, Any]:
+    """Return options of `reset` as a dict of their own; refuse what is nearly the mask's name."""
+    if options is not None and not isinstance(options, Mapping):
+        raise InvalidValueError(f"options of reset must be a mapping, got {options!r}")
+    given = dict(options or {})
+    for name in given:
+        if name != MASK and difflib.get_close_matches(str(name), [MASK], cutoff=0.75):
+            raise UnknownNameError("option of reset", name, [MASK])
+    return given
+
+
+def _copied(observation: Any) -> Any:
+    """Return an observation with arrays of its own, which its other user may change."""
+    skeleton, arrays = taken_apart(observation)
+    return put_together(skeleton, (array.copy() for array in arrays))
+
+
+def _refusal(refused: Mapping[int, Failure], count: int) -> str:
     what = "; ".join(f"environment {index}: {refused[index].error or refused[index].report}" for index in refused)
+    if len(refused) == count:
+        return f"{what}. No environment has stepped"
     return (
         f"{what}. The other environments have stepped: step again with other actions for environments "
         f"{_listed(refused)}, and those of the others are passed over"

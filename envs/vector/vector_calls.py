@@ -25,20 +25,32 @@ class VectorCalls:
         self._finalizer = weakref.finalize(self, end)
 
     def call(self, name: str, *args: Any, **keywords: Any) -> tuple[Any, ...]:
-        """Call a method of every environment, or get an attribute, as `call("score")`; return the values.
+        """Call a method of every environment, or get an attribute, as `call("score")`; return the values, in order.
 
         Raises:
+            EpisodeStateError: the vector is closed.
             Exception: what an environment raised.
             LostEnvironmentsError: a worker died.
         """
         return self._stepper.call("get", [(name, args, keywords)] * self._stepper.count)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of every environment; a method is called."""
+        """Return an attribute of every environment, in order; a method is called.
+
+        Raises:
+            Exception: what an environment raised, as AttributeError where there is no such attribute.
+            LostEnvironmentsError: a worker died.
+        """
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every environment: a list or tuple has one value for each, all else is of all."""
+        """Set an attribute of every environment: a list or tuple has one value for each, all else is of all.
+
+        Raises:
+            InvalidValueError: the list or tuple is of another length than the vector.
+            Exception: what an environment raised.
+            LostEnvironmentsError: a worker died.
+        """
         count = self._stepper.count
         each = values if isinstance(values, (list, tuple)) else [values] * count
         if len(each) != count:
@@ -46,7 +58,12 @@ class VectorCalls:
         self._stepper.call("set", [(name, value) for value in each])
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture of every environment, where they were made with a `render_mode`."""
+        """Return a picture of every environment, in order, where they were made with a `render_mode`.
+
+        Raises:
+            Exception: what an environment raised.
+            LostEnvironmentsError: a worker died.
+        """
         return self.call("render")
 
     def close(self, **_: Any) -> None:

@@ -176,6 +176,75 @@ def test_a_lost_environment_waits_for_its_reset_where_autoreset_is_disabled() ->
         assert [len(observed["a"]["rows"]) for observed in observations] == [1, 2]
 
 
+def test_a_lost_environment_in_same_step_mode_has_its_last_observation() -> None:
+    with single(2, autoreset_mode="SameStep") as vector:
+        vector.reset(seed=0)
+        vector.step(acts(1, 1))
+        with pytest.raises(LostEnvironmentsError) as raised:
+            vector.step(acts(FAILING, 1))
+        *_, truncations, infos = raised.value.results
+        assert truncations.tolist() == [True, False] and infos["_final_obs"].tolist() == [True, False]
+        np.testing.assert_array_equal(infos["final_obs"][0], [0, 1, 0])
+        assert "detector broke" in infos["final_info"]["error"][0]
+    with several(2, autoreset_mode="SameStep") as agents:
+        agents.reset(seed=0)
+        with pytest.raises(LostEnvironmentsError) as raised:
+            agents.step(each(FAILING, 1))
+        info = raised.value.results[4][0]["a"]
+        assert info["final_obs"]["rows"].shape == (0, 2) and "detector broke" in info["final_info"]["error"]
+
+
+def test_an_episode_ends_properly_in_same_step_mode_where_the_next_cannot_begin() -> None:
+    class Once(CountingEnv):
+        def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+            if self.episode == 0:
+                self.episode = 1
+                raise ZeroDivisionError("no second one")
+            return super().reset(seed=seed, options=options)
+
+    with coopsim.vector(Once, 1, workers=0, length=2, autoreset_mode="SameStep") as vector:
+        vector.reset(seed=0)
+        vector.step(acts(1))
+        _, rewards, terminations, _, infos = vector.step(acts(5))
+        assert rewards.tolist() == [5] and terminations.tolist() == [True]
+        np.testing.assert_array_equal(infos["final_obs"][0], [0, 2, 0])
+        with pytest.raises(LostEnvironmentsError, match="no second one"):
+            vector.step(acts(1))
+        assert vector.step(acts(1))[0][:, :2].tolist() == [[2, 0]]
+
+
+def test_a_reset_with_losses_has_the_results_of_the_others() -> None:
+    class Odd(CountingEnv):
+        def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+            if options and seed == 1:
+                raise ZeroDivisionError("odd")
+            return super().reset(seed=seed, options=options)
+
+    with coopsim.vector(Odd, 2, workers=0) as vector:
+        with pytest.raises(LostEnvironmentsError) as raised:
+            vector.reset(seed=[0, 1], options={"x": 1})
+        assert raised.value.results is None  # there is no observation to put in the batch
+        vector.reset(seed=[0, 1])
+        with pytest.raises(LostEnvironmentsError) as raised:
+            vector.reset(seed=[0, 1], options={"x": 1})
+        observations, infos = raised.value.results
+        assert observations.shape == (2, 3) and infos["_seed"].tolist() == [True, False]
+        vector.reset(options={"reset_mask": np.array([False, True])})
+        assert vector.step(acts(1, 1))[0][:, 1].tolist() == [1, 1]
+
+
+def test_what_callers_write_into_observations_does_not_come_back() -> None:
+    with several(2) as vector:
+        vector.reset(seed=0)
+        observations, *_ = vector.step(each(1, 1))
+        wanted = observations[0]["a"]["rows"].copy()
+        observations[0]["a"]["rows"][:] = -5
+        for _ in range(2):
+            observations, _ = vector.reset(options={"reset_mask": np.array([False, True])})
+            np.testing.assert_array_equal(observations[0]["a"]["rows"], wanted)
+            observations[0]["a"]["rows"][:] = -5
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -193,6 +262,12 @@ def test_a_lost_environment_waits_for_its_reset_where_autoreset_is_disabled() ->
         ({"environment": "crosing"}, "unknown environment 'crosing'. Did you mean 'crossing"),
         ({"environment": 3}, "environment must be a name"),
         ({"environment": "crossing", "vehicels": 3}, "unknown option 'vehicels'"),
+        ({"environment": "crossing", "worker": 0}, "Did you mean 'workers'"),
+        ({"environment": "crossing", "num_envs": 2}, "number of environments is `count`"),
+        ({"environment": "crossing", "tracker": "late_fusion"}, 'unknown option .tracker. without agents="single"'),
+        ({"agents": "all"}, "agents must be 'single' or left out"),
+        ({"environment": CountingAgents, "agents": "single"}, "agents must be 'all' or left out"),
+        ({"seed": 2**63}, "seed must be < 2"),
         ({"environment": dict}, "got a dict"),
         ({"wrap": lambda env: {}[env]}, "CountingEnv"),
         ({"lock": threading.Lock()}, "such as can be pickled"),
@@ -214,7 +289,12 @@ def test_wrong_calls_change_nothing() -> None:
             vector.reset(seed=3, options={"wrong": 1})
         vector.reset(seed=0), other.reset(seed=0)
         vector.step(acts(1, 2, 3)), other.step(acts(1, 2, 3))
-        for seed in (-1, "a", [1], [1, 2, -3], 1.5):
+        for options in ([1], "abc", 3):
+            with pytest.raises(InvalidValueError, match="options of reset must be a mapping"):
+                vector.reset(options=options)
+        with pytest.raises(UnknownNameError, match="Did you mean 'reset_mask'"):
+            vector.reset(options={"resetmask": np.array([True, False, False])})
+        for seed in (-1, "a", [1], [1, 2, -3], 1.5, 2**63, [2**70, 1, 2]):
             with pytest.raises(InvalidValueError, match="seed must"):
                 vector.reset(seed=seed)
         for mask in ([True] * 3, np.ones(2, bool), np.zeros(3, bool), np.ones(3)):
