@@ -19,7 +19,7 @@ from coopsim.bench.grid.grid_file import find_grid
 
 def seconds(folder: Path, engine: Engine) -> float:
     began = time.perf_counter()
-    benchmark(replace(find_grid("quick").grid(), seeds=(0,), latencies_ms=(0, 300), frames=40), folder, engine=engine)
+    benchmark(replace(find_grid("quick").grid(), seeds=(0,), latencies_ms=(0, 300), frames=20), folder, engine=engine)
     return time.perf_counter() - began
 
 
