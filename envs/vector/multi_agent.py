@@ -19,7 +19,8 @@ class MultiAgentVector(VectorCalls):
     """Many environments of PettingZoo's parallel API, stepped together.
 
     Each environment's part is what its own `reset` and `step` return, at its place of a list. Observations are the
-    caller's own arrays, which later steps leave alone.
+    caller's own arrays, which later steps leave alone; a `reset` with a mask returns those of the environments that go
+    on once more, as they are by then.
 
     | autoreset_mode | after an episode's last step |
     |---|---|

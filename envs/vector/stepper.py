@@ -11,7 +11,6 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from coopsim.envs.parallel import fresh_seed
-from coopsim.envs.vector.contents import put_together, taken_apart
 from coopsim.envs.vector.courses import Course
 from coopsim.envs.vector.crew import DIED, Crew
 from coopsim.envs.vector.group import Description, Failure, Order, Reply, Transition, Value
@@ -96,7 +95,7 @@ class Stepper:
             raise failure.exception
         lost = self._lost(replies)
         infos = {index: reply.info for index, reply in replies.items() if isinstance(reply, Transition)}
-        return [_copied(each) for each in self._observations], infos, lost
+        return list(self._observations), infos, lost
 
     def step(self, actions: Sequence[Any]) -> tuple[list[Transition], dict[int, str]]:
         """Step all environments; return their transitions, and reports of those that were lost.
@@ -206,7 +205,8 @@ class Stepper:
     def _note(self, index: int, course: Course, transition: Transition) -> None:
         assert self._courses is not None
         self._courses[index] = course
-        self._observations[index], self._over[index] = _copied(transition.observation), transition.over
+        # Not copied: at each step that would take longer than sending large observations does.
+        self._observations[index], self._over[index] = transition.observation, transition.over
 
     def _transition(self, index: int, reply: Transition | Failure) -> Transition:
         """Note a reply, and return it as a transition."""
@@ -221,7 +221,7 @@ class Stepper:
         return reply
 
     def _truncated(self, index: int, report: str) -> Transition:
-        last, same_step = _copied(self._observations[index]), self.mode is AutoresetMode.SAME_STEP
+        last, same_step = self._observations[index], self.mode is AutoresetMode.SAME_STEP
         if self.description.single:
             info: dict[str, Any] = {"error": report}
             return Transition(last, 0.0, False, True, info, True, (last, dict(info)) if same_step else None)
@@ -307,12 +307,6 @@ def _options(options: object) -> dict[str, Any]:
         if name != MASK and difflib.get_close_matches(str(name), [MASK], cutoff=0.75):
             raise UnknownNameError("option of reset", name, [MASK])
     return given
-
-
-def _copied(observation: Any) -> Any:
-    """Return an observation with arrays of its own, which its other user may change."""
-    skeleton, arrays = taken_apart(observation)
-    return put_together(skeleton, (array.copy() for array in arrays))
 
 
 def _refusal(refused: Mapping[int, Failure], count: int) -> str:
