@@ -66,6 +66,14 @@ def test_the_same_bits_for_any_number_of_workers() -> None:
         assert played(workers) == here
 
 
+@pytest.fixture(autouse=True)
+def ctrl_c_raises() -> Iterator[None]:
+    """Have Ctrl-C raise, also where tests run in the background, whose processes ignore it from the start."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(scope="module")
 def vector() -> Iterator[Any]:
     """Four environments of two workers, which tests reset and leave usable."""
