@@ -6,6 +6,7 @@ import cProfile
 import pstats
 from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +36,27 @@ def time_by_part(profile: cProfile.Profile) -> dict[str, float]:
     """
     found: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     spent: Counter[str] = Counter()
+    known: dict[Any, Mapping[str, float]] = {}
     for function, (_, _, own_s, _, callers) in found.items():
-        for part, share in _parts(function, callers, found, _DEEPEST).items():
+        for part, share in _parts(function, callers, found, _DEEPEST, known).items():
             spent[part] += share * own_s
     total = sum(spent.values())
     return {part: spent[part] / total for part in (*PARTS, "the rest")}
 
 
-def _parts(function: tuple[str, int, str], callers: Any, found: Mapping[Any, Any], depth: int) -> Mapping[str, float]:
-    """Return in which parts a function works, by share."""
+def _parts(
+    function: tuple[str, int, str], callers: Any, found: Mapping[Any, Any], depth: int, known: dict[Any, Any]
+) -> Mapping[str, float]:
+    """Return in which parts a function works, by share; `known` remembers it by function and depth."""
+    if (function, depth) not in known:
+        known[function, depth] = _parts_anew(function, callers, found, depth, known)
+    parts: Mapping[str, float] = known[function, depth]
+    return parts
+
+
+def _parts_anew(
+    function: tuple[str, int, str], callers: Any, found: Mapping[Any, Any], depth: int, known: dict[Any, Any]
+) -> Mapping[str, float]:
     own = _part_of(function[0])
     if own:
         return {own: 1.0}
@@ -52,11 +65,12 @@ def _parts(function: tuple[str, int, str], callers: Any, found: Mapping[Any, Any
         return {"the rest": 1.0}
     shares: Counter[str] = Counter()
     for caller, times in callers.items():
-        for part, share in _parts(caller, found[caller][4], found, depth - 1).items():
+        for part, share in _parts(caller, found[caller][4], found, depth - 1, known).items():
             shares[part] += share * times[3] / total
     return shares
 
 
+@cache
 def _part_of(path: str) -> str | None:
     """Return the part that a file belongs to; None for what works for its callers."""
     for root in _ROOTS:
