@@ -90,8 +90,8 @@ def test_cost_of_the_truth() -> None:
 
 @pytest.mark.filterwarnings("ignore:there is room for")
 def test_memory_over_many_steps() -> None:
-    """42 agents with late fusion, from step 200 on; `COOPSIM_STEPS` says to which step, 500 by default."""
-    policy, last = coopsim.make_policy("late_fusion"), int(os.environ.get("COOPSIM_STEPS", "500"))
+    """42 agents with late fusion, from step 200 on; `COOPSIM_STEPS` says to which step, 400 by default."""
+    policy, last = coopsim.make_policy("late_fusion"), int(os.environ.get("COOPSIM_STEPS", "400"))
     population = {"vehicles": 100, "connected_cars": 40, "rsus": 2}
     env = coopsim.parallel_env("urban_grid", uplink=policy, lidar=None, max_cycles=last, **population)
     observations, _ = env.reset(seed=0)

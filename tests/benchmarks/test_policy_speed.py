@@ -107,7 +107,7 @@ def test_cost_of_messages() -> None:
         costs[policy] = {}
         print(f"{policy:>24} ", end="", flush=True)
         for agents in AGENTS:
-            population = {"vehicles": 72, "connected_cars": agents - 1, "rsus": 1}
+            population = {"vehicles": 72, "trucks": 0, "connected_cars": agents - 1, "rsus": 1}
             rate = Loop(policy, "urban_grid", **population).run(20, SECONDS / 2)
             costs[policy][agents - 1] = rate.policy_ms / agents
             print(f"{rate.policy_ms / agents:7.2f}", end=" ", flush=True)
