@@ -10,11 +10,10 @@ import numpy as np
 from numba import njit
 
 from coopsim.geometry.assignment import hungarian
-from coopsim.geometry.iou import overlap_3d
+from coopsim.geometry.iou import corner_room, overlap_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 
-_CORNERS = 16  # room for the corners of a clipped rectangle, and for what rounding may add
 _MARGIN = 1e-9  # more than rounding
 
 
@@ -58,7 +57,7 @@ def _sweep(boxes: Floats, owner: Ints, label: Ints, row: Ints, last: Ints) -> tu
     """Return `_overlapping` for boxes sorted along x; the partners of box k are among k + 1 to last[k] - 1."""
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
-    polygon, spare = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
+    room = corner_room()
     pairs, value, count = np.empty((4 * len(boxes), 2), dtype=np.int64), np.empty(4 * len(boxes)), 0
     for k in range(len(boxes)):
         for n in range(k + 1, last[k]):
@@ -66,7 +65,7 @@ def _sweep(boxes: Floats, owner: Ints, label: Ints, row: Ints, last: Ints) -> tu
             if owner[k] == owner[n] or label[k] != label[n] or dx * dx + dy * dy >= both * both:
                 continue
             i, j = (k, n) if owner[k] < owner[n] else (n, k)
-            overlap = overlap_3d(boxes[i], boxes[j], (cos[i], sin[i], cos[j], sin[j]), polygon, spare)
+            overlap = overlap_3d(boxes[i], boxes[j], (cos[i], sin[i], cos[j], sin[j]), room)
             if overlap > 0:
                 if count == len(value):
                     pairs, value = _twice_as_long(pairs, value)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from coopsim.geometry.iou import bev_overlap
+from coopsim.geometry.iou import bev_overlap, corner_room
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
-
-_CORNERS = 16  # room for the corners of a clipped rectangle, and for what rounding may add
 
 
 def suppress(boxes: Floats, score: Floats, label: Ints, iou_threshold: float) -> tuple[Ints, Ints, Ints]:
@@ -43,7 +41,7 @@ def _suppress(
     """Return the kept rows and the numbers of `suppress`; `along` are the rows in order of their x."""
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
-    polygon, spare = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
+    room = corner_room()
     place, free = np.empty(len(boxes), dtype=np.int64), np.empty(len(boxes), dtype=np.bool_)
     widest = 0.0
     for at in range(len(along)):
@@ -74,7 +72,7 @@ def _suppress(
                 if dx * dx + dy * dy >= both * both:
                     continue
                 angles = (cos[row], sin[row], cos[other], sin[other])
-                overlap = bev_overlap(boxes[row], boxes[other], angles, polygon, spare)
+                overlap = bev_overlap(boxes[row], boxes[other], angles, room)
                 if overlap >= iou_threshold and overlap > most[other]:
                     free[other], number[other], most[other] = False, count, overlap
         kept[count] = row

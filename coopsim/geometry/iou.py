@@ -20,6 +20,9 @@ _MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most ei
 Footprint = tuple[float, float, float, float, float, float]
 """A box seen from above: its centre x, y m, its length and width m, the cosine and the sine of its heading."""
 
+_Angles = tuple[float, float, float, float]
+"""Cosine and sine of the first box's yaw, then of the second's."""
+
 _Rectangle = tuple[float, float, float, float, float, float]
 """Its centre x, y in the first box's axes; then, relative to it, its rightmost and its topmost corner."""
 
@@ -81,7 +84,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: flo
     width_a, width_b = _widths(a), _widths(b)
     area_a, area_b = far * (a[:, 3] * a[:, 4]), far * (b[:, 3] * b[:, 4])
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
-    polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))  # room for what rounding may add
+    room = corner_room()
     for i in range(len(a)):
         half_x, half_y = a[i, 3] / 2, a[i, 4] / 2
         for j in range(len(b)):
@@ -98,7 +101,7 @@ def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: flo
             if not generalized and (apart or (volume and high <= low)):
                 continue
             other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
-            inter = 0.0 if apart else _area_within(half_x, half_y, other, polygon, spare)
+            inter = 0.0 if apart else _area_within(half_x, half_y, other, room)
             size_a, size_b, depth = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4], 1.0
             if volume:
                 inter *= max(0.0, high - low)
@@ -148,7 +151,7 @@ def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
-    polygon, spare = np.empty((2 * _MOST, 2)), np.empty((2 * _MOST, 2))
+    room = corner_room()
     for i in range(len(a)):
         for j in range(len(b)):
             dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
@@ -156,66 +159,56 @@ def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
             if dx * dx + dy * dy >= reach * reach:
                 continue
             angles = (cos_a[i], sin_a[i], cos_b[j], sin_b[j])
-            in_space[i, j], from_above[i, j] = overlaps_of_pair(a[i], b[j], angles, polygon, spare)
+            in_space[i, j], from_above[i, j] = overlaps_of_pair(a[i], b[j], angles, room)
     return in_space, from_above
 
 
 @njit(cache=True, nogil=True)
-def overlaps_of_pair(
-    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
-) -> tuple[float, float]:
+def overlaps_of_pair(a: Floats, b: Floats, angles: _Angles, room: Floats) -> tuple[float, float]:
     """Return IoU in 3D and in the BEV of two boxes (7,) that are near, for kernels that gate pairs themselves.
 
     Args:
         a: the first box.
         b: the second box.
         angles: cosine and sine of the first's yaw, then of the second's.
-        polygon: (16, 2) room to work in.
-        spare: (16, 2) more of it.
+        room: from `corner_room`.
     """
-    cos_a, sin_a, cos_b, sin_b = angles
-    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
-    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
+    area, height = _common_area(a, b, angles, room), _common_height(a, b)
     size_a, size_b = a[3] * a[4], b[3] * b[4]
-    from_above = _over_union(area, size_a, size_b)
-    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
-    low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
-    in_space = _over_union(area * (high - low), size_a * a[5], size_b * b[5]) if high > low else 0.0
-    return in_space, from_above
+    in_space = _over_union(area * height, size_a * a[5], size_b * b[5]) if height > 0 else 0.0
+    return in_space, _over_union(area, size_a, size_b)
 
 
 @njit(cache=True, nogil=True)
-def bev_overlap(
-    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
-) -> float:
-    """Return `iou_bev` of two boxes (7,), for kernels that gate pairs themselves.
-
-    Args:
-        a: the first box; finite, as the second.
-        b: the second box.
-        angles: cosine and sine of the first's yaw, then of the second's.
-        polygon: (16, 2) room to work in.
-        spare: (16, 2) more of it.
-    """
-    cos_a, sin_a, cos_b, sin_b = angles
-    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
-    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
-    return _over_union(area, a[3] * a[4], b[3] * b[4])
+def bev_overlap(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
+    """Return `iou_bev` of two boxes (7,); see `overlaps_of_pair`."""
+    return _over_union(_common_area(a, b, angles, room), a[3] * a[4], b[3] * b[4])
 
 
 @njit(cache=True, nogil=True)
-def overlap_3d(
-    a: Floats, b: Floats, angles: tuple[float, float, float, float], polygon: Floats, spare: Floats
-) -> float:
-    """Return `iou_3d` of two boxes (7,); see `bev_overlap`."""
-    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
-    low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
-    if not high > low:
+def overlap_3d(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
+    """Return `iou_3d` of two boxes (7,); see `overlaps_of_pair`."""
+    height = _common_height(a, b)
+    if not height > 0:
         return 0.0
+    area = _common_area(a, b, angles, room)
+    return _over_union(area * height, a[3] * a[4] * a[5], b[3] * b[4] * b[5])
+
+
+@njit(cache=True, nogil=True)
+def _common_area(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
+    """Return the area m^2 that the footprints of two boxes (7,) share."""
     cos_a, sin_a, cos_b, sin_b = angles
     other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
-    area = _area_within(a[3] / 2, a[4] / 2, other, polygon, spare)
-    return _over_union(area * (high - low), a[3] * a[4] * a[5], b[3] * b[4] * b[5])
+    return _area_within(a[3] / 2, a[4] / 2, other, room)
+
+
+@njit(cache=True, nogil=True)
+def _common_height(a: Floats, b: Floats) -> float:
+    """Return the height m that two boxes (7,) share; not above 0 if one is above the other."""
+    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
+    height: float = min(dz + half_b, half_a) - max(dz - half_b, -half_a)
+    return height
 
 
 @njit(cache=True, nogil=True)
@@ -228,7 +221,7 @@ def _over_union(inter: float, size_a: float, size_b: float) -> float:
 @njit(cache=True, nogil=True)
 def corner_room() -> Floats:
     """Return room for the corners of two polygons, which the functions of one pair write to."""
-    return np.empty((2, 2 * _MOST, 2))
+    return np.empty((2, 2 * _MOST, 2))  # twice, for what rounding may add
 
 
 @njit(cache=True, nogil=True)
@@ -236,7 +229,7 @@ def common_ground(a: Footprint, b: Footprint, room: Floats) -> float:
     """Return the area m^2 that two footprints share; `room` is from `corner_room`."""
     other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
     # Rounding can make an intersection slightly larger than either footprint.
-    return min(_area_within(a[2] / 2, a[3] / 2, other, room[0], room[1]), a[2] * a[3], b[2] * b[3])
+    return min(_area_within(a[2] / 2, a[3] / 2, other, room), a[2] * a[3], b[2] * b[3])
 
 
 @njit(cache=True, nogil=True)
@@ -254,7 +247,7 @@ def giou_bev_of_pair(a: Footprint, b: Footprint, room: Floats) -> float:
     """Return the number that `giou_bev` has for two boxes; `room` is from `corner_room`."""
     other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
     area_a, area_b = a[2] * a[3], b[2] * b[3]
-    inter = min(_area_within(a[2] / 2, a[3] / 2, other, room[0], room[1]), area_a, area_b)
+    inter = min(_area_within(a[2] / 2, a[3] / 2, other, room), area_a, area_b)
     union = area_a + area_b - inter
     if union <= 0:
         return 0.0
@@ -288,9 +281,10 @@ def _extremes(half_length: float, half_width: float, cos: float, sin: float) -> 
 
 
 @njit(cache=True, nogil=True)
-def _area_within(half_x: float, half_y: float, other: _Rectangle, polygon: Floats, spare: Floats) -> float:
+def _area_within(half_x: float, half_y: float, other: _Rectangle, room: Floats) -> float:
     """Return the area of the other rectangle within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
     x, y, right_x, right_y, top_x, top_y = other
+    polygon, spare = room[0], room[1]
     if abs(x) >= half_x + right_x or abs(y) >= half_y + top_y:
         return 0.0
     polygon[0, 0], polygon[0, 1] = x + right_x, y + right_y

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from coopsim.geometry.iou import overlaps_of_pair
+from coopsim.geometry.iou import corner_room, overlaps_of_pair
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -51,7 +51,7 @@ def find_candidate_pairs(truth: Floats, truth_kind: Ints, tracks: Floats, track_
         np.cos(tracks[:, 6]),
         np.sin(tracks[:, 6]),
     )
-    polygon, spare = np.empty((16, 2)), np.empty((16, 2))
+    room = corner_room()
     most = len(truth) * len(tracks)
     rows, columns = np.empty(most, np.int64), np.empty(most, np.int64)
     found_3d, found_bev, distance_m = np.empty(most), np.empty(most), np.empty(most)
@@ -66,7 +66,7 @@ def find_candidate_pairs(truth: Floats, truth_kind: Ints, tracks: Floats, track_
             iou_3d = iou_bev = 0.0
             if touching:
                 angles = (cos[i], sin[i], track_cos[j], track_sin[j])
-                iou_3d, iou_bev = overlaps_of_pair(truth[i], tracks[j], angles, polygon, spare)
+                iou_3d, iou_bev = overlaps_of_pair(truth[i], tracks[j], angles, room)
             if not near and iou_bev <= 0:
                 continue
             rows[found], columns[found] = i, j
