@@ -104,8 +104,7 @@ def _stripped(content: Any, arrays: list[Array]) -> Any:
     if kind is list:
         return [_stripped(value, arrays) for value in content]
     if isinstance(content, tuple):
-        parts = [_stripped(value, arrays) for value in content]
-        return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)
+        return _tuple_like(kind, [_stripped(value, arrays) for value in content])
     return content
 
 
@@ -123,6 +122,10 @@ def _filled(skeleton: Any, arrays: Iterator[Array]) -> Any:
     if kind is list:
         return [_filled(value, arrays) for value in skeleton]
     if isinstance(skeleton, tuple):
-        parts = [_filled(value, arrays) for value in skeleton]
-        return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)
+        return _tuple_like(kind, [_filled(value, arrays) for value in skeleton])
     return skeleton
+
+
+def _tuple_like(kind: type, parts: list[Any]) -> Any:
+    """Return parts as a named tuple of that kind, or as a plain tuple."""
+    return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)

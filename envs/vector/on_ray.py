@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from coopsim.envs.vector.group import Description, EnvironmentGroup, Failure, Order, Reply, failure
-from coopsim.envs.vector.worker import Worker, WorkerDiedError
+from coopsim.envs.vector.group import EnvironmentGroup, Order, Reply, failure
+from coopsim.envs.vector.worker import RemoteWorker, Worker, WorkerDiedError
 from coopsim.errors import InvalidValueError
 from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
 from coopsim.support.threads import limit_threads
@@ -55,7 +55,7 @@ class RayWorkers:
             self._ray.shutdown()
 
 
-class RayWorker(Worker):
+class RayWorker(RemoteWorker):
     """Environments in a Ray actor."""
 
     def __init__(self, ray: Any, recipe: bytes, indices: Sequence[int], options: dict[str, Any]) -> None:
@@ -63,12 +63,6 @@ class RayWorker(Worker):
         self._actor = ray.remote(num_cpus=1, **options)(_Actor).remote()
         self._promise = self._actor.make.remote(recipe, tuple(indices))
         self._replies: deque[Reply] = deque()
-
-    def describe(self) -> Description:
-        made: Description | Failure = self._receive()
-        if isinstance(made, Failure):
-            raise made.exception
-        return made
 
     def give(self, orders: Sequence[Order]) -> None:
         self._promise = self._actor.obey.remote(pickle.dumps(orders, protocol=5))

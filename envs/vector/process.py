@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from coopsim.envs.vector.arena import Arena
-from coopsim.envs.vector.group import Description, Failure, Order, Reply
+from coopsim.envs.vector.group import Order, Reply
 from coopsim.envs.vector.line import Line
-from coopsim.envs.vector.worker import Worker, WorkerDiedError
+from coopsim.envs.vector.worker import RemoteWorker, WorkerDiedError
 from coopsim.support.processes import cause_of_end, start_python
 
 _PROGRAM = "from coopsim.envs.vector.serve import serve; serve()"
 
 
-class Process(Worker):
+class Process(RemoteWorker):
     """Environments in a process of their own, which ends when this one does, in any way (see `serve`)."""
 
     def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
@@ -31,12 +31,6 @@ class Process(Worker):
         self._line = Line(self._process.stdout.fileno(), writer, inbox, outbox)
         with contextlib.suppress(BrokenPipeError):  # `describe` says so
             self._line.send((recipe, tuple(indices)))
-
-    def describe(self) -> Description:
-        made: Description | Failure = self._receive()
-        if isinstance(made, Failure):
-            raise made.exception
-        return made
 
     def give(self, orders: Sequence[Order]) -> None:
         with contextlib.suppress(BrokenPipeError):  # `take` says so

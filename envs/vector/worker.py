@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
+from typing import Any
 
 from coopsim.envs.vector.group import Description, EnvironmentGroup, Failure, Order, Reply
 
@@ -48,6 +49,24 @@ class Worker(ABC):
     @abstractmethod
     def end(self) -> None:
         """End at once; may be called again."""
+
+
+class RemoteWorker(Worker):
+    """A worker elsewhere: what it sends comes as it was sent."""
+
+    def describe(self) -> Description:
+        made: Description | Failure = self._receive()
+        if isinstance(made, Failure):
+            raise made.exception
+        return made
+
+    @abstractmethod
+    def _receive(self) -> Any:
+        """Wait for what the worker sends next, and return it.
+
+        Raises:
+            WorkerDiedError: it is gone.
+        """
 
 
 class InProcess(Worker):
