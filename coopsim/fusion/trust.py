@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.fusion.believed import AWAY, BEST, CHANCE, NEAREST, SCORE, Believed, away, clear_middle, of_agent
+from coopsim.fusion.believed import AWAY, BEST, CHANCE, NEAREST, SCORE, Believed, of_agent
 from coopsim.fusion.doubt import Doubt
 from coopsim.fusion.fuse_groups import correspond_rows, fuse_groups
 from coopsim.geometry.boxes import Boxes3D
@@ -16,13 +16,6 @@ from coopsim.support.checks import require_between, require_probability
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
-
-
-def away_from_middle(detections: Detections) -> Floats:
-    """Return the distances (N,) m over ground from the middle of an agent's clear area."""
-    boxes = detections.boxes.array
-    away_m: Floats = away(boxes, clear_middle(boxes, detections.score))
-    return away_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.doubt import Doubt, pair_features
-from coopsim.fusion.trust import away_from_middle, trust_likelier
+from coopsim.fusion.trust import FusedBoxes, trust_likelier
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
+from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
 # Decides by the scores alone, and sharply: the better-scored box is right.
@@ -137,11 +138,14 @@ def test_a_third_agent_that_is_surely_right_leaves_no_doubt_from_the_first_two()
 
 
 def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
-    away = away_from_middle(found((0, 0.8), (10, 0.8), (100, 0.01)))
+    def away_m(*boxes: tuple[float, float]) -> Floats:
+        return FusedBoxes.of_agent(found(*boxes)).away_m
+
+    away = away_m((0, 0.8), (10, 0.8), (100, 0.01))
     np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)
-    assert len(away_from_middle(found())) == 0
-    assert np.isfinite(away_from_middle(found((0, 0.0), (10, -3.0)))).all()
-    np.testing.assert_allclose(away_from_middle(found((0, 1e300), (10, 0.5))), [0, 10])
+    assert len(away_m()) == 0
+    assert np.isfinite(away_m((0, 0.0), (10, -3.0))).all()
+    np.testing.assert_allclose(away_m((0, 1e300), (10, 0.5)), [0, 10])
 
 
 def test_how_far_a_fused_box_is_from_what_the_nearest_agent_sees_clearly() -> None:
