@@ -121,6 +121,10 @@ class StaticPart:
         faces: (F, 3) int, counter-clockwise from outside.
         color: (3,) uint8.
         reflectivity: in [0, 1].
+        closed: whether the faces enclose a volume, their outer sides outward; None: to be found from them.
+        boxes: (K, 7) upright boxes that stand for the part where no rays are cast; None: those around its closed
+            components.
+        opacity: share of the light through such a box that is stopped: less than 1 for foliage.
     """
 
     name: str
@@ -128,6 +132,9 @@ class StaticPart:
     faces: Ints
     color: tuple[int, int, int]
     reflectivity: float
+    closed: bool | None = None
+    boxes: Floats | None = None
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

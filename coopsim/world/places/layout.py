@@ -145,6 +145,7 @@ class Layout:
         roads_ahead: number of roads that a driver plans ahead, its present one included, to brake in time.
         clearance_m: straight movements whose middle lines come closer than this conflict; bent ones at `CLEARANCE_M`,
             because long vehicles swing out.
+        furnishing: meshes of street furniture and plants, which stand there in full detail only.
     """
 
     network: RoadNetwork
@@ -167,6 +168,7 @@ class Layout:
     flights: tuple[Flight, ...] = ()
     roads_ahead: int = ROADS_AHEAD
     clearance_m: float = CLEARANCE_M
+    furnishing: tuple[StaticPart, ...] = ()
 
 
 def box_part(

@@ -1,0 +1,1 @@
+"""Towns that are drawn from a seed."""
