@@ -1,0 +1,245 @@
+"""The plan of a drawn town: streets by their centre lines, and the junctions where they meet.
+
+A plan is not turned yet: `turn_rad` is applied to all that is drawn on it, at the very end. One drives on the right.
+Along a street, `along_m` is counted from its beginning, and `aside_m` from its centre line, positive to the left of the
+direction from beginning to end. So vehicles that travel from beginning to end are at negative `aside_m`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopsim.geometry.se3 import Floats
+
+LANE_M = 4.0
+"""Width of every lane."""
+
+ROUNDABOUT_MEDIAN_M = 2.0
+"""Width between the two directions of a roundabout's arm at its stop line: leaving buses swing out."""
+
+LOOP_RADIUS_M = 10.0
+"""Radius of a turning loop's middle line; the lane is `LANE_M` wide."""
+
+LOOP_REACH_M = float(np.sqrt(30.0**2 - 22.0**2))
+"""Distance from the end of a street to the middle of its turning loop, on the line that goes straight on there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """A straight piece of a centre line, or an arc.
+
+    Attributes:
+        start: (2,) m.
+        heading_rad: direction at the start.
+        length_m: along the line.
+        curvature_1_m: one over the radius; 0: straight, > 0: to the left.
+    """
+
+    start: Floats
+    heading_rad: float
+    length_m: float
+    curvature_1_m: float = 0.0
+
+    def heading(self, along_m: Floats) -> Floats:
+        """Return directions (N,) rad at distances (N,) from the start; before it and beyond the end it goes on."""
+        return self.heading_rad + self.curvature_1_m * along_m
+
+    def position(self, along_m: Floats, aside_m: Floats) -> Floats:
+        """Return places (N, 2) m at distances (N,) from the start and (N,) to the left of the line."""
+        first, heading = self.heading_rad, self.heading(along_m)
+        left = np.column_stack([-np.sin(heading), np.cos(heading)])
+        if self.curvature_1_m == 0.0:
+            middle = self.start + along_m[:, None] * np.array([np.cos(first), np.sin(first)])
+        else:
+            sweep = np.column_stack([np.sin(heading) - np.sin(first), np.cos(first) - np.cos(heading)])
+            middle = self.start + sweep / self.curvature_1_m
+        places: Floats = middle + aside_m[:, None] * left
+        return places
+
+
+@dataclass(frozen=True, slots=True)
+class StreetEnd:
+    """One end of a street.
+
+    Attributes:
+        junction: number of the junction whose centre the street's line ends in; None: the lanes end in a turning loop.
+        arm: number of the junction's arm that the street is; -1 at a loop.
+        stop_m: from this end of the line to the stop line and the first place of the way out; 0 at a loop.
+    """
+
+    junction: int | None
+    arm: int = -1
+    stop_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """The cross-section of a street at a place; it is the same on both sides of the centre line.
+
+    Attributes:
+        along_m: of the place.
+        lanes: number of lanes in each direction.
+        inner_m: from the centre line to the middle of the lane next to it (`LANE_M` / 2 without a median).
+    """
+
+    along_m: float
+    lanes: int
+    inner_m: float = LANE_M / 2
+
+    @property
+    def half_m(self) -> float:
+        """The distance from the centre line to the outer edge of the lanes."""
+        return self.inner_m + (self.lanes - 0.5) * LANE_M
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Street:
+    """A street: lanes in both directions along a line.
+
+    Attributes:
+        number: its place in `Plan.streets`.
+        line: the centre line, from the centre of the junction (or the loop) where it begins to where it ends; straight
+            wherever the cross-section changes.
+        begin: the end where `along_m` is 0.
+        end: the other one.
+        stations: cross-sections where they change, ascending, the first at the first place with lanes, the last at the
+            last one. Between two with as many lanes, lanes are parallel or shift evenly; between others, the outermost
+            lane of the wider one splits off or joins.
+        speed_m_s: limit.
+        parking_left: whether there is a strip for parked vehicles outside the lanes at positive `aside_m`, where space
+            allows.
+        parking_right: the same at negative `aside_m`.
+    """
+
+    number: int
+    line: tuple[Stretch, ...]
+    begin: StreetEnd
+    end: StreetEnd
+    stations: tuple[Station, ...]
+    speed_m_s: float
+    parking_left: bool = False
+    parking_right: bool = False
+
+    @property
+    def length_m(self) -> float:
+        """The length of the whole line."""
+        return sum(stretch.length_m for stretch in self.line)
+
+    @property
+    def span_m(self) -> tuple[float, float]:
+        """The first and last `along_m` where the street has lanes: outside of it is the junction's own surface."""
+        return self.stations[0].along_m, self.stations[-1].along_m
+
+    def half_m(self, along_m: ArrayLike) -> Floats:
+        """Return the distances (N,) from the centre line to the outer edge of the lanes, on either side."""
+        places = [station.along_m for station in self.stations]
+        return np.asarray(np.interp(np.asarray(along_m), places, [station.half_m for station in self.stations]))
+
+    def heading(self, along_m: ArrayLike) -> Floats:
+        """Return directions (N,) rad of the centre line."""
+        along, which, first = self._located(along_m)
+        found = np.empty_like(along)
+        for k in set(which.tolist()):
+            found[which == k] = self.line[k].heading(along[which == k] - first[k])
+        return found
+
+    def position(self, along_m: ArrayLike, aside_m: ArrayLike = 0.0) -> Floats:
+        """Return places (N, 2) m; beyond the ends the line goes on straight, or bends on."""
+        along, which, first = self._located(along_m)
+        aside = np.broadcast_to(np.asarray(aside_m, dtype=np.float64), along.shape)
+        found = np.empty((len(along), 2))
+        for k in set(which.tolist()):
+            own = which == k
+            found[own] = self.line[k].position(along[own] - first[k], aside[own])
+        return found
+
+    def _located(self, along_m: ArrayLike) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.int64]], Floats]:
+        """Return distances (N,), the stretch (N,) that each is on, and where all stretches begin."""
+        along = np.atleast_1d(np.asarray(along_m, dtype=np.float64))
+        first = np.cumsum([0.0, *(stretch.length_m for stretch in self.line[:-1])])
+        return along, np.maximum(np.searchsorted(first, along, side="right") - 1, 0), first
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """A street where it leaves a junction.
+
+    Attributes:
+        heading_rad: from the centre outwards.
+        street: number of the street.
+        outwards: whether the street begins here, so that its `along_m` grows outwards.
+    """
+
+    heading_rad: float
+    street: int
+    outwards: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Junction:
+    """A place where three to five streets meet.
+
+    Attributes:
+        number: its place in `Plan.junctions`.
+        centre: (2,) m, where the lines of all arms meet.
+        kind: "priority" (vehicles go straight on between the arms in `main` first), "equal" (first come, first served)
+            or "roundabout" (vehicles on the ring go first).
+        arms: counter-clockwise, straight from the centre to beyond their stop lines.
+        stop_m: from the centre to all stop lines, and to where ways out begin.
+        lanes: number of lanes in each direction, of all arms.
+        main: numbers of the two arms with priority.
+        ring_m: radius of a roundabout's middle line; the ring has one lane.
+        entry_m: radius of the middle lines of the bends between a roundabout's arms and its ring.
+    """
+
+    number: int
+    centre: Floats
+    kind: str
+    arms: tuple[Arm, ...]
+    stop_m: float
+    lanes: int = 1
+    main: tuple[int, int] | None = None
+    ring_m: float = 0.0
+    entry_m: float = 0.0
+
+    @property
+    def inner_m(self) -> float:
+        """The distance from the arms' centre lines to the middle of the lane next to it, at the stop line."""
+        return LANE_M / 2 + (ROUNDABOUT_MEDIAN_M / 2 if self.kind == "roundabout" else 0.0)
+
+    @property
+    def half_m(self) -> float:
+        """The distance from the arms' centre lines to the outer edge of their lanes, at the stop line."""
+        return self.inner_m + (self.lanes - 0.5) * LANE_M
+
+    def place(self, arm: int, along_m: float, aside_m: float) -> Floats:
+        """Return a place (2,) m at a distance from the centre along an arm, and to the left of its way outwards."""
+        heading = self.arms[arm].heading_rad
+        cos, sin = np.cos(heading), np.sin(heading)
+        offset = np.array([cos * along_m - sin * aside_m, sin * along_m + cos * aside_m])
+        return np.asarray(self.centre + offset)
+
+    def gap_rad(self, arm: int) -> float:
+        """Return the angle from an arm to the next one, counter-clockwise, in (0, 2 pi)."""
+        after = self.arms[(arm + 1) % len(self.arms)].heading_rad
+        return float((after - self.arms[arm].heading_rad) % (2 * np.pi))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Streets and junctions of a town.
+
+    Attributes:
+        streets: all of them.
+        junctions: all of them.
+        meeting: number of the junction where the connected cars meet; its centre is near the origin.
+        turn_rad: angle by which all that is drawn on the plan is turned about the origin at the end.
+    """
+
+    streets: tuple[Street, ...]
+    junctions: tuple[Junction, ...]
+    meeting: int
+    turn_rad: float = 0.0
