@@ -44,7 +44,7 @@ class Triangles:
         vertices: (V, 3) m.
         faces: (F, 3) int.
         instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
-        reflectivity: (F,) in [0, 1].
+        reflectivity: (F,) in [0, 1], of retro-reflectors above.
         color: (F, 3) uint8.
         parts: faces and vertices that belong together; None: unknown.
         velocity: (P, 2) m/s of the parts over ground; None: unknown.

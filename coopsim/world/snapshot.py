@@ -120,7 +120,7 @@ class StaticPart:
         vertices: (V, 3) m.
         faces: (F, 3) int, counter-clockwise from outside.
         color: (3,) uint8.
-        reflectivity: in [0, 1].
+        reflectivity: in [0, 1], of retro-reflectors above (see `coopsim.world.models.model.BRIGHTEST`).
         closed: whether the faces enclose a volume, their outer sides outward; None: to be found from them.
         boxes: (K, 7) upright boxes that stand for the part where no rays are cast; None: those around its closed
             components.

@@ -16,9 +16,10 @@ CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
 
 
-def make_models() -> tuple[Model, ...]:
-    """Return all models: the built-in ones by class, then custom ones by name."""
-    return (*_built_in(), *(CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS))
+def make_models(varied: bool = False) -> tuple[Model, ...]:
+    """Return all models: the built-in ones by class, then custom ones by name, then, if `varied`, the variants."""
+    custom = (CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS)
+    return (*_built_in(), *custom, *(_variants() if varied else ()))
 
 
 def register_model(model: Model) -> Model:
@@ -30,7 +31,7 @@ def register_model(model: Model) -> Model:
     """
     if not isinstance(model, Model):
         raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
-    if any(model.name == other.name for other in _built_in()):
+    if any(model.name == other.name for other in (*_built_in(), *_variants())):
         raise DuplicateNameError(f"model {model.name!r} is built in")
     return CUSTOM_MODELS.register(model.name)(model)
 
@@ -48,3 +49,8 @@ def _built_in() -> tuple[Model, ...]:
         *make_adults(),
         *make_children(),
     )
+
+
+@cache
+def _variants() -> tuple[Model, ...]:
+    return ()

@@ -42,7 +42,7 @@ def model_from_mesh(
         size_m: (3,) length, width and height to scale to; None: the mesh's own, in metres.
         tint: share of an actor's paint in the faces' colour, one number or (F,), in [0, 1]; the rest is the mesh's own
             colour, where it has colours by face or vertex.
-        reflectivity: at the LiDAR's wavelength, one number or (F,), in [0, 1].
+        reflectivity: at the LiDAR's wavelength, one number or (F,), in [0, 1]; of retro-reflectors above.
 
     Raises:
         InvalidValueError: the file or its mesh is missing; no faces; faces with vertices that do not exist, or with

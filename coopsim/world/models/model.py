@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +21,10 @@ BOX_TOLERANCE_M = 1e-3
 LONGEST_M = 100.0
 """Longest accepted side: no road has room for more, and a mesh in millimetres exceeds it."""
 
+BRIGHTEST = 1000.0
+"""Largest accepted reflectivity. A white matt surface has 1; more is a retro-reflector, which sends light back to where
+it came from at any usual angle of incidence (see `coopsim.sensors.lidar.returns.reflect`)."""
+
 DARK = (24, 28, 34)
 """Default colour of unpainted faces, such as glass."""
 
@@ -40,11 +43,13 @@ class Model:
         vertices: (V, 3) m, float64, of the first pose; origin at the box's center, x forward.
         faces: (F, 3) int, counter-clockwise from outside.
         tint: (F,) float in [0, 1]: share of the actor's paint in the face's colour (1 paint, 0 glass, tyres).
-        reflectivity: (F,) float in [0, 1] at the LiDAR's wavelength.
+        reflectivity: (F,) float in [0, 1] at the LiDAR's wavelength; retro-reflectors up to `BRIGHTEST`.
         color: (F, 3) uint8, the face's own; empty: `DARK`.
         accented: (F,) bool, True where the face takes the actor's second colour; empty: nowhere.
         poses: (K, V, 3) m, one cycle of motion in equal steps, which fill the box together; empty: rigid.
         cycle_m: distance travelled in one cycle.
+        share: how often it is chosen, relative to the other models of its class.
+        stands: it is for parked vehicles only, as one with an open door.
 
     Raises:
         InvalidValueError: a shape or value is not as above; says which.
@@ -61,6 +66,8 @@ class Model:
     accented: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     poses: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     cycle_m: float = 1.0
+    share: float = 1.0
+    stands: bool = False
 
     def __post_init__(self) -> None:
         corners, faces = len(self.vertices), len(self.faces)
@@ -102,11 +109,12 @@ class Model:
         if low < 0 or high >= len(self.vertices):
             accepted = f"in 0..{len(self.vertices) - 1}, as there are {len(self.vertices)} vertices"
             raise InvalidValueError(f"faces {of} must be {accepted}, got {low if low < 0 else high}")
-        for name in ("tint", "reflectivity"):
-            share = getattr(self, name)
-            if not ((share >= 0) & (share <= 1)).all():
-                raise InvalidValueError(f"{name} {of} must be in [0, 1], got {share.min()} to {share.max()}")
-        require_positive(**{f"cycle_m {of}": self.cycle_m})
+        mirrors = f", of retro-reflectors up to {BRIGHTEST:g}"
+        for name, most, more in (("tint", 1.0, ""), ("reflectivity", BRIGHTEST, mirrors)):
+            value = getattr(self, name)
+            if not ((value >= 0) & (value <= most)).all():
+                raise InvalidValueError(f"{name} {of} must be in [0, 1]{more}, got {value.min()} to {value.max()}")
+        require_positive(**{f"cycle_m {of}": self.cycle_m, f"share {of}": self.share})
         used = self.poses[:, np.unique(self.faces)].reshape(-1, 3)
         ends = np.stack([used.min(axis=0), used.max(axis=0)])
         if not np.allclose(ends, np.stack([-self.size_m / 2, self.size_m / 2]), rtol=0, atol=BOX_TOLERANCE_M):
@@ -114,16 +122,3 @@ class Model:
                 f"vertices {of} must fill the box size_m = {self.size_m.tolist()} around the origin to a millimetre, "
                 f"but reach from {ends[0].round(4).tolist()} to {ends[1].round(4).tolist()}"
             )
-
-
-def models_of(models: Sequence[Model], label: ObjectClass) -> Ints:
-    """Return the indices of the models of a class, at least one.
-
-    Raises:
-        InvalidValueError: no model has that class.
-    """
-    fitting = np.array([k for k, model in enumerate(models) if model.label == label], dtype=np.int64)
-    if not len(fitting):
-        known = sorted({ObjectClass(model.label).title for model in models})
-        raise InvalidValueError(f"there is no model of class {label.title!r}, only of {', '.join(known)}")
-    return fitting

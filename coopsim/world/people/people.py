@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model, models_of
+from coopsim.world.models.choice import draw_models, models_of
+from coopsim.world.models.model import Model
 from coopsim.world.people.itinerary import Itinerary, Mask
 from coopsim.world.people.social_force import is_blocked, push_apart
 from coopsim.world.people.walking import Walkers, advance, headings, is_safe
@@ -120,7 +121,7 @@ class People:
         start, end = self._itinerary.ends()
         self.velocity = np.zeros((count, 2))
         self.yaw = np.arctan2(*(end - start).T[::-1])
-        self.model = fitting[rng.integers(len(fitting), size=count)]
+        self.model = draw_models(rng, models, fitting, count)
         self.travelled_m = np.zeros(count)
         size = np.array([model.size_m for model in models])[self.model]
         self._length, self._width = size[:, 0], size[:, 1]

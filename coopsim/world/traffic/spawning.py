@@ -8,7 +8,8 @@ import numpy as np
 
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model, models_of
+from coopsim.world.models.choice import draw_models, models_of
+from coopsim.world.models.model import Model
 from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.population import Population
 from coopsim.world.traffic.engine.array_engine import closest_speed
@@ -75,7 +76,7 @@ class Spawner:
         if speed is None:
             speed = self.rng.uniform(0.75, 1.0) * lane.speed_limit
         fitting = models_of(self._models, ObjectClass(label))
-        model = fitting[self.rng.integers(len(fitting))]
+        (model,) = draw_models(self.rng, self._models, fitting, 1).tolist()
         fleet.rows[k] = np.zeros((), VEHICLE)
         row = fleet.rows[k]
         row["id"], row["driver"], row["model"] = self._new_id(), driver, model
@@ -101,9 +102,10 @@ class Spawner:
         chosen = sorted(rng.permutation(len(bays)).tolist(), key=lambda k: bays[k].label is None)[:count]
         for k, bay in enumerate((bays[number] for number in sorted(chosen)), start=first):
             drawn = ObjectClass.VAN if rng.random() < _PARKED_VANS else ObjectClass.CAR
-            fitting = models_of(self._models, drawn if bay.label is None else bay.label)
+            fitting = models_of(self._models, drawn if bay.label is None else bay.label, parked=True)
             row = fleet.rows[k]
-            row["id"], row["driver"], row["model"] = self._new_id(), PARKED, fitting[rng.integers(len(fitting))]
+            row["id"], row["driver"] = self._new_id(), PARKED
+            (row["model"],) = draw_models(rng, self._models, fitting, 1)
             row["x"] = bay.x_m + rng.uniform(-PARKED_ASIDE_M, PARKED_ASIDE_M)
             row["y"], row["heading"] = bay.y_m, bay.heading_rad
             row["length"], row["width"] = self._models[row["model"]].size_m[:2]

@@ -147,6 +147,14 @@ def test_intensity_is_reflectivity_times_cosine() -> None:
         np.testing.assert_allclose(sweep.intensity[middle], 0.5 * np.cos(np.radians(degrees)), atol=0.02)
 
 
+def test_a_retro_reflector_outshines_white_at_any_incidence_and_range() -> None:
+    for degrees in (0.0, 60.0):
+        sweep = sense(static=[wall(90.0, yaw_rad=np.radians(degrees), reflectivity=200.0)], dropout_energy=0.3)
+        assert len(sweep) > 0 and (sweep.intensity == 1.0).all()
+        white = sense(static=[wall(90.0, yaw_rad=np.radians(degrees), reflectivity=1.0)], dropout_energy=0.3)
+        assert len(white) < 0.3 * len(sweep)
+
+
 def test_instances_name_what_was_hit() -> None:
     who = actors([[10.0, 0.0, 0.0], [0.0, 12.0, 1.0]], first_id=41)
     sweep = sense(who, [ground()], **EXACT)
