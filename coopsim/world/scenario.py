@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from typing import Any
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.support.checks import require_non_negative
+from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
+from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossing import make_crossing, make_t_junction
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
@@ -18,6 +19,10 @@ from coopsim.world.places.parking_street import make_occluded_crossing, make_par
 from coopsim.world.places.roundabout import make_roundabout
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
+from coopsim.world.snapshot import StaticPart
+
+DETAILS = ("plain", "full")
+"""How much there is to see: roads, buildings and a few shapes of actors, or also furniture, plants, varied actors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +33,9 @@ class Scenario:
         name: registered name.
         layout: the place.
         population: the requested numbers, as far as they fit.
+        detail: one of `DETAILS`.
+        description: of the place, as plain data that `coopsim.world.custom.place` reads; None: it is built in.
+        place_seed: seed that the place was drawn from; None: it was not drawn.
 
     Warns:
         CrowdedWarning: some do not fit.
@@ -36,8 +44,12 @@ class Scenario:
     name: str
     layout: Layout
     population: Population
+    detail: str = "plain"
+    description: Mapping[str, Any] | None = None
+    place_seed: int | None = None
 
     def __post_init__(self) -> None:
+        require_choice("detail", self.detail, DETAILS)
         feet, wheels = ("pedestrians", "children"), ("bicycles", "scooters")
         ways, cycleways = self.layout.footways, self.layout.cycleways
         self._require_at_most(len(self.layout.rsus), "rsus")
@@ -55,6 +67,16 @@ class Scenario:
         if cycleways is not None:
             fitting = fitting.within(cycleways.capacity, *wheels)
         object.__setattr__(self, "population", fitting)
+
+    @property
+    def static(self) -> tuple[StaticPart, ...]:
+        """The meshes that stand there, furnishing in full detail only."""
+        return self.layout.static + (self.layout.furnishing if self.detail == "full" else ())
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """The shapes that actors may have: many more in full detail."""
+        return make_models(varied=self.detail == "full")
 
     def _require_at_most(self, most: int, *names: str) -> None:
         for name in names:
@@ -86,11 +108,13 @@ class Place:
         name: of the scenario.
         make_layout: builds the layout.
         population: its usual numbers.
+        description: the place as plain data, as under `place` in a scenario file; None: it is built in.
     """
 
     name: str
     make_layout: Callable[[], Layout]
     population: Population
+    description: Mapping[str, Any] | None = None
 
 
 NUMBERS = ("density", *(field.name for field in fields(Population)))
@@ -115,35 +139,53 @@ _register("highway", make_highway, Population(pedestrians=0))
 _register("platoon", make_platoon, Population(pedestrians=0, connected_cars=4, rsus=0))
 
 
-def make_scenario(place: str | Place, *, density: float = 1.0, **numbers: Any) -> Scenario:
+def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | None = None, **numbers: Any) -> Scenario:
     """Make a scenario with a place's usual population, except for `numbers`.
 
     Args:
         place: registered name, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
+        detail: one of `DETAILS`; None: "full" for a described place with the key `furniture`, "plain" for others.
         **numbers: fields of `Population`. Without `connected_cars`, all cars are connected where there are fewer cars
             than the place's usual number of connected ones.
 
     Raises:
-        UnknownNameError: no such scenario or number.
+        UnknownNameError: no such scenario, number or detail.
         InvalidValueError: a number that is not accepted, or together with the one that overrides it.
 
     Warns:
         CrowdedWarning: some do not fit; as many as fit are there.
     """
     found = place if isinstance(place, Place) else SCENARIOS.get(place)
-    known = [field.name for field in fields(Population)]
-    for number in numbers:
-        if number not in known:
-            raise UnknownNameError(f"number of scenario {found.name!r}", number, NUMBERS)
-    require_one_of_each(numbers)
-    require_non_negative(density=density)
-    wanted = {field: getattr(found.population, field) for field in known} | numbers
-    wanted |= {name: round(density * wanted[name]) for name in _DENSE if _is_count(wanted[name])}
+    wanted = wanted_numbers(found, density, numbers)
     if "connected_cars" not in numbers:
         cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
         wanted["connected_cars"] = min(wanted["connected_cars"], cars)
-    return Scenario(found.name, found.make_layout(), Population(**wanted))
+    return Scenario(
+        found.name, found.make_layout(), Population(**wanted), detail or usual_detail(found), found.description
+    )
+
+
+def wanted_numbers(place: Place, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all fields of a place's `Population`, those in `numbers` instead of usual ones, times the density.
+
+    Raises:
+        UnknownNameError: no such number.
+        InvalidValueError: a number together with the one that overrides it, or a density that is not accepted.
+    """
+    known = [field.name for field in fields(Population)]
+    for number in numbers:
+        if number not in known:
+            raise UnknownNameError(f"number of scenario {place.name!r}", number, NUMBERS)
+    require_one_of_each(numbers)
+    require_non_negative(density=density)
+    wanted = {field: getattr(place.population, field) for field in known} | dict(numbers)
+    return wanted | {name: round(density * wanted[name]) for name in _DENSE if _is_count(wanted[name])}
+
+
+def usual_detail(place: Place) -> str:
+    """Return the detail of a place for which none is asked: "full" if its description says what stands there."""
+    return "full" if place.description is not None and "furniture" in place.description else "plain"
 
 
 def _is_count(value: object) -> bool:

@@ -13,7 +13,6 @@ from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models import make_models
 from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
@@ -44,11 +43,11 @@ class World:
         layout, population = scenario.layout, scenario.population
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
-        self.models: tuple[Model, ...] = make_models()
+        self.models: tuple[Model, ...] = scenario.models
         self._sizes_m = np.array([model.size_m for model in self.models])
         self._labels = np.array([model.label for model in self.models])
         self._cycles_m = np.array([model.cycle_m for model in self.models])
-        self.static: tuple[StaticPart, ...] = layout.static
+        self.static: tuple[StaticPart, ...] = scenario.static
         self.map: RoadMap = layout.road_map
         self._policy_control = policy_control
         self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control, engine=traffic)

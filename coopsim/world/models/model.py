@@ -13,7 +13,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.checks import require_positive
 from coopsim.types import Ints
-from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
+from coopsim.types.taxonomy import CLASS_NAMES
 
 BOX_TOLERANCE_M = 1e-3
 """Largest accepted distance between a model's extent and its box."""

@@ -13,7 +13,6 @@ from coopsim import __version__
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count, require_frame_time
 from coopsim.support.rng import require_seed
-from coopsim.world.models import make_models
 from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.world.scenario import Place, Scenario, make_scenario
@@ -114,7 +113,7 @@ class PlayedWorld:
     """
 
     def __init__(self, episode: Episode, scenario: Scenario) -> None:
-        self.models, self.static, self.map = make_models(), scenario.layout.static, scenario.layout.road_map
+        self.models, self.static, self.map = scenario.models, scenario.static, scenario.layout.road_map
         if list(episode.header.models.items()) != list(_sizes(self.models).items()):
             changed = _difference(episode.header.models, _sizes(self.models))
             raise RecordingError(
