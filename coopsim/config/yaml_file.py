@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 import yaml
-from yaml.constructor import ConstructorError
+from yaml.constructor import ConstructorError, SafeConstructor
 
-from coopsim.errors import CoopsimError, UnknownNameError
-from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_choice, require_finite_number
+from coopsim.config.entry import ROOT, Entry
+from coopsim.errors import CoopsimError
 
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
 """Keys whose texts may be the path of a file."""
-
-_ROOT = "file"
 
 
 class Section(dict[str, Any]):
@@ -74,139 +69,93 @@ class Section(dict[str, Any]):
         return self
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Entry:
-    """A value in a file. Methods that ask for a kind of value raise an error with file, line and name for any other.
+class FileEntry(Entry):
+    """A value in a file; errors begin with file and line.
 
-    Attributes:
+    Args:
         file: path of the file.
         node: the value, as composed by YAML.
-        name: its key, or the key of the list that it is in.
+        name: see `Entry`.
         line: line of the key, from 1.
-        kind: class of the errors about the file.
+        kind: see `Entry`.
+        names: nodes that were asked for as names; shared by all entries of a file.
     """
 
-    file: Path
-    node: yaml.Node
-    name: str
-    line: int
-    kind: type[CoopsimError]
+    __slots__ = ("_names", "file", "line", "node")
+
+    def __init__(
+        self,
+        file: Path,
+        node: yaml.Node,
+        name: str,
+        line: int,
+        kind: type[CoopsimError],
+        names: set[yaml.Node] | None = None,
+    ) -> None:
+        super().__init__(name, kind)
+        self.file, self.node, self.line = file, node, line
+        self._names = set() if names is None else names
 
     @property
     def value(self) -> Any:
         """The value as plain Python; mappings are of the class `Section`."""
-        return self._plain(())
+        return self._plain((), as_read=False)
 
-    def _plain(self, above: tuple[yaml.Node, ...]) -> Any:
+    @property
+    def as_read(self) -> Any:
+        """The same, but what has been read as a name is a text even if it looks like a number or a flag."""
+        return self._plain((), as_read=True)
+
+    def _plain(self, above: tuple[yaml.Node, ...], *, as_read: bool) -> Any:
         if self.node in above:
             raise self.error("an alias is part of what it stands for")
         above = (*above, self.node)
-        if isinstance(self.node, yaml.MappingNode):
-            named = self.named()
-            content = {name: entry._plain(above) for name, entry in named.items()}
+        named, items = self.pairs(), self.items()
+        if named is not None:
+            content = {name: entry._plain(above, as_read=as_read) for name, entry in named.items()}
             return Section(content, self.file, self.line, {name: entry.line for name, entry in named.items()})
-        if isinstance(self.node, yaml.SequenceNode):
-            return [item._plain(above) for item in self.entries()]
+        if items is not None:
+            return [item._plain(above, as_read=as_read) for item in items]
+        if as_read and self.node in self._names:
+            return str(self.node.value)
         try:
-            return yaml.SafeLoader("").construct_document(self.node)
+            return SafeConstructor().construct_document(self.node)
         except yaml.MarkedYAMLError as error:
             raise self.error(f"this is no YAML: {error.problem}") from error
         except ValueError as error:
             raise self.error(f"{self.name} cannot be read: {error}") from error
 
+    @property
+    def spot(self) -> str:
+        return f"line {self.line}"
+
     def error(self, message: str) -> CoopsimError:
-        """Return an error with file and line."""
         return self.kind(message).at(f"{self.file}:{self.line}")
 
-    def fields(
-        self, required: Collection[str], optional: Collection[str] = (), elsewhere: Mapping[str, str] | None = None
-    ) -> dict[str, Entry]:
-        """Return the values by key; raise an error if a required key is missing, or a key is unknown.
-
-        Args:
-            required: keys that must be there.
-            optional: keys that may be there.
-            elsewhere: keys that belong elsewhere in the file, and where: "below options".
-        """
-        known = [*required, *optional]
-        found = self.named(f"Accepted: {', '.join(sorted(known))}")
-        where = "" if self.name == _ROOT else f" in {self.name}"
-        for name, entry in found.items():
-            if name in known:
-                continue
-            if elsewhere and name in elsewhere:
-                raise entry.error(f"{name} belongs {elsewhere[name]}")
-            raise entry.error(str(UnknownNameError(f"key{where}", name, known)))
-        for name in required:
-            if name not in found:
-                raise self.error(f"{name} is missing in {self.name}. Accepted: {', '.join(sorted(known))}")
-        return found
-
-    def named(self, hint: str = "Accepted: names of your own") -> dict[str, Entry]:
-        """Return the values of a mapping with any keys, by key."""
+    def pairs(self) -> dict[str, FileEntry] | None:
         if not isinstance(self.node, yaml.MappingNode):
-            raise self.error(f"{self.name}: expected keys and values. {hint}")
+            return None
         return {
-            str(key.value): Entry(self.file, value, str(key.value), key.start_mark.line + 1, self.kind)
+            str(key.value): self._within(value, str(key.value), key.start_mark.line + 1)
             for key, value in self.node.value
         }
 
-    def entries(self, of: str = "") -> list[Entry]:
-        """Return the items of a list; `of` says in words what they are, as " of names"."""
+    def items(self) -> list[FileEntry] | None:
         if not isinstance(self.node, yaml.SequenceNode):
-            raise self.error(f"{self.name} must be a list{of}, got {self._shown()}")
-        return [Entry(self.file, item, self.name, item.start_mark.line + 1, self.kind) for item in self.node.value]
+            return None
+        return [self._within(item, self.name, item.start_mark.line + 1) for item in self.node.value]
 
-    def checked(self, check: Callable[..., None], *limits: Any) -> Any:
-        """Return the value if a function of `coopsim.support.checks` accepts it after `limits`."""
-        value = self.value
-        try:
-            check(*limits, **{self.name: value})
-        except CoopsimError as error:
-            raise self.error(str(error)) from error
-        return value
-
-    def text(self) -> str:
-        """Return a name as it is written; a number is a name, too."""
+    def scalar(self) -> str | None:
         if not isinstance(self.node, yaml.ScalarNode):
-            raise self.error(f"{self.name} must be a name, got {self._shown()}")
+            return None
+        self._names.add(self.node)
         return str(self.node.value)
 
-    def choice(self, accepted: Iterable[str], kind: str | None = None) -> str:
-        """Return one of the accepted names."""
-        name = self.text()
-        try:
-            require_choice(kind or self.name, name, accepted)
-        except CoopsimError as error:
-            raise self.error(str(error)) from error
-        return name
-
-    def numbers(self, count: int | None = None) -> list[float]:
-        """Return a list of finite numbers, of length `count` if it is given."""
-        items = self.entries()
-        if count is not None and len(items) != count:
-            raise self.error(f"{self.name} must be {count} numbers, got {self._shown()}")
-        return [float(item.checked(require_finite_number)) for item in items]
-
-    def point(self) -> Floats:
-        """Return a point (2,) m."""
-        if not isinstance(self.node, yaml.SequenceNode):
-            raise self.error(f"{self.name} must have points [x, y], got {self._shown()}")
-        return np.array(self.numbers(2))
-
-    def points(self, least: int) -> Floats:
-        """Return points (N, 2) m, N >= `least`."""
-        items = self.entries()
-        if len(items) < least:
-            raise self.error(f"{self.name} must be at least {least} points [x, y], got {len(items)}")
-        return np.array([item.point() for item in items])
-
-    def _shown(self) -> str:
-        text = repr(self.value)
-        return text if len(text) <= 60 else f"{text[:57]}..."
+    def _within(self, node: yaml.Node, name: str, line: int) -> FileEntry:
+        return FileEntry(self.file, node, name, line, self.kind, self._names)
 
 
-def read_yaml(path: Path, kind: type[CoopsimError]) -> Entry:
+def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:
     """Read a file; the result is its root, by the name "file".
 
     Raises:
@@ -220,7 +169,7 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> Entry:
         raise kind(f"{what}{error.problem}").at(f"{path}:{line}") from error
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:  # not UTF-8, or 1000 brackets, too
         raise kind(f"cannot read {path}: {(isinstance(error, OSError) and error.strerror) or error}") from error
-    return Entry(path, node or yaml.ScalarNode("tag:yaml.org,2002:null", ""), _ROOT, 1, kind)
+    return FileEntry(path, node or yaml.ScalarNode("tag:yaml.org,2002:null", ""), ROOT, 1, kind)
 
 
 def path_from(folder: str | Path, path: str) -> str:

@@ -108,7 +108,8 @@ class Place:
         name: of the scenario.
         make_layout: builds the layout.
         population: its usual numbers.
-        description: the place as plain data, as under `place` in a scenario file; None: it is built in.
+        description: the place as plain data, as under `place` in a scenario file, not to be changed; None: it is
+            built in.
     """
 
     name: str

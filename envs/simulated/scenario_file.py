@@ -14,15 +14,19 @@ Paths in it are relative to the file.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from coopsim.config.yaml_file import Entry, Section, read_yaml
+from coopsim.config.entry import Entry
+from coopsim.config.yaml_file import FileEntry, Section, read_yaml
+from coopsim.config.yaml_text import yaml_text
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
+from coopsim.support.checks import require_choice
 from coopsim.world.custom.place import read_place
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Place
@@ -104,12 +108,35 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     return ScenarioFile(content, _scenario(root, top), keywords)
 
 
-def _scenario(root: Entry, top: Mapping[str, Entry]) -> str | Place:
+def write_scenario_file(path: str | Path, description: Mapping[str, Any], **content: Any) -> Path:
+    """Write a scenario file with a place that reads back to the same numbers, bit by bit.
+
+    Args:
+        path: the file; an older one is replaced.
+        description: of the place, as `Place.description`.
+        **content: other keys of the file, such as `population` and `options`, as plain data.
+
+    Raises:
+        UnknownNameError: there is no such key.
+        ScenarioFileError: the file cannot be written.
+    """
+    for name in content:
+        require_choice("key", name, (*_TOP, *_SECTIONS))
+    text = yaml_text({"place": description, **content})
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ScenarioFileError(f"cannot write {path}: {error.strerror}") from error
+    return Path(path)
+
+
+def _scenario(root: FileEntry, top: Mapping[str, Entry]) -> str | Place:
     """Return the scenario that the file names, or the place that it describes."""
     if "place" in top and "scenario" in top:
         raise top["place"].error("place takes the place of scenario: one of them is accepted")
     if "place" in top:
-        return read_place(top["place"])
+        checksum = zlib.crc32(repr(top["place"].value).encode())  # tells it from other places of that name
+        return read_place(top["place"], f"{root.file.stem}-{checksum:08x}")
     if "scenario" not in top:
         raise root.error(f"scenario is missing. Accepted: {', '.join(SCENARIOS)}; or place, with custom roads")
-    return top["scenario"].choice(SCENARIOS)
+    return top["scenario"].choice(tuple(SCENARIOS))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.config.yaml_file import Entry
+from coopsim.config.entry import Entry
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
@@ -36,7 +36,8 @@ class Kerbs:
         self._start, self._end = (np.vstack([each[part] for each in corners]) for part in (np.s_[:-1], np.s_[1:]))
         counts = [len(each) - 1 for each in corners]
         self._half_m = np.repeat([lane.width / 2 for _, lane in lines], counts)
-        self._line = np.repeat([roads.entry[road].line for road, _ in lines], counts)
+        self._road = np.repeat(np.arange(len(lines)), counts)
+        self._entries = [roads.entry[road] for road, _ in lines]
 
     def require_beside(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
         """Refuse points (N, 2) m that are on a road.
@@ -58,10 +59,10 @@ class Kerbs:
         point, worst = np.unravel_index(short_m.argmin(), short_m.shape)
         if short_m[point, worst] < 0:
             accepted_m = distance_m[point, worst] - short_m[point, worst]
+            road = self._entries[self._road[worst]].spot
             raise entry.error(
                 f"{what} must be at least {accepted_m:g} m from the middle of every lane, got "
-                f"{distance_m[point, worst]:.2f} m from that of the road in line {self._line[worst]}: it would stand "
-                "in the way"
+                f"{distance_m[point, worst]:.2f} m from that of the road in {road}: it would stand in the way"
             )
 
 
@@ -90,7 +91,7 @@ def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: 
         first, second = pair
         raise entries[second].error(
             f"the vehicle parked here needs {rows[second, 3]:.1f} x {rows[second, 4]:.1f} m, and would overlap with "
-            f"the one parked in line {entries[first].line}"
+            f"the one parked in {entries[first].spot}"
         )
 
 
@@ -108,7 +109,7 @@ def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry],
     pair = _overlapping(rows)
     if pair is not None:
         raise entries[pair[1]].error(
-            f"a vehicle that starts here would overlap with one that starts in line {entries[pair[0]].line}"
+            f"a vehicle that starts here would overlap with one that starts in {entries[pair[0]].spot}"
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from coopsim.config.yaml_file import Entry
+from coopsim.config.entry import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between
 from coopsim.world.custom.clearance import Kerbs, along_outline

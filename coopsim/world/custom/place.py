@@ -23,14 +23,14 @@ the beginning of the road, bend or piece that crosses; the first to ask goes fir
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping
 from itertools import combinations, pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from coopsim.config.yaml_file import Entry
+from coopsim.config.entry import DataEntry, Entry, plain
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count, require_finite_number
 from coopsim.types.taxonomy import ObjectClass
@@ -72,11 +72,28 @@ _PARKED = {label.title: label for label in ObjectClass if label not in (ObjectCl
 T = TypeVar("T")
 
 
-def read_place(entry: Entry) -> Place:
-    """Read a place. It is named after its file and a checksum of its content, which tells it from others of that name.
+def place_from(description: Mapping[str, Any], name: str) -> Place:
+    """Make a place from a description in memory: plain data as a scenario file has under `place`.
+
+    Args:
+        description: see the table above; tuples and numpy's numbers are accepted, too.
+        name: of the place.
 
     Raises:
-        ScenarioFileError: names the file and the line.
+        InvalidValueError: names the keys that lead to the mistake.
+    """
+    return read_place(DataEntry(plain(description), "place", InvalidValueError), name)
+
+
+def read_place(entry: Entry, name: str) -> Place:
+    """Read a place.
+
+    Args:
+        entry: its description.
+        name: of the place.
+
+    Raises:
+        CoopsimError: of the entry's class; it says where the mistake is.
     """
     fields = entry.fields(("nodes", "roads"), KEYS)
     roads = read_roads(fields["nodes"], fields["roads"])
@@ -118,8 +135,7 @@ def read_place(entry: Entry) -> Place:
         roads_ahead=roads.ahead,
         clearance_m=_CLEARANCE_M,
     )
-    content = zlib.crc32(repr(entry.value).encode())
-    return Place(f"{entry.file.stem}-{content:08x}", lambda: layout, _usual_population(layout))
+    return Place(name, lambda: layout, _usual_population(layout), plain(entry.as_read))
 
 
 def _each(fields: Mapping[str, Entry], name: str, read: Callable[[Entry, int], T]) -> list[T]:
@@ -152,8 +168,8 @@ def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, 
         apart_m = _apart_m(roads, a[0], b[0])
         if apart_m < _APART_M:
             raise item_b.error(
-                f"starts in one lane must be at least {_APART_M:g} m apart, got {apart_m:.1f} m from that in line "
-                f"{item_a.line}"
+                f"starts in one lane must be at least {_APART_M:g} m apart, got {apart_m:.1f} m from that in "
+                f"{item_a.spot}"
             )
     require_space_to_start([slot for slot, _ in starts], items, roads)
     return starts

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coopsim.config.yaml_file import Entry
+from coopsim.config.entry import Entry
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.custom.conflicts import conflicting_roads
@@ -121,7 +121,7 @@ def _add_road(roads: Roads, entry: Entry) -> bool:
     if start == end:
         raise entry.error(f"a road must lead from one node to another, got {start!r} twice")
     if (start, end) in roads.pieces:
-        raise entry.error(f"a road from {start!r} to {end!r} is there already, in line {roads.entry[start, end].line}")
+        raise entry.error(f"a road from {start!r} to {end!r} is there already, in {roads.entry[start, end].spot}")
     turn = fields["turn"].choice(("left", "right", "around")) if "turn" in fields else None
     usual_m_s = LOOP_SPEED_M_S if turn == "around" else SPEED_M_S
     speed_m_s = fields["speed_m_s"].checked(require_between, 1, 40) if "speed_m_s" in fields else usual_m_s
@@ -214,7 +214,7 @@ def _require_no_kinks(roads: Roads) -> None:
             lane = roads.lane(piece)
             turn = abs(float(wrap_angle(roads.lane(after).heading_at(0.0) - lane.heading_at(lane.length))))
             if turn > _KINK_RAD:
-                where = "within a road" if name == road else f"from this road to that in line {roads.entry[name].line}"
+                where = "within a road" if name == road else f"from this road to that in {roads.entry[name].spot}"
                 raise roads.entry[road].error(
                     f"the way turns at once by {np.degrees(turn):.0f} degrees {where}, at most "
                     f"{np.degrees(_KINK_RAD):.0f} are accepted: write a bend (centre and turn)"

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coopsim.config.yaml_file import Entry
+from coopsim.config.entry import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
