@@ -18,6 +18,7 @@ from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
+from coopsim.world.traffic.engine.fleet import Fleet
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1
@@ -122,7 +123,12 @@ class World:
             bodies[f"drone_{k}"] = AgentBody(f"drone_{k}", "drone", None, pose, flight.height_m)
         return bodies
 
+    @property
+    def fleet(self) -> Fleet:
+        """All vehicles, moving ones first, as the traffic has them."""
+        return self._traffic.fleet
+
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
-        rows = self._traffic.fleet.rows
+        rows = self.fleet.rows
         return tuple(rows["id"][rows["crashed"]].tolist())

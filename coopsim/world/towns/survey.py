@@ -1,0 +1,208 @@
+"""A survey of the traffic of a place: it is driven for a while, without sensing, and what goes wrong is noted.
+
+A vehicle stands while it is slower than `STANDING_M_S`. Left out are parked vehicles, wrecks, and vehicles held by a
+wreck: those that stand within `HELD_BY_M` of one, or within `QUEUE_M` of a vehicle that is so held. A jam is a vehicle
+that stands for longer than `JAM_S`, whatever it waits for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.world.scenario import Scenario
+from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.world import World
+
+DT_S = 0.1
+STANDING_M_S = 0.5
+JAM_S = 30.0
+HELD_BY_M = 30.0
+QUEUE_M = 15.0
+SAME_CRASH_M = 15.0
+"""Vehicles that crash in one step and are this close, center to center, are in the same crash."""
+
+SHORTEST_WAIT_S = 1.0
+"""A shorter standstill is not counted as a wait."""
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """A vehicle that stands.
+
+    Attributes:
+        vehicle: its id.
+        x_m: of its center, world frame.
+        y_m: of its center, world frame.
+        since_s: the episode's time at which it stopped.
+        for_s: how long it stood, or has stood at the end.
+    """
+
+    vehicle: int
+    x_m: float
+    y_m: float
+    since_s: float
+    for_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """Vehicles that touched something in one step, close to each other.
+
+    Attributes:
+        time_s: of the episode.
+        vehicles: their ids.
+        x_m: of the first of them.
+        y_m: of the first of them.
+    """
+
+    time_s: float
+    vehicles: tuple[int, ...]
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficSurvey:
+    """What was noted in one place.
+
+    Attributes:
+        seconds: driven.
+        vehicles: number of them that are not parked.
+        vehicle_hours: of vehicles neither parked nor wrecked.
+        distance_km: driven by all of them.
+        crashes: in order of time.
+        waits_s: durations of all standstills of at least `SHORTEST_WAIT_S`.
+        jams: standstills longer than `JAM_S`.
+    """
+
+    seconds: float
+    vehicles: int
+    vehicle_hours: float
+    distance_km: float
+    crashes: tuple[Crash, ...]
+    waits_s: tuple[float, ...]
+    jams: tuple[Standstill, ...]
+
+    @property
+    def longest_wait_s(self) -> float:
+        """The longest standstill, 0 if nobody stood."""
+        return max(self.waits_s, default=0.0)
+
+    @property
+    def speed_m_s(self) -> float:
+        """The mean speed of vehicles neither parked nor wrecked, standing ones included."""
+        return self.distance_km / self.vehicle_hours / 3.6 if self.vehicle_hours else 0.0
+
+
+def survey_traffic(scenario: Scenario, seed: int, seconds: float) -> TrafficSurvey:
+    """Drive a scenario's traffic, without sensing.
+
+    Args:
+        scenario: a place and its population.
+        seed: the episode's.
+        seconds: to drive.
+    """
+    world = World(scenario, seed)
+    diary = Diary(world.fleet.rows)
+    for step in range(round(seconds / DT_S)):
+        world.step(DT_S)
+        diary.note(world.fleet.rows, (step + 1) * DT_S)
+    return diary.summary(world.fleet.rows)
+
+
+@dataclass
+class Diary:
+    """Notes of one episode, step by step, of a fleet (N,) `VEHICLE` whose vehicles are never replaced.
+
+    Args:
+        rows: the fleet at the start.
+    """
+
+    rows: NDArray[Any]
+    time_s: float = 0.0
+    hours: float = 0.0
+    km: float = 0.0
+    crashes: list[Crash] = field(default_factory=list)
+    ended: list[Standstill] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._standing_s = np.zeros(len(self.rows))
+        self._wrecked = self.rows["crashed"].copy()
+
+    def note(self, rows: NDArray[Any], time_s: float) -> None:
+        """Add the state of the fleet at a later time."""
+        past_s, self.time_s = time_s - self.time_s, time_s
+        self._note_crashes(rows)
+        drives = (rows["driver"] != PARKED) & ~rows["crashed"]
+        self.hours += past_s / 3600 * int(drives.sum())
+        self.km += past_s / 1000 * float(np.abs(rows["speed"][drives]).sum())
+        stands = drives & (np.abs(rows["speed"]) < STANDING_M_S) & ~held_by_wrecks(rows)
+        self.ended += self._standstills(rows, ~stands & (self._standing_s > 0))
+        self._standing_s = np.where(stands, self._standing_s + past_s, 0.0)
+
+    def summary(self, rows: NDArray[Any]) -> TrafficSurvey:
+        """Return what was noted, with the standstills of the fleet that last until now."""
+        stood = [*self.ended, *self._standstills(rows, self._standing_s > 0)]
+        return TrafficSurvey(
+            seconds=self.time_s,
+            vehicles=int((rows["driver"] != PARKED).sum()),
+            vehicle_hours=self.hours,
+            distance_km=self.km,
+            crashes=tuple(self.crashes),
+            waits_s=tuple(each.for_s for each in stood if each.for_s >= SHORTEST_WAIT_S),
+            jams=tuple(each for each in stood if each.for_s > JAM_S),
+        )
+
+    def _standstills(self, rows: NDArray[Any], which: Bools) -> list[Standstill]:
+        return [
+            Standstill(int(row["id"]), *_rounded(row), round(self.time_s - for_s, 1), round(for_s, 1))
+            for row, for_s in zip(rows[which], self._standing_s[which].tolist(), strict=True)
+        ]
+
+    def _note_crashes(self, rows: NDArray[Any]) -> None:
+        left = np.flatnonzero(rows["crashed"] & ~self._wrecked)
+        self._wrecked = rows["crashed"].copy()
+        while len(left):
+            near = spread(rows[left], np.arange(len(left)) == 0, SAME_CRASH_M)
+            ids = tuple(rows["id"][left[near]].tolist())
+            self.crashes.append(Crash(round(self.time_s, 1), ids, *_rounded(rows[left[0]])))
+            left = left[~near]
+
+
+def held_by_wrecks(rows: NDArray[Any]) -> Bools:
+    """Return which vehicles (N,) stand near a wreck, or in a queue behind vehicles that do."""
+    wrecked = rows["crashed"]
+    if not wrecked.any():
+        return np.zeros(len(rows), np.bool_)
+    stands = (rows["driver"] != PARKED) & ~wrecked & (np.abs(rows["speed"]) < STANDING_M_S)
+    held: Bools = stands & (_distances_m(rows, rows[wrecked]).min(axis=1) < HELD_BY_M)
+    queue = spread(rows[stands], held[stands], QUEUE_M)
+    held[stands] = queue
+    return held
+
+
+def spread(rows: NDArray[Any], start: Bools, step_m: float) -> Bools:
+    """Return which vehicles (N,) are reached from those of `start` (N,) over vehicles less than `step_m` apart."""
+    near, reached = _distances_m(rows, rows) < step_m, start.copy()
+    while True:
+        further: Bools = reached | (near & reached).any(axis=1)
+        if (further == reached).all():
+            return reached
+        reached = further
+
+
+def _distances_m(rows: NDArray[Any], others: NDArray[Any]) -> Floats:
+    away_x, away_y = (rows[axis][:, None] - others[axis] for axis in ("x", "y"))
+    distances_m: Floats = np.hypot(away_x, away_y)
+    return distances_m
+
+
+def _rounded(row: np.void) -> tuple[float, float]:
+    return round(float(row["x"]), 1), round(float(row["y"]), 1)

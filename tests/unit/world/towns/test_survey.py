@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+
+from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.world.scenario import Place, make_scenario
+from coopsim.world.towns.survey import Diary, held_by_wrecks, survey_traffic
+from coopsim.world.traffic.engine.fleet import PARKED, TOWN, VEHICLE
+
+
+def fleet(*spots):
+    """Return vehicles at these x, y; all stand."""
+    rows = np.zeros(len(spots), VEHICLE)
+    rows["id"] = np.arange(1, len(spots) + 1)
+    rows["driver"] = TOWN
+    rows["x"], rows["y"] = np.transpose(spots)
+    return rows
+
+
+def drive(rows, seconds, speeds=None):
+    """Note a fleet for a while; `speeds` maps a step to what changes."""
+    diary = Diary(rows)
+    for step in range(round(seconds / 0.1)):
+        for name, row, value in (speeds or {}).get(step, []):
+            rows[name][row] = value
+        diary.note(rows, (step + 1) * 0.1)
+    return diary.summary(rows)
+
+
+def test_vehicle_that_stands_too_long_is_a_jam():
+    rows = fleet((0, 0), (100, 7))
+    rows["speed"][0] = 5.0
+    survey = drive(rows, 40.0)
+    assert [(jam.vehicle, jam.x_m, jam.y_m, jam.since_s) for jam in survey.jams] == [(2, 100.0, 7.0, 0.0)]
+    assert survey.longest_wait_s == pytest.approx(40.0)
+    assert survey.vehicle_hours == pytest.approx(80 / 3600)
+    assert survey.speed_m_s == pytest.approx(2.5)
+
+
+def test_waits_begin_anew_after_moving():
+    survey = drive(fleet((0, 0)), 40.0, {200: [("speed", 0, 3.0)], 210: [("speed", 0, 0.4)]})
+    assert survey.waits_s == (20.0, 19.0)
+    assert not survey.jams
+
+
+def test_parked_vehicles_and_wrecks_do_not_wait():
+    rows = fleet((0, 0), (100, 0))
+    rows["driver"][0] = PARKED
+    survey = drive(rows, 40.0, {0: [("crashed", 1, True)]})
+    assert not survey.waits_s
+    assert survey.vehicle_hours == 0.0
+    assert survey.vehicles == 1
+
+
+def test_vehicles_that_touch_each_other_are_one_crash():
+    together = [("crashed", k, True) for k in (0, 1, 3)]
+    survey = drive(fleet((0, 0), (5, 0), (200, 0), (100, 0)), 2.0, {4: together, 9: [("crashed", 2, True)]})
+    assert [(crash.time_s, crash.vehicles) for crash in survey.crashes] == [(0.5, (1, 2)), (0.5, (4,)), (1.0, (3,))]
+
+
+def test_queue_at_a_wreck_is_held_by_it_and_others_are_not():
+    rows = fleet((0, 0), (20, 0), (32, 0), (44, 0), (80, 0))
+    rows["crashed"][0] = True
+    assert held_by_wrecks(rows).tolist() == [False, True, True, True, False]
+    rows["speed"][2] = 2.0  # the queue is interrupted
+    assert held_by_wrecks(rows).tolist() == [False, True, False, False, False]
+
+
+def test_real_traffic_drives_and_waits():
+    place = load_scenario_file("village.yaml").scenario
+    assert isinstance(place, Place)
+    survey = survey_traffic(make_scenario(place), 0, 20.0)
+    assert survey.vehicles == place.population.vehicles
+    assert survey.vehicle_hours == pytest.approx(survey.vehicles * 20 / 3600)
+    assert 1.0 < survey.speed_m_s < 11.0
+    assert not survey.crashes
