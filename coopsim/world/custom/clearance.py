@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 
 from coopsim.config.entry import Entry
 from coopsim.geometry.boxes import Boxes3D
@@ -51,19 +52,44 @@ class Kerbs:
         Raises:
             ScenarioFileError: a point is on a road.
         """
-        along = self._end - self._start
-        length_m2 = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = np.clip(((points[:, None] - self._start) * along).sum(axis=2) / length_m2, 0.0, 1.0)
-        distance_m = np.linalg.norm(points[:, None] - self._start - share[..., None] * along, axis=2)
-        short_m = distance_m - (self._half_m if least_m is None else least_m)
-        point, worst = np.unravel_index(short_m.argmin(), short_m.shape)
-        if short_m[point, worst] < 0:
-            accepted_m = distance_m[point, worst] - short_m[point, worst]
-            road = self._entries[self._road[worst]].spot
+        least = self._half_m if least_m is None else np.full(len(self._half_m), least_m)
+        segment, distance_m = _worst(np.ascontiguousarray(points), self._start, self._end, least)
+        if segment >= 0:
+            accepted_m = least[segment]
+            road = self._entries[self._road[segment]].spot
             raise entry.error(
                 f"{what} must be at least {accepted_m:g} m from the middle of every lane, got "
-                f"{distance_m[point, worst]:.2f} m from that of the road in {road}: it would stand in the way"
+                f"{distance_m:.2f} m from that of the road in {road}: it would stand in the way"
             )
+
+
+@njit(cache=True, nogil=True)
+def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple[int, float]:
+    """Return the segment to whose least distance a point comes shortest, and how near it is; -1: none comes short.
+
+    Args:
+        points: (N, 2) m.
+        start: (S, 2) m of segments.
+        end: (S, 2) m of the same.
+        least_m: (S,) of the same.
+    """
+    worst, worst_m, near_m = -1, 0.0, np.inf
+    low_x, low_y, high_x, high_y = points[:, 0].min(), points[:, 1].min(), points[:, 0].max(), points[:, 1].max()
+    for k in range(len(start)):
+        ax, ay, bx, by, reach = start[k, 0], start[k, 1], end[k, 0], end[k, 1], least_m[k]
+        if max(ax, bx) + reach < low_x or min(ax, bx) - reach > high_x:
+            continue
+        if max(ay, by) + reach < low_y or min(ay, by) - reach > high_y:
+            continue
+        rx, ry = bx - ax, by - ay
+        length_m2 = max(rx * rx + ry * ry, 1e-12)
+        for i in range(len(points)):
+            px, py = points[i, 0] - ax, points[i, 1] - ay
+            share = min(max((px * rx + py * ry) / length_m2, 0.0), 1.0)
+            distance_m = np.hypot(px - share * rx, py - share * ry)
+            if distance_m - reach < worst_m:
+                worst, worst_m, near_m = k, distance_m - reach, distance_m
+    return worst, near_m
 
 
 def along_outline(corners: Floats) -> Floats:

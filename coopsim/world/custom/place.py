@@ -24,28 +24,25 @@ the beginning of the road, bend or piece that crosses; the first to ask goes fir
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import combinations, pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 
 from coopsim.config.entry import DataEntry, Entry, plain
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.support.checks import require_between, require_count, require_finite_number
-from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.clearance import Kerbs, require_space_to_park, require_space_to_start
+from coopsim.support.checks import require_between, require_count
+from coopsim.world.custom.clearance import Kerbs, require_space_to_park
+from coopsim.world.custom.custom_map import road_map_of
 from coopsim.world.custom.custom_scenery import read_building, read_tree
-from coopsim.world.custom.roads import Roads, read_roads
-from coopsim.world.custom.ways import Ways, read_ways
-from coopsim.world.places.layout import Bay, Layout, StartSlot, flights_around, lane_outline, rectangle
-from coopsim.world.places.markings import lane_lines
-from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork
+from coopsim.world.custom.fittings import read_bay, read_unit
+from coopsim.world.custom.roads import read_roads
+from coopsim.world.custom.starts import read_speeds, read_starts
+from coopsim.world.custom.ways import read_ways
+from coopsim.world.places.layout import Layout, flights_around, rectangle
 from coopsim.world.places.scenery import town_parts
-from coopsim.world.places.streets import RSU_HEIGHT_M, spaced_slots
+from coopsim.world.places.streets import RSU_HEIGHT_M
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
-from coopsim.world.snapshot import RoadMap
 
 KEYS = (
     "starts",
@@ -61,13 +58,8 @@ KEYS = (
     "drones_around",
 )
 
-_STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
-_STOPPING_M = 14.0  # no starts this close before a stop line: the vehicle could not stop
-_APART_M = 14.0  # between two starts in one lane: the longest bus, and the variation of its start
-_BESIDE_M = 3.0  # from the middle of a lane to the middle of a parked vehicle
 _CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffic does not obstruct
 _AROUND_M = 150.0  # of ground on each side of the outermost nodes
-_PARKED = {label.title: label for label in ObjectClass if label not in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)}
 
 T = TypeVar("T")
 
@@ -97,16 +89,16 @@ def read_place(entry: Entry, name: str) -> Place:
     """
     fields = entry.fields(("nodes", "roads"), KEYS)
     roads = read_roads(fields["nodes"], fields["roads"])
-    starts = _starts(roads, fields)
+    starts = read_starts(roads, fields)
     walks = read_ways(fields["walks"], roads.network) if "walks" in fields else None
     rides = read_ways(fields["rides"], roads.network, one_way=True) if "rides" in fields else None
     kerbs = Kerbs(roads)
     buildings = _each(fields, "buildings", lambda item, k: read_building(item, k, kerbs))
     trees = _each(fields, "trees", lambda item, _: read_tree(item, kerbs))
-    rsus = tuple(_each(fields, "rsus", lambda item, _: _unit(item, kerbs)))
+    rsus = tuple(_each(fields, "rsus", lambda item, _: read_unit(item, kerbs)))
     mast_m = float(fields["mast_m"].checked(require_between, 1, 30)) if "mast_m" in fields else RSU_HEIGHT_M
-    road_map = _road_map(roads, walks, [outline for outline, _ in buildings])
-    bays = _each(fields, "parked", lambda item, _: _bay(item, kerbs))
+    road_map = road_map_of(roads, walks, [outline for outline, _ in buildings])
+    bays = _each(fields, "parked", lambda item, _: read_bay(item, kerbs))
     if bays:
         require_space_to_park(bays, fields["parked"].entries(), kerbs)
     low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
@@ -119,7 +111,7 @@ def read_place(entry: Entry, name: str) -> Place:
         footways=walks.footways if walks else None,
         rsus=rsus,
         rsu_height_m=mast_m,
-        speeds_m_s=_speeds(roads, fields),
+        speeds_m_s=read_speeds(roads, fields),
         static=(
             *town_parts(road_map, walks.stripes if walks else [], [], rsus, mast_m, ground),
             *(part for _, part in buildings),
@@ -153,111 +145,3 @@ def _usual_population(layout: Layout) -> Population:
         rsus=rsus,
         drones=0 if vehicles or rsus else 1,
     )
-
-
-def _starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, float]]:
-    """Return slots, and their ranks among those that become connected."""
-    if "starts" not in fields:
-        pieces = [(piece, name) for name, all_of_it in roads.pieces.items() for piece in all_of_it]
-        room_m = {piece: _room_m(roads, piece) for piece, _ in pieces}
-        slots = [slot for piece, _ in pieces for slot in spaced_slots((*piece, 0), room_m[piece])]
-        return [(slot, np.inf) for slot in slots]
-    items = fields["starts"].entries()
-    starts = [_start(roads, item) for item in items]
-    for (a, item_a), (b, item_b) in combinations(zip(starts, items, strict=True), 2):
-        apart_m = _apart_m(roads, a[0], b[0])
-        if apart_m < _APART_M:
-            raise item_b.error(
-                f"starts in one lane must be at least {_APART_M:g} m apart, got {apart_m:.1f} m from that in "
-                f"{item_a.spot}"
-            )
-    require_space_to_start([slot for slot, _ in starts], items, roads)
-    return starts
-
-
-def _room_m(roads: Roads, piece: Road) -> float:
-    """Return the length of a piece on which vehicles may start: none on bends and crossings, or right before these."""
-    lane = roads.lane(piece)
-    if piece in roads.movements or isinstance(lane, CircularLane):
-        return 0.0
-    stops = any(movement[0] == piece[1] for movement in roads.movements)
-    return max(0.0, float(lane.length) - (_STOPPING_M if stops else 0.0))
-
-
-def _start(roads: Roads, entry: Entry) -> tuple[StartSlot, float]:
-    fields = entry.fields(("road", "at_m"), ("route", "connected"))
-    road = roads.find(fields["road"])
-    along_m = float(fields["at_m"].checked(require_between, 0, round(roads.length_m(road), 3)))
-    piece, at_m = roads.piece_at(road, along_m)
-    route: list[Road] = []
-    if "route" in fields:
-        route = roads.pieces[road][roads.pieces[road].index(piece) :]
-        nodes = [road[1], *(item.choice(roads.nodes, "node") for item in fields["route"].entries())]
-        for step in pairwise(nodes):
-            if step not in roads.pieces:
-                raise fields["route"].error(f"route: there is no road from {step[0]!r} to {step[1]!r}")
-            route = [*route, *roads.pieces[step]]
-    rank = float(fields["connected"].checked(require_count, 1)) if "connected" in fields else np.inf
-    return StartSlot((*piece, 0), at_m, tuple(route)), rank
-
-
-def _apart_m(roads: Roads, a: StartSlot, b: StartSlot) -> float:
-    """Return the distance of two starts in one lane; infinite if they are in different lanes."""
-    lanes = [roads.network.get_lane(slot.lane) for slot in (a, b)]
-    places = [lane.position(slot.along_m, 0.0) for lane, slot in zip(lanes, (a, b), strict=True)]
-    headings = [lane.heading_at(slot.along_m) for lane, slot in zip(lanes, (a, b), strict=True)]
-    offset = places[1] - places[0]
-    aside_m = abs(offset[1] * np.cos(headings[0]) - offset[0] * np.sin(headings[0]))
-    same_way = abs(float(wrap_angle(headings[1] - headings[0]))) < np.pi / 4
-    return float(np.hypot(*offset)) if same_way and aside_m < _BESIDE_M else np.inf
-
-
-def _speeds(roads: Roads, fields: Mapping[str, Entry]) -> tuple[float, ...]:
-    if "speeds_m_s" not in fields:
-        return (0.0, roads.fastest_m_s / 2, roads.fastest_m_s)
-    speeds = fields["speeds_m_s"].numbers()
-    steps = np.diff(speeds)
-    if len(speeds) < 2 or speeds[0] < 0 or steps[0] <= 0 or not np.allclose(steps, steps[0]):
-        raise fields["speeds_m_s"].error(
-            f"speeds_m_s must be at least two, rising in equal steps from 0 or more, got {speeds}"
-        )
-    return tuple(speeds)
-
-
-def _bay(entry: Entry, kerbs: Kerbs) -> Bay:
-    fields = entry.fields(("at", "heading_deg"), ("label",))
-    at = fields["at"].point()
-    kerbs.require_beside(at[None], fields["at"], "at", _BESIDE_M)
-    heading_deg = float(fields["heading_deg"].checked(require_finite_number))
-    label = _PARKED[fields["label"].choice(_PARKED)] if "label" in fields else None
-    return Bay(float(at[0]), float(at[1]), float(np.radians(heading_deg)), label)
-
-
-def _unit(entry: Entry, kerbs: Kerbs) -> SE3:
-    fields = entry.fields(("at", "look_at"))
-    at, ahead = fields["at"].point(), fields["look_at"].point() - fields["at"].point()
-    kerbs.require_beside(at[None], fields["at"], "at")
-    if not ahead.any():
-        raise fields["look_at"].error("look_at must be another place than at")
-    return SE3.from_xyz_yaw([*at, 0.0], float(np.arctan2(ahead[1], ahead[0])))
-
-
-def _road_map(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
-    lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
-    crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
-    lines = lane_lines(roads.network, roads.movements)
-    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
-
-
-def _wedges(network: RoadNetwork) -> list[Floats]:
-    """Return triangles (3, 2) m, counter-clockwise, that fill the outsides of kinks between lanes."""
-    lanes, wedges = network.lanes, []
-    for (_, node, _), lane in lanes.items():
-        for after in (other for index, other in lanes.items() if index[0] == node):
-            turn = float(wrap_angle(after.heading_at(0.0) - lane.heading_at(lane.length)))
-            if abs(turn) < _STRAIGHT_RAD:
-                continue
-            outside = -np.sign(turn) / 2
-            corners = [lane.position(lane.length, outside * lane.width), after.position(0.0, outside * after.width)]
-            wedges.append(np.array([after.position(0.0, 0.0), *(corners if turn > 0 else corners[::-1])]))
-    return wedges

@@ -206,9 +206,12 @@ def _require_ways_on(roads: Roads) -> None:
 
 def _require_no_kinks(roads: Roads) -> None:
     """Refuse corners too sharp to drive around."""
+    onward: dict[str, list[Road]] = {}
+    for road in roads.pieces:
+        onward.setdefault(road[0], []).append(road)
     for road, pieces in roads.pieces.items():
         following = [(piece, road) for piece in pieces[1:]]
-        following += [(other[0], name) for name, other in roads.pieces.items() if name[0] == road[1]]
+        following += [(roads.pieces[name][0], name) for name in onward.get(road[1], ())]
         before = [*pieces[:-1], *[pieces[-1]] * (len(following) - len(pieces) + 1)]
         for piece, (after, name) in zip(before, following, strict=True):
             lane = roads.lane(piece)

@@ -5,17 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from coopsim.config.entry import Entry
 from coopsim.geometry.se3 import Floats
+from coopsim.types import Mask
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
+from coopsim.world.traffic.engine.lanes import NumberedNetwork, distance_to_box, local_coordinates
 
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
 _STRIPE_M, _GAP_M = 0.5, 0.5
+_BEYOND_M = 5.0  # the ends of a lane, where a place still is on it
 
 _Link = tuple[str, str]
 
@@ -56,6 +62,7 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
     if not plain:
         raise fields["ways"].error("ways must be at least one: people start there, and not on crosswalks")
     footways = _graph(nodes, plain, across, one_way=one_way)
+    lanes = NumberedNetwork(network).arrays.lanes if across else np.zeros(0)
     for name, row in zip(nodes, footways.neighbours, strict=True):
         if not (row >= 0).any():
             raise named[name].error(f"no way leads on from {name!r}")
@@ -64,7 +71,7 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
         footways,
         [_strip(nodes[a], nodes[b], _PAVEMENT_M / 2) for a, b in plain] + corners,
         [_strip(nodes[a], nodes[b], _CROSSWALK_HALF_M) for a, b in across],
-        [stripe for a, b in across for stripe in _stripes(nodes[a], nodes[b], network)],
+        [stripe for a, b in across for stripe in _stripes(nodes[a], nodes[b], lanes)],
     )
 
 
@@ -107,14 +114,26 @@ def _octagon() -> Floats:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _stripes(a: Floats, b: Floats, network: RoadNetwork) -> list[Floats]:
-    """Return stripes along the crosswalk where it is on a lane."""
+def _stripes(a: Floats, b: Floats, lanes: NDArray[Any]) -> list[Floats]:
+    """Return stripes along the crosswalk where it is on one of `lanes` (L,) `LANE`."""
     length_m = float(np.linalg.norm(b - a))
     starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
     along = (b - a) / max(length_m, 1e-9)
-    lanes = network.lanes.values()
-    return [
-        _strip(a + start * along, a + (start + _STRIPE_M) * along, _CROSSWALK_HALF_M)
-        for start in starts
-        if any(lane.contains(a + (start + _STRIPE_M / 2) * along) for lane in lanes)
-    ]
+    on_road = _are_on_lanes(a + (starts + _STRIPE_M / 2)[:, None] * along, lanes)
+    return [_strip(a + start * along, a + (start + _STRIPE_M) * along, _CROSSWALK_HALF_M) for start in starts[on_road]]
+
+
+@njit(cache=True, nogil=True)
+def _are_on_lanes(points: Floats, lanes: NDArray[Any]) -> Mask:
+    """Return which points (N, 2) m are between the edges of a lane, or up to 5 m beyond its ends."""
+    found = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        for k in range(len(lanes)):
+            lane = lanes[k]
+            if distance_to_box(lane, points[n, 0], points[n, 1]) > lane.width / 2 + _BEYOND_M:
+                continue
+            along_m, aside_m = local_coordinates(lane, points[n, 0], points[n, 1])
+            if abs(aside_m) <= lane.width / 2 and -_BEYOND_M <= along_m < lane.length + _BEYOND_M:
+                found[n] = True
+                break
+    return found

@@ -214,6 +214,5 @@ def lane_outline(lane: Lane, step_m: float = 2.0) -> list[Floats]:
     if isinstance(lane, CircularLane):
         outer_m = (lane.radius + lane.width / 2) / np.cos(along[1] / lane.radius / 2) - lane.radius
         left_m, right_m = (left_m, outer_m) if lane.turn > 0 else (outer_m, right_m)
-    left = np.array([lane.position(s, left_m) for s in along])
-    right = np.array([lane.position(s, -right_m) for s in along])
-    return [np.array([right[k], right[k + 1], left[k + 1], left[k]]) for k in range(len(along) - 1)]
+    left, right = lane.positions(along, left_m), lane.positions(along, -right_m)
+    return list(np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1))

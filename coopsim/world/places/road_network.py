@@ -44,6 +44,10 @@ class Lane(ABC):
         """Return a place (2,) m in the world."""
 
     @abstractmethod
+    def positions(self, along_m: Floats, aside_m: float) -> Floats:
+        """Return places (N, 2) m in the world at distances (N,) along the lane, the same as one by one."""
+
+    @abstractmethod
     def heading_at(self, along_m: float) -> float:
         """Return the direction of the middle line, rad."""
 
@@ -85,6 +89,9 @@ class StraightLane(Lane):
     def position(self, along_m: float, aside_m: float) -> Floats:
         return np.asarray(self.start + along_m * self.direction + aside_m * self._left)
 
+    def positions(self, along_m: Floats, aside_m: float) -> Floats:
+        return np.asarray(self.start + along_m[:, None] * self.direction + aside_m * self._left)
+
     def heading_at(self, along_m: float) -> float:
         return self.heading
 
@@ -118,6 +125,11 @@ class CircularLane(Lane):
     def position(self, along_m: float, aside_m: float) -> Floats:
         phase = self._phase(along_m)
         return np.asarray(self.center + (self.radius - aside_m * self.turn) * np.array([np.cos(phase), np.sin(phase)]))
+
+    def positions(self, along_m: Floats, aside_m: float) -> Floats:
+        phase = self.turn * along_m / self.radius + self.start_phase
+        ray = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        return np.asarray(self.center + (self.radius - aside_m * self.turn) * ray)
 
     def heading_at(self, along_m: float) -> float:
         return self._phase(along_m) + np.pi / 2 * self.turn

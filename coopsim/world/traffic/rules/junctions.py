@@ -11,9 +11,11 @@ at the head of a line turns elsewhere if the exit that it wanted is full.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
@@ -55,18 +57,57 @@ def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: flo
     Infinite below zero where they do not come near, or start at the same line.
     """
     lanes = [network.get_lane((*road, 0)) for road in movements]
+    if not lanes:
+        return np.zeros((0, 0))
     lines = [_middle_line(lane) for lane in lanes]
-    clear_m = np.full((len(movements), len(movements)), -np.inf)
-    for a in range(len(movements)):
-        for b in range(len(movements)):
-            gap_m = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min(axis=0)
-            straight = isinstance(lanes[a], StraightLane) and isinstance(lanes[b], StraightLane)
-            near = np.flatnonzero(gap_m < (clearance_m if straight else CLEARANCE_M))
-            if len(near) and movements[a][0] != movements[b][0]:
-                clear_m[a, b] = near[-1] / (len(lines[b]) - 1) * lanes[b].length
+    first = np.cumsum([0, *(len(line) for line in lines)])
+    nodes: dict[str, int] = {}
+    origin = np.array([nodes.setdefault(start, len(nodes)) for start, _ in movements])
+    straight = np.array([isinstance(lane, StraightLane) for lane in lanes])
+    near_m = np.where(straight[:, None] & straight, clearance_m, CLEARANCE_M)
+    last = _last_near(np.concatenate(lines), first, origin, near_m)
+    counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
+    clear_m: Floats = np.where(last >= 0, last / (counts - 1) * length_m, -np.inf)
     return clear_m
+
+
+@njit(cache=True, nogil=True)
+def _last_near(points: Floats, first: Ints, origin: Ints, near_m: Floats) -> Ints:
+    """Return (K, K) the number of line b's last point that is near line a, -1: none, or both start at one node.
+
+    Args:
+        points: (P, 2) m of all lines.
+        first: (K + 1,) first point of each line, and P.
+        origin: (K,) node that each starts at.
+        near_m: (K, K) distance below which lines are near.
+    """
+    count = len(origin)
+    last = np.full((count, count), -1)
+    low, high = np.empty((count, 2)), np.empty((count, 2))
+    for k in range(count):
+        for axis in range(2):
+            own = points[first[k] : first[k + 1], axis]
+            low[k, axis], high[k, axis] = own.min(), own.max()
+    for a in range(count):
+        for b in range(count):
+            reach = near_m[a, b]
+            apart = (low[a] - high[b] > reach).any() or (low[b] - high[a] > reach).any()
+            if not apart and origin[a] != origin[b]:
+                last[a, b] = _last_of(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]], reach)
+    return last
+
+
+@njit(cache=True, nogil=True)
+def _last_of(line: Floats, other: Floats, near_m: float) -> int:
+    """Return the number of the last point of another line (M, 2) that is near one (N, 2), -1: none."""
+    for k in range(len(other) - 1, -1, -1):
+        for i in range(len(line)):
+            dx, dy = line[i, 0] - other[k, 0], line[i, 1] - other[k, 1]
+            if math.sqrt(dx * dx + dy * dy) < near_m:
+                return k
+    return -1
 
 
 def _middle_line(lane: Lane) -> Floats:
     """Return points (K, 2) about half a metre apart."""
-    return np.array([lane.position(s, 0.0) for s in np.linspace(0.0, lane.length, int(2 * lane.length) + 2)])
+    return lane.positions(np.linspace(0.0, lane.length, int(2 * lane.length) + 2), 0.0)
