@@ -1,0 +1,88 @@
+"""Parked vehicles at the kerb, speed humps and puddles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.support.rng import stream
+from coopsim.world.towns.kerb_sides import STREET, STRIP_M, Round
+from coopsim.world.towns.people_ways import PeopleWays
+from coopsim.world.towns.plan import LANE_M, Plan, Street
+from coopsim.world.towns.site import Site
+from coopsim.world.towns.surfaces import BULGE_M
+
+_BAY_M = 6.4
+_VEHICLE_M = (6.0, 2.3)  # the room that the largest van needs
+_LEFT_OUT = 0.08  # share of bays
+_HUMPS = 0.3  # share of streets of one lane
+_HUMP_FREE_M = 18.0  # from stop lines, loops and crosswalks
+_RAIN = 0.3  # share of towns with puddles
+_PUDDLES = (4, 14)
+
+
+def mark_bays(site: Site, plan: Plan, rounds: tuple[Round, ...], ways: PeopleWays, seed: int) -> None:
+    """Add bays on all parking strips, away from crosswalks and driveways."""
+    for each in rounds:
+        for k, side in enumerate(each.sides):
+            full = (each.side == k) & (each.strip_m > STRIP_M - 1e-6)
+            if side.kind != STREET or not full.any():
+                continue
+            rng = stream(seed, "bays", str(side.number), str(side.arm))
+            low, high = float(each.along_m[full].min()), float(each.along_m[full].max())
+            count = int((high - low) // _BAY_M)
+            along = low + (np.arange(count) + 0.5) * (high - low) / max(count, 1)
+            keep = rng.random(count) > _LEFT_OUT
+            for street, at_m in ways.mid_block:
+                keep &= (street != side.number) | (np.abs(along - at_m) > BULGE_M + _BAY_M / 2)
+            _mark(site, plan.streets[side.number], side.arm, along[keep])
+
+
+def _mark(site: Site, street: Street, way: int, along: Floats) -> None:
+    if not len(along):
+        return
+    places = street.position(along, -way * (street.half_m(along) + STRIP_M / 2))
+    headings = street.heading(along) + (0.0 if way > 0 else np.pi)
+    for at, heading in zip(places, headings, strict=True):
+        ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+        a, b = _VEHICLE_M[0] / 2 * ahead, _VEHICLE_M[1] / 2 * left
+        if site.kerbside.try_take([at + np.array([-a - b, a - b, a + b, b - a])]):
+            site.add("parked", at=at.tolist(), heading_deg=float(np.degrees(heading)))
+
+
+def add_humps(site: Site, plan: Plan, ways: PeopleWays, seed: int) -> None:
+    """Add a hump to some streets of one lane in each direction."""
+    for street in plan.streets:
+        rng = stream(seed, "hump", str(street.number))
+        wanted, share, height_m = rng.random() < _HUMPS, rng.uniform(0.3, 0.7), rng.uniform(0.07, 0.1)
+        first, last = street.span_m
+        along_m = first + share * (last - first)
+        crossed = any(number == street.number and abs(at - along_m) < _HUMP_FREE_M for number, at in ways.mid_block)
+        half_m = street.half_m([along_m - 4.0, along_m + 4.0])
+        if not wanted or crossed or min(along_m - first, last - along_m) < _HUMP_FREE_M or half_m.max() > LANE_M + 0.01:
+            continue
+        site.add(
+            "humps",
+            at=street.position(along_m, -0.02)[0].tolist(),
+            heading_deg=float(np.degrees(street.heading(along_m)[0])),
+            width_m=2 * LANE_M,
+            length_m=3.7,
+            height_m=float(height_m),
+        )
+
+
+def add_puddles(site: Site, plan: Plan, seed: int) -> None:
+    """Add wet patches along the gutters, in some towns."""
+    rng = stream(seed, "puddles")
+    if rng.random() > _RAIN:
+        return
+    angle = np.arange(7) * 2 * np.pi / 7
+    for _ in range(int(rng.integers(*_PUDDLES))):
+        street = plan.streets[rng.integers(len(plan.streets))]
+        along_m, way = rng.uniform(*street.span_m), rng.choice([-1, 1])
+        half_m, long_m, wide_m = float(street.half_m(along_m)), rng.uniform(1.2, 4.0), rng.uniform(0.4, 0.9)
+        reach = rng.uniform(0.8, 1.0, 7)
+        along = along_m + long_m * np.cos(angle) * reach
+        aside = way * (half_m - 0.1 - wide_m + wide_m * np.sin(angle) * reach)
+        outline = street.position(along, aside)
+        site.add("wet", outline=outline.tolist())

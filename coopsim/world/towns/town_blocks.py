@@ -1,0 +1,68 @@
+"""Everything beside the lanes of a drawn town: ways of people, parked vehicles, surfaces, buildings, masts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from coopsim.support.rng import stream
+from coopsim.world.towns.corner_lots import build_corners
+from coopsim.world.towns.frontages import build_frontages
+from coopsim.world.towns.kerb_sides import kerb_lines_of, trace_rounds
+from coopsim.world.towns.kerbside import add_humps, add_puddles, mark_bays
+from coopsim.world.towns.masts import place_masts
+from coopsim.world.towns.people_ways import PeopleWays, cross_at_junctions, cross_between, describe_ways
+from coopsim.world.towns.plan import Plan
+from coopsim.world.towns.site import Site
+from coopsim.world.towns.surfaces import pave_junctions, pave_sides
+
+KERB_M = 0.12
+"""Height of pavements over the road."""
+
+_WAY_M = 2.6  # from the kerb to the middle of people's way
+_HALF_WAY_M = 1.5
+_BORDER_M = _WAY_M + _HALF_WAY_M + 0.1
+
+
+def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[str, Any]:
+    """Draw all that is beside the lanes, not turned, as keys of the description of a place.
+
+    Args:
+        plan: streets and junctions.
+        seed: an integer >= 0.
+        openness: see `TownOptions`.
+
+    Returns:
+        The keys `walks`, `parked`, `paved`, `walls`, `buildings`, `trees`, `rsus`, `mast_m`, `drones_around`, `kerb_m`,
+        `crown`, `humps` and `wet`, as far as there are any.
+    """
+    open_ = stream(seed, "openness").uniform() if openness is None else openness
+    rounds = trace_rounds(plan)
+    kerbs = kerb_lines_of(rounds)
+    ways = PeopleWays(tuple(each.clear_beside(_WAY_M, kerbs) for each in rounds))
+    cross_at_junctions(ways, rounds, plan)
+    cross_between(ways, rounds, plan, seed)
+    borders = [each.clear_beside(_BORDER_M, kerbs) for each in rounds]
+    site = Site()
+    for line in ways.lines:
+        ends = np.roll(line, -1, axis=0)
+        site.room.take_lines(line, ends, np.full(len(line), _HALF_WAY_M + 0.05))
+    site.room.take_lines(kerbs[0], kerbs[1], kerbs[2])
+    pave_junctions(site, plan)
+    pave_sides(site, rounds, ways)
+    place_masts(site, plan, rounds, ways, kerbs, seed)
+    build_corners(site, plan, rounds, borders, seed, open_)
+    build_frontages(site, rounds, borders, seed, open_)
+    mark_bays(site, plan, rounds, ways, seed)
+    add_humps(site, plan, ways, seed)
+    add_puddles(site, plan, seed)
+    meeting = plan.junctions[plan.meeting]
+    return {
+        "walks": describe_ways(ways),
+        **site.items,
+        "mast_m": float(np.round(stream(seed, "masts").uniform(5.0, 8.0), 1)),
+        "drones_around": meeting.centre.tolist(),
+        "kerb_m": KERB_M,
+        "crown": 0.025,
+    }
