@@ -18,14 +18,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Singles
 from coopsim.support.checks import require_between, require_non_negative, require_number
-
-WATER_INDEX = 1.33
-"""Refractive index of water."""
 
 _LIGHT_M_S = 299_792_458.0
 _PULSE_S = 20e-9  # half-power width, Hahner et al.
@@ -75,18 +71,6 @@ class Weather:
     def has_clutter(self) -> bool:
         """Whether the air itself returns echoes."""
         return self.rain_mm_h > 0 or self.fog_visibility_m < np.inf
-
-
-@njit(cache=True, nogil=True)
-def wet_albedo(albedo: Floats) -> Floats:
-    """Return the albedo, in [0, 1], of a matt surface under a film of water, from its dry one.
-
-    The film reflects part of the light that the surface throws back down onto it again, so that an albedo A becomes
-    A / (n^2 (1 - A) + A) (Angstrom 1925, as in Lekner and Dorf, "Why some things are darker when wet", 1988).
-    """
-    square = WATER_INDEX**2
-    wet: Floats = albedo / (square * (1.0 - albedo) + albedo)
-    return wet
 
 
 class WeatherClutter:

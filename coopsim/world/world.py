@@ -65,6 +65,7 @@ class World:
         self._flights = layout.flights[: population.drones]
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
+        self._relief = layout.relief
 
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
@@ -93,12 +94,17 @@ class World:
         label = self._labels[model]
         velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values())])
         identity = np.concatenate([fleet.rows["id"], *(first + np.arange(len(each)) for first, each in groups.items())])
-        boxes = Boxes3D(np.column_stack([ground, size[:, 2] / 2]), size, wrap_angle(yaw))
+        middle = np.column_stack([ground, self._heights(ground) + size[:, 2] / 2])
+        boxes = Boxes3D(middle, size, wrap_angle(yaw))
         # Only people, on foot and riding, have cycles of poses.
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups.values())])
         cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
+
+    def _heights(self, points: Floats) -> Floats:
+        """Return the heights (N,) m of the ground at points (N, 2) m."""
+        return np.zeros(len(points)) if self._relief is None else self._relief.heights(points)
 
     def _drawn_for(self, identity: Ints, label: Ints) -> tuple[Colors, Colors, Floats]:
         """Return first and second colours and phases of actors: each starts at a phase of its own."""
@@ -112,7 +118,8 @@ class World:
         """Return connected cars, then roadside units, then drones."""
         bodies: dict[str, AgentBody] = {}
         cars = self._traffic.fleet.rows[list(self._traffic.connected)]
-        at = np.column_stack([cars["x"], cars["y"], np.zeros(len(cars)), cars["heading"]])
+        middle = np.column_stack([cars["x"], cars["y"]])
+        at = np.column_stack([middle, self._heights(middle), cars["heading"]])
         poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
         for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
             bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
@@ -120,6 +127,7 @@ class World:
             bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
         for k, flight in enumerate(self._flights):
             pose = flight.world_SE3_base(self._time_s)
+            pose = pose if self._relief is None else self._relief.raised(pose)
             bodies[f"drone_{k}"] = AgentBody(f"drone_{k}", "drone", None, pose, flight.height_m)
         return bodies
 

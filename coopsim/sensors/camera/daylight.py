@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.weather import Weather, wet_albedo
+from coopsim.sensors.weather import Weather
 from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.support.registry import Registry
+from coopsim.world.relief.wet_albedo import wet_albedo
 
 RGB = tuple[float, float, float]
 

@@ -14,8 +14,8 @@ from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Singles
-from coopsim.sensors.weather import WATER_INDEX, wet_albedo
 from coopsim.types import Ints
+from coopsim.world.relief.wet_albedo import WATER_INDEX, wet_albedo
 
 CLUTTER_ID = -1
 """Instance of a return from rain or fog."""

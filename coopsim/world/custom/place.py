@@ -15,6 +15,7 @@
 | `buildings`, `trees` | lists: `outline` (convex) and `height_m`; `at`, `height_m` and `crown_m` |
 | `rsus`, `mast_m` | list of places for roadside units, in order: `at` and `look_at`; height of their masts |
 | `drones_around` | the middle of drones' circles |
+| `kerb_m`, `crown`, `humps`, `wet` | the ground, see `coopsim.world.custom.ground` |
 
 Only `nodes` and `roads` are needed. Crossings and junctions are found from the geometry of the roads. Vehicles wait at
 the beginning of the road, bend or piece that crosses; the first to ask goes first, and all give way to a road with
@@ -35,6 +36,7 @@ from coopsim.world.custom.clearance import Kerbs, require_space_to_park
 from coopsim.world.custom.custom_map import road_map_of
 from coopsim.world.custom.custom_scenery import read_building, read_tree
 from coopsim.world.custom.fittings import read_bay, read_unit
+from coopsim.world.custom.ground import GROUND_KEYS, read_ground, turning_loops
 from coopsim.world.custom.roads import read_roads
 from coopsim.world.custom.starts import read_speeds, read_starts
 from coopsim.world.custom.ways import read_ways
@@ -56,6 +58,7 @@ KEYS = (
     "rsus",
     "mast_m",
     "drones_around",
+    *GROUND_KEYS,
 )
 
 _CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffic does not obstruct
@@ -127,6 +130,7 @@ def read_place(entry: Entry, name: str) -> Place:
         roads_ahead=roads.ahead,
         clearance_m=_CLEARANCE_M,
     )
+    layout = read_ground(fields, roads.network).applied(layout, turning_loops(roads))
     return Place(name, lambda: layout, _usual_population(layout), plain(entry.as_read))
 
 

@@ -10,6 +10,7 @@ import trimesh
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
+from coopsim.world.relief.relief import Relief
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 LANE_M = 4.0
@@ -146,6 +147,7 @@ class Layout:
         clearance_m: straight movements whose middle lines come closer than this conflict; bent ones at `CLEARANCE_M`,
             because long vehicles swing out.
         furnishing: meshes of street furniture and plants, which stand there in full detail only.
+        relief: height of the ground, on which all of the above stand; None: flat, at 0.
     """
 
     network: RoadNetwork
@@ -169,6 +171,7 @@ class Layout:
     roads_ahead: int = ROADS_AHEAD
     clearance_m: float = CLEARANCE_M
     furnishing: tuple[StaticPart, ...] = ()
+    relief: Relief | None = None
 
 
 def box_part(

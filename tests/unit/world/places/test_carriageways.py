@@ -1,0 +1,60 @@
+"""Lanes side by side make one carriageway, from junction to junction."""
+
+import numpy as np
+import pytest
+
+from coopsim.world.places.carriageways import carriageways
+from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
+
+
+def both_ways(length_m: float = 100.0) -> RoadNetwork:
+    """Make a street along x with a lane each way, the way back in two pieces."""
+    network = RoadNetwork()
+    network.add_lane("a", "b", StraightLane([0, -2], [length_m, -2]))
+    network.add_lane("c", "d", StraightLane([length_m, 2], [40, 2]))
+    network.add_lane("d", "e", StraightLane([40, 2], [0, 2]))
+    return network
+
+
+def test_two_lanes_are_one_carriageway() -> None:
+    (road,) = carriageways(both_ways(), ())
+    assert road.half_m == pytest.approx(4.0)
+    np.testing.assert_allclose(road.line[:, 1], 0.0, atol=1e-9)
+    assert np.ptp(road.line[:, 0]) == pytest.approx(100.0)
+
+
+def test_a_median_parts_carriageways_and_flat_roads_are_left_out() -> None:
+    network = both_ways()
+    network.add_lane("f", "g", StraightLane([0, -7], [60, -7]))
+    assert sorted(road.half_m for road in carriageways(network, ())) == [2.0, 4.0]
+    assert [road.half_m for road in carriageways(network, [("a", "b"), ("c", "d"), ("d", "e")])] == [2.0]
+    assert carriageways(RoadNetwork(), ()) == []
+
+
+def test_where_a_lane_joins_the_carriageway_stays_as_narrow_as_before() -> None:
+    network = both_ways()
+    network.add_lane("f", "g", StraightLane([50, -6], [100, -6]))
+    wide = max(carriageways(network, ()), key=lambda road: np.ptp(road.line[:, 0]))
+    assert wide.half_m == pytest.approx(4.0)
+
+
+def test_bends_are_followed_and_forks_go_straight_on() -> None:
+    network = RoadNetwork()
+    network.add_lane("a", "b", StraightLane([0, 0], [30, 0]))
+    network.add_lane("b", "c", CircularLane([30, 20], 20, -np.pi / 2, 0.0))
+    network.add_lane("c", "d", StraightLane([50, 20], [50, 60]))
+    network.add_lane("b", "e", CircularLane([30, -20], 20, np.pi / 2, 0.0))
+    (bent,) = carriageways(network, [("b", "e")])
+    np.testing.assert_allclose(bent.line[[0, -1]], [[0, 0], [50, 60]], atol=1e-9)
+    network.add_lane("b", "f", StraightLane([30, 0], [90, 0]))
+    straight = max((road.line for road in carriageways(network, [("b", "e")])), key=lambda line: np.ptp(line[:, 0]))
+    np.testing.assert_allclose(straight[[0, -1]], [[0, 0], [90, 0]], atol=1e-9)
+
+
+def test_a_bend_keeps_its_distance() -> None:
+    network = RoadNetwork()
+    network.add_lane("a", "b", CircularLane([0, 0], 32.0, 0.0, np.pi / 2))
+    network.add_lane("c", "d", CircularLane([0, 0], 28.0, np.pi / 2, 0.0))
+    (road,) = carriageways(network, ())
+    np.testing.assert_allclose(np.linalg.norm(road.line, axis=1), 30.0, atol=0.03)
+    assert road.half_m == pytest.approx(4.0, abs=0.02)

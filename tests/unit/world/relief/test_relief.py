@@ -1,0 +1,31 @@
+"""Heights are those of the highest triangle over a place."""
+
+import numpy as np
+import pytest
+
+from coopsim.geometry.se3 import SE3
+from coopsim.world.relief.relief import Relief
+
+SLOPE = np.array([[[0.0, 0.0, 0.0], [40.0, 0.0, 4.0], [40.0, 30.0, 4.0]], [[0, 0, 0], [40, 30, 4], [0, 30, 0]]])
+STEP = np.array([[[10.0, 10.0, 2.0], [20.0, 10.0, 2.0], [10.0, 20.0, 2.0]]])
+
+
+def test_the_highest_surface_counts_and_beside_all_it_is_flat() -> None:
+    relief = Relief(np.concatenate([SLOPE, STEP]))
+    places = np.array([[4.0, 3.0], [12.0, 12.0], [30.0, 12.0], [39.0, 29.0], [-1.0, 3.0], [50.0, 3.0], [4.0, 1e9]])
+    np.testing.assert_allclose(relief.heights(places), [0.4, 2.0, 3.0, 3.9, 0.0, 0.0, 0.0], atol=1e-12)
+    assert relief.raised(SE3.from_xyz_yaw([30.0, 12.0, 1.0], 0.3)).translation[2] == pytest.approx(4.0)
+
+
+def test_there_is_no_gap_between_triangles_and_all_cells_are_searched() -> None:
+    rng = np.random.default_rng(0)
+    turn, far = SE3.from_xyz_yaw([812.0, -471.0, 0.0], 0.7), rng.uniform([0, 0], [40, 30], (4000, 2))
+    diagonal = np.linspace(0, 1, 500)[:, None] * [40.0, 30.0]
+    flat = np.concatenate([far, diagonal])
+    places = turn.apply(np.column_stack([flat, np.zeros(len(flat))]))[:, :2]
+    relief = Relief(turn.apply(SLOPE.reshape(-1, 3)))
+    np.testing.assert_allclose(relief.heights(places), flat[:, 0] / 10, atol=1e-6)
+
+
+def test_nothing_is_flat() -> None:
+    assert Relief(np.zeros((0, 3, 3))).heights(np.array([[0.0, 0.0], [np.nan, 3.0]])).tolist() == [0.0, 0.0]
