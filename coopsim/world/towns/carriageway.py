@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.towns.plan import LANE_M, Station, Stretch, Street
+from coopsim.world.towns.plan import LANE_M, Station, Street, Stretch
 
 LanePlace = tuple[int, float]
 """A lane's number, and `along_m` of its street."""
@@ -46,6 +46,8 @@ class Carriageway:
     def __init__(self, street: Street, forwards: bool) -> None:
         self.street, self.forwards, self.sign = street, forwards, -1.0 if forwards else 1.0
         self.stations = street.stations if forwards else street.stations[::-1]
+        self._places = [station.along_m for station in street.stations]
+        self._inner_m = [station.inner_m for station in street.stations]
         self._first = np.cumsum([0.0, *(stretch.length_m for stretch in street.line)]).tolist()
 
     def pieces(self) -> list[LanePiece]:
@@ -70,8 +72,7 @@ class Carriageway:
 
     def aside_m(self, at: LanePlace) -> float:
         """Return the distance of a lane's middle to the left of the street's centre line."""
-        places = sorted((station.along_m, station.inner_m) for station in self.stations)
-        inner_m = float(np.interp(at[1], *zip(*places, strict=True)))
+        inner_m = float(np.interp(at[1], self._places, self._inner_m))
         return self.sign * (inner_m + at[0] * LANE_M)
 
     def stretch(self, piece: LanePiece) -> Stretch:

@@ -150,13 +150,12 @@ def _bent(rng: np.random.Generator, start: Floats, end: Floats) -> Floats:
 def _star(rng: np.random.Generator) -> list[float]:
     """Draw the arms of a junction that is alone."""
     arms = int(rng.choice([3, 4, 5], p=[0.35, 0.4, 0.25]))
-    if arms == 5:
-        return (np.arange(5) * 2 * np.pi / 5 + rng.uniform(-0.06, 0.06, 5)).tolist()
-    if arms == 3 and rng.random() < 0.4:
-        return (np.arange(3) * 2 * np.pi / 3 + rng.uniform(-0.35, 0.35, 3)).tolist()
-    straight_on = np.pi + rng.uniform(-0.15, 0.15)
-    sides = [np.pi / 2, -np.pi / 2][: arms - 2] + rng.uniform(-0.4, 0.4, arms - 2)
-    return [0.0, straight_on, *sides.tolist()]
+    even, aside = arms == 5 or (arms == 3 and rng.random() < 0.4), 0.06 if arms == 5 else 0.35
+    moved = rng.uniform(-aside, aside, arms)
+    headings = np.arange(arms) * 2 * np.pi / arms if even else np.array([0.0, np.pi, np.pi / 2, -np.pi / 2])[:arms]
+    if not even:
+        moved[:2] *= 0.4  # almost straight on
+    return [float(heading) for heading in headings + moved]
 
 
 def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, outer_m: float) -> None:

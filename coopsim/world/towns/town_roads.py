@@ -37,6 +37,14 @@ class TownLane:
     way: Carriageway
     piece: LanePiece
 
+    @property
+    def length_m(self) -> float:
+        """The length of its middle line."""
+        ends = self.piece.begin, self.piece.end
+        asides = [self.way.aside_m(at) for at in ends]
+        along_m = abs(ends[1][1] - ends[0][1])
+        return math.hypot(along_m * (1 - asides[0] * self.way.stretch(self.piece).curvature_1_m), asides[1] - asides[0])
+
 
 @dataclass(slots=True)
 class TownRoads:
@@ -118,13 +126,46 @@ def _add_lanes(found: TownRoads, street: Street, forwards: bool) -> None:
 
 def _add_turns(found: TownRoads, junction: Junction, plan: Plan) -> None:
     """Add the ways over a junction, from each lane inwards to the lanes of the same number outwards."""
-    for arm in range(len(junction.arms)):
-        others = sorted((_angle(junction, arm, other), other) for other in range(len(junction.arms)) if other != arm)
-        for lane in range(junction.lanes):
-            for angle, other in _ways_of(lane, junction.lanes, others):
-                main = junction.main is not None and {arm, other} == set(junction.main)
-                speed = plan.streets[junction.arms[arm].street].speed_m_s
-                _add_turn(found, junction, (arm, other), lane, angle, speed if main else min(speed, _ACROSS_M_S), main)
+    count = range(len(junction.arms))
+    turns = [
+        Turn(arm, other, lane, angle)
+        for arm in count
+        for lane in range(junction.lanes)
+        for angle, other in _ways_of(
+            lane, junction.lanes, sorted((_angle(junction, arm, other), other) for other in count if other != arm)
+        )
+    ]
+    for turn in turns:
+        main = junction.main is not None and {turn.arm, turn.other} == set(junction.main)
+        speed = plan.streets[junction.arms[turn.arm].street].speed_m_s
+        more = {"priority": True} if main and any(_meet(junction, turn, other) for other in turns) else {}
+        _add_turn(found, junction, turn, speed if main else min(speed, _ACROSS_M_S), more)
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A way over a junction: from a lane of an arm to that of another, and the angle between the arms (rad)."""
+
+    arm: int
+    other: int
+    lane: int
+    angle: float
+
+
+def _meet(junction: Junction, a: Turn, b: Turn) -> bool:
+    """Return whether two ways over a junction cross or join: where their ends alternate around it, or are the same."""
+    if (a.arm, a.lane) == (b.arm, b.lane):
+        return False
+    if (a.other, a.lane) == (b.other, b.lane):
+        return True
+    lanes = junction.lanes
+    begin, end, *others = (
+        place
+        for turn in (a, b)
+        for place in (turn.arm * 2 * lanes + lanes + turn.lane, turn.other * 2 * lanes + lanes - 1 - turn.lane)
+    )
+    low, high = sorted((begin, end))
+    return sum(low < place < high for place in others) == 1
 
 
 def _angle(junction: Junction, arm: int, other: int) -> float:
@@ -149,18 +190,15 @@ def _ways_of(lane: int, lanes: int, others: list[tuple[float, int]]) -> list[tup
     return middle or left[:1] or right[-1:]
 
 
-def _add_turn(
-    found: TownRoads, junction: Junction, arms: tuple[int, int], lane: int, angle: float, speed: float, main: bool
-) -> None:
-    arm, other = arms
-    road = found.stops[junction.number, arm][lane], found.exits[junction.number, other][lane]
-    first = {"priority": True} if main else {}
-    if abs(angle - math.pi) < _GENTLE_RAD:
-        found.add_road(road, speed, **first)
+def _add_turn(found: TownRoads, junction: Junction, turn: Turn, speed_m_s: float, more: dict[str, Any]) -> None:
+    number = junction.number
+    road = found.stops[number, turn.arm][turn.lane], found.exits[number, turn.other][turn.lane]
+    if abs(turn.angle - math.pi) < _GENTLE_RAD:
+        found.add_road(road, speed_m_s, **more)
         return
     # The way is the same seen from either end, so its middle lies on the line that halves the angle between the arms.
-    centre = junction.place(arm, junction.stop_m, junction.stop_m * math.tan(angle / 2))
-    found.add_bend(road, centre, angle > math.pi, speed, **first)
+    centre = junction.place(turn.arm, junction.stop_m, junction.stop_m * math.tan(turn.angle / 2))
+    found.add_bend(road, centre, turn.angle > math.pi, speed_m_s, **more)
 
 
 def _add_ring(found: TownRoads, junction: Junction) -> None:

@@ -1,0 +1,90 @@
+"""Drawn towns: their descriptions, and the places made from these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from coopsim.world.custom.place import place_from
+from coopsim.world.scenario import Place
+from coopsim.world.towns.street_plan import draw_plan
+from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_population import usual_population
+from coopsim.world.towns.town_roads import lay_roads
+from coopsim.world.towns.town_starts import FIRST, place_starts
+
+_ANY = TownOptions()
+_KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew
+_DECIMALS = 3  # of lengths in m and angles in degrees: a description in a file gives the same bits
+_POINTS = ("at", "look_at", "centre", "drones_around")
+_LINES = ("via", "along", "outline")
+
+
+def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
+    """Draw a town.
+
+    Args:
+        seed: decides everything, together with the options.
+        options: how the town shall be.
+
+    Returns:
+        The description of a place, as under the key `place` of a scenario file: see `coopsim.world.custom.place`.
+    """
+    plan = draw_plan(seed, options)
+    roads = lay_roads(plan)
+    description = {
+        "nodes": roads.nodes,
+        "roads": roads.roads,
+        "starts": place_starts(plan, roads),
+        "cars_first": FIRST,
+        "drones_around": plan.junctions[plan.meeting].centre.tolist(),
+    }
+    return turned(description, plan.turn_rad)
+
+
+@lru_cache(_KEPT)
+def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
+    """Draw a town, and make a place of it.
+
+    Args:
+        seed: see `describe_town`.
+        options: see `describe_town`.
+    """
+    place = place_from(describe_town(seed, options), f"town-{seed}")
+    return replace(place, population=usual_population(place.make_layout()))
+
+
+def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
+    """Return a description turned about the origin, counter-clockwise; lengths and angles are rounded.
+
+    Args:
+        description: of a place, or a part of one.
+        angle_rad: by which it is turned.
+    """
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+
+    def point(at: Any) -> list[float]:
+        x, y = float(at[0]), float(at[1])
+        # Adding 0.0 makes a zero of a negative one, which a file would keep.
+        return [round(cos * x - sin * y, _DECIMALS) + 0.0, round(sin * x + cos * y, _DECIMALS) + 0.0]
+
+    def value(key: str, content: Any) -> Any:
+        if key in _POINTS:
+            return point(content)
+        if key in _LINES:
+            return [point(at) for at in content]
+        if key == "heading_deg":
+            return round((float(content) + np.degrees(angle_rad) + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+        if key == "nodes":
+            return {name: point(at) for name, at in content.items()}
+        if isinstance(content, Mapping):
+            return {inner: value(inner, part) for inner, part in content.items()}
+        if isinstance(content, list) and content and isinstance(content[0], Mapping):
+            return [value("", part) for part in content]
+        return content
+
+    return {key: value(key, content) for key, content in description.items()}
