@@ -22,7 +22,6 @@ from coopsim.world.models.parts import (
     Dress,
     Part,
     Surface,
-    Window,
     across,
     assemble,
     block,
@@ -31,14 +30,14 @@ from coopsim.world.models.parts import (
     wheel,
 )
 
-_LEVELS = 3  # sill, belt, top
-_LOWER, _UPPER, _TOP = 0, 1, 2
+LEVELS = 3  # sill, belt, top
+LOWER, UPPER, TOP = 0, 1, 2
 
-_Station = tuple[float, float, float, float, float]
+Station = tuple[float, float, float, float, float]
 """A cross-section: place along the length, heights of belt and top, widths at belt and top; as shares of the size."""
 
 
-class _Shape(NamedTuple):
+class Shape(NamedTuple):
     """A body.
 
     Attributes:
@@ -52,41 +51,41 @@ class _Shape(NamedTuple):
 
     name: str
     size_m: tuple[float, float, float]
-    stations: tuple[_Station, ...]
+    stations: tuple[Station, ...]
     glass_top: tuple[int, ...]
     glass_sides: int
     cover: int | None = None
 
 
 # fmt: off
-_NOSE: tuple[_Station, ...] = ((0.955, 0.50, 0.60, 0.97, 0.80), (1.0, 0.42, 0.51, 0.84, 0.66))
-_SNUB: tuple[_Station, ...] = ((0.96, 0.44, 0.54, 0.96, 0.84), (1.0, 0.36, 0.46, 0.86, 0.72))
-_TAIL: tuple[_Station, ...] = ((0.0, 0.46, 0.96, 0.97, 0.86), (0.03, 0.48, 0.98, 1.0, 0.9))
+_NOSE: tuple[Station, ...] = ((0.955, 0.50, 0.60, 0.97, 0.80), (1.0, 0.42, 0.51, 0.84, 0.66))
+_SNUB: tuple[Station, ...] = ((0.96, 0.44, 0.54, 0.96, 0.84), (1.0, 0.36, 0.46, 0.86, 0.72))
+_TAIL: tuple[Station, ...] = ((0.0, 0.46, 0.96, 0.97, 0.86), (0.03, 0.48, 0.98, 1.0, 0.9))
 
 _CARS = (
-    _Shape("sedan", (4.65, 1.80, 1.45), (
+    Shape("sedan", (4.65, 1.80, 1.45), (
         (0.0, 0.56, 0.66, 0.86, 0.70), (0.035, 0.58, 0.70, 0.97, 0.80), (0.15, 0.60, 0.71, 1.0, 0.84),
         (0.30, 0.61, 0.98, 1.0, 0.68), (0.56, 0.61, 1.0, 1.0, 0.70), (0.76, 0.58, 0.69, 1.0, 0.86), *_NOSE,
     ), (2, 4), 3),
-    _Shape("hatchback", (4.30, 1.79, 1.48), (
+    Shape("hatchback", (4.30, 1.79, 1.48), (
         (0.0, 0.56, 0.64, 0.88, 0.78), (0.035, 0.60, 0.68, 0.98, 0.84), (0.12, 0.62, 0.96, 1.0, 0.68),
         (0.52, 0.61, 1.0, 1.0, 0.70), (0.74, 0.58, 0.68, 1.0, 0.86), *_NOSE,
     ), (1, 3), 2),
-    _Shape("estate", (4.75, 1.85, 1.47), (
+    Shape("estate", (4.75, 1.85, 1.47), (
         (0.0, 0.56, 0.64, 0.88, 0.78), (0.03, 0.60, 0.68, 0.98, 0.84), (0.085, 0.61, 0.97, 1.0, 0.70),
         (0.56, 0.60, 1.0, 1.0, 0.70), (0.77, 0.57, 0.68, 1.0, 0.86), *_NOSE,
     ), (1, 3), 2),
-    _Shape("suv", (4.60, 1.86, 1.69), (
+    Shape("suv", (4.60, 1.86, 1.69), (
         (0.0, 0.60, 0.68, 0.90, 0.80), (0.03, 0.62, 0.72, 0.98, 0.86), (0.075, 0.64, 0.97, 1.0, 0.74),
         (0.55, 0.62, 1.0, 1.0, 0.74), (0.73, 0.60, 0.70, 1.0, 0.88), (0.96, 0.55, 0.65, 0.97, 0.84),
         (1.0, 0.46, 0.56, 0.86, 0.74),
     ), (1, 3), 2),
-    _Shape("city_car", (3.57, 1.63, 1.49), (
+    Shape("city_car", (3.57, 1.63, 1.49), (
         (0.0, 0.54, 0.62, 0.88, 0.78), (0.04, 0.58, 0.68, 0.98, 0.84), (0.16, 0.62, 0.95, 1.0, 0.68),
         (0.50, 0.60, 1.0, 1.0, 0.72), (0.74, 0.57, 0.70, 1.0, 0.84), (0.95, 0.50, 0.62, 0.95, 0.78),
         (1.0, 0.42, 0.54, 0.80, 0.60),
     ), (1, 3), 2),
-    _Shape("pickup", (5.35, 1.92, 1.85), (
+    Shape("pickup", (5.35, 1.92, 1.85), (
         (0.0, 0.54, 0.61, 0.94, 0.88), (0.025, 0.55, 0.62, 0.99, 0.92), (0.34, 0.56, 0.63, 1.0, 0.93),
         (0.365, 0.60, 0.98, 1.0, 0.76), (0.60, 0.60, 1.0, 1.0, 0.76), (0.74, 0.57, 0.67, 1.0, 0.90),
         (0.965, 0.54, 0.64, 0.98, 0.86), (1.0, 0.46, 0.58, 0.88, 0.80),
@@ -94,59 +93,68 @@ _CARS = (
 )
 
 _VANS = (
-    _Shape("small_van", (4.49, 1.86, 1.84), (
+    Shape("small_van", (4.49, 1.86, 1.84), (
         *_TAIL, (0.45, 0.52, 1.0, 1.0, 0.88), (0.62, 0.52, 0.98, 1.0, 0.86), (0.80, 0.50, 0.60, 1.0, 0.88), *_SNUB,
     ), (3,), 2),
-    _Shape("panel_van", (4.90, 1.90, 1.99), (
+    Shape("panel_van", (4.90, 1.90, 1.99), (
         *_TAIL, (0.52, 0.50, 1.0, 1.0, 0.9), (0.70, 0.50, 0.98, 1.0, 0.88), (0.86, 0.48, 0.58, 1.0, 0.88), *_SNUB,
     ), (3,), 2),
-    _Shape("high_roof_van", (5.98, 2.06, 2.55), (
+    Shape("high_roof_van", (5.98, 2.06, 2.55), (
         *_TAIL, (0.60, 0.42, 1.0, 1.0, 0.90), (0.74, 0.42, 0.93, 1.0, 0.84), (0.87, 0.40, 0.47, 1.0, 0.88),
         (0.97, 0.36, 0.43, 0.96, 0.84), (1.0, 0.29, 0.37, 0.88, 0.74),
     ), (3,), 2),
 )
 
-_MINIVAN = _Shape("minivan", (5.17, 2.02, 1.78), (
+_MINIVAN = Shape("minivan", (5.17, 2.02, 1.78), (
     (0.0, 0.54, 0.62, 0.90, 0.84), (0.03, 0.56, 0.68, 0.99, 0.88), (0.07, 0.57, 0.97, 1.0, 0.80),
     (0.58, 0.56, 1.0, 1.0, 0.80), (0.80, 0.52, 0.61, 1.0, 0.88), *_SNUB,
 ), (1, 3), 2)
 # fmt: on
 
 
+SHAPES = {shape.name: shape for shape in (*_CARS, *_VANS, _MINIVAN)}
+"""All shapes by name."""
+
+
 def make_cars() -> list[Model]:
     """Build six cars."""
-    return [_car(shape) for shape in _CARS]
+    return [_plain(shape, ObjectClass.CAR) for shape in _CARS]
 
 
 def make_vans() -> list[Model]:
     """Build four vans: for parcels, for goods, with a high roof, and for people."""
-    return [*(_van(shape) for shape in _VANS), _car(_MINIVAN, ObjectClass.VAN)]
+    return [_plain(shape, ObjectClass.VAN) for shape in (*_VANS, _MINIVAN)]
 
 
-def _car(shape: _Shape, label: ObjectClass = ObjectClass.CAR) -> Model:
-    """Build a car; its roof may have another colour."""
-    dress: dict[tuple[int, int], Surface | Window] = {(shape.glass_sides, _TOP): ACCENT}
-    if shape.cover is not None:
-        dress[shape.cover, _TOP] = PLASTIC
-    return _vehicle(shape, label, dress)
+def _plain(shape: Shape, label: ObjectClass) -> Model:
+    return assemble(shape.name, label, [vehicle_parts(shape, second_color(shape))], shape.size_m)
 
 
-def _van(shape: _Shape) -> Model:
-    """Build a van; its sides may have another colour below the belt."""
-    segments = range(1, shape.glass_sides + 2)
-    below = {(segment, side): ACCENT for segment in segments for side in mirrored(_LEVELS, _LOWER)}
-    return _vehicle(shape, ObjectClass.VAN, below)
+def second_color(shape: Shape) -> Dress:
+    """Return what may have another colour: a car's roof, a van's sides below the belt; and a pickup's cover."""
+    if shape in _VANS:
+        segments = range(1, shape.glass_sides + 2)
+        return {(segment, side): ACCENT for segment in segments for side in mirrored(LEVELS, LOWER)}
+    roof = {(shape.glass_sides, TOP): ACCENT}
+    return roof if shape.cover is None else {**roof, (shape.cover, TOP): PLASTIC}
 
 
-def _vehicle(shape: _Shape, label: ObjectClass, dress: Dress) -> Model:
+def vehicle_parts(shape: Shape, dress: Dress, ends: tuple[Surface, Surface] | None = None) -> list[Part]:
+    """Return body, grille and wheels of a car or van of about the shape's size.
+
+    Args:
+        shape: of the body.
+        dress: surfaces by segment and side, as for `loft`, instead of the usual ones.
+        ends: surfaces of rear and front.
+    """
     (length, width, height), stations = shape.size_m, shape.stations
     last = len(stations) - 2
-    panes = {(segment, _TOP): GLASS for segment in shape.glass_top}
-    panes |= {(shape.glass_sides, side): GLASS for side in mirrored(_LEVELS, _UPPER)}
+    panes = {(segment, TOP): GLASS for segment in shape.glass_top}
+    panes |= {(shape.glass_sides, side): GLASS for side in mirrored(LEVELS, UPPER)}
     lamps = {
         (segment, side): lamp
         for segment, lamp in ((0, TAILLIGHT), (last, HEADLIGHT))
-        for side in mirrored(_LEVELS, _UPPER)
+        for side in mirrored(LEVELS, UPPER)
     }
     clearance, half = 0.17, 0.488 * width
     outlines = [
@@ -156,10 +164,10 @@ def _vehicle(shape: _Shape, label: ObjectClass, dress: Dress) -> Model:
         )
         for x, belt, top, at_belt, at_top in stations
     ]
-    body = loft(outlines, PAINT, {**dress, **panes, **lamps})
+    body = loft(outlines, PAINT, {**panes, **lamps, **dress}, ends)
     belt = stations[-1][1] * height
     grille = block((length - 0.05, length + 0.01), 0.28 * width, (clearance + 0.12, belt - 0.04), PLASTIC)
-    return assemble(shape.name, label, [[body, grille, *_wheels(length, width, 0.19 * height + 0.04)]], shape.size_m)
+    return [body, grille, *_wheels(length, width, 0.19 * height + 0.04)]
 
 
 def _wheels(length: float, width: float, radius: float) -> list[Part]:

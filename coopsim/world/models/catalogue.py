@@ -11,6 +11,8 @@ from coopsim.world.models.heavy import make_buses, make_trucks
 from coopsim.world.models.model import Model
 from coopsim.world.models.pedestrians import make_adults, make_children
 from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
+from coopsim.world.models.varied_cars import make_varied_cars
+from coopsim.world.models.varied_heavy import make_varied_buses, make_varied_trucks
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
@@ -53,4 +55,4 @@ def _built_in() -> tuple[Model, ...]:
 
 @cache
 def _variants() -> tuple[Model, ...]:
-    return ()
+    return (*make_varied_cars(), *make_varied_trucks(), *make_varied_buses())

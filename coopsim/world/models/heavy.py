@@ -34,7 +34,7 @@ from coopsim.world.models.parts import (
     wheel,
 )
 
-_Size = tuple[float, float, float]
+Size = tuple[float, float, float]
 
 
 def make_trucks() -> list[Model]:
@@ -51,7 +51,7 @@ def make_buses() -> list[Model]:
     ]
 
 
-def _box_truck(name: str, size_m: _Size, axles: int) -> Model:
+def _box_truck(name: str, size_m: Size, axles: int) -> Model:
     """Build a cab and a cargo box, which may have another colour."""
     length, width, height = size_m
     cab_m, floor = 1.95, 1.05
@@ -63,9 +63,9 @@ def _box_truck(name: str, size_m: _Size, axles: int) -> Model:
         [
             [
                 cargo,
-                *_cab(length, width, cab_m, min(2.75, 0.85 * height)),
-                *_chassis(length, floor),
-                *_wheels(places, width),
+                *cab(length, width, cab_m, min(2.75, 0.85 * height)),
+                *chassis(length, floor),
+                *axle_wheels(places, width),
             ]
         ],
         size_m,
@@ -84,16 +84,16 @@ def _tipper() -> Model:
     ]
     skip = loft(load, ACCENT, ends=(ACCENT, PLASTIC), dress={(1, side): PLASTIC for side in range(4)})
     shield = block((end - 0.05, end + 0.05), 0.48 * width, (floor, height), ACCENT)
-    parts = [skip, shield, *_cab(length, width, cab_m, 2.95), *_chassis(length, floor)]
+    parts = [skip, shield, *cab(length, width, cab_m, 2.95), *chassis(length, floor)]
     return assemble(
         "tipper",
         ObjectClass.TRUCK,
-        [[*parts, *_wheels([0.17 * length, 0.33 * length, length - 1.4], width)]],
+        [[*parts, *axle_wheels([0.17 * length, 0.33 * length, length - 1.4], width)]],
         size_m,
     )
 
 
-def _cab(length: float, width: float, cab_m: float, height: float) -> list[Part]:
+def cab(length: float, width: float, cab_m: float, height: float) -> list[Part]:
     """Build a cab over the front axle: bumper, lights, grille, windows to three sides."""
     half, rear = 0.48 * width, length - cab_m
     levels = [
@@ -116,14 +116,25 @@ def _cab(length: float, width: float, cab_m: float, height: float) -> list[Part]
     return [loft(levels, PAINT, {**windows, (0, FRONT): PLASTIC}), *lamps]
 
 
-def _chassis(length: float, floor: float) -> list[Part]:
+def chassis(length: float, floor: float) -> list[Part]:
+    """Build the frame below the floor, with rear lights."""
     frame = block((0.05, length - 0.5), 0.45, (0.6, floor), METAL)
     lights = block((0.0, 0.08), 1.0, (0.62, 0.78), TAILLIGHT)
     return [frame, lights]
 
 
-def _bus(name: str, size_m: _Size, axles: Sequence[float], belt: float) -> Model:
-    """Build a bus: skirt in the second colour, a band of windows from `belt` up, a windscreen."""
+def _bus(name: str, size_m: Size, axles: Sequence[float], belt: float) -> Model:
+    return assemble(name, ObjectClass.BUS, [bus_parts(size_m, axles, belt)], size_m)
+
+
+def bus_parts(size_m: Size, axles: Sequence[float], belt: float) -> list[Part]:
+    """Build a bus: skirt in the second colour, a band of windows from `belt` up, a windscreen.
+
+    Args:
+        size_m: length, width, height.
+        axles: their places, as shares of the length.
+        belt: lower edge of the windows, as a share of the height.
+    """
     length, width, height = size_m
     half = width / 2
     levels = [
@@ -148,8 +159,9 @@ def _bus(name: str, size_m: _Size, axles: Sequence[float], belt: float) -> Model
         for place in (1, -1)
     ]
     places = [share * length for share in axles]
-    return assemble(name, ObjectClass.BUS, [[loft(levels, PAINT, dress), *lamps, *_wheels(places, width)]], size_m)
+    return [loft(levels, PAINT, dress), *lamps, *axle_wheels(places, width)]
 
 
-def _wheels(places_m: Sequence[float], width: float) -> list[Part]:
-    return [wheel(x, side * (width / 2 + 0.005), 0.5, 0.32) for x in places_m for side in (1, -1)]
+def axle_wheels(places_m: Sequence[float], width: float, radius: float = 0.5) -> list[Part]:
+    """Build two wheels on each axle."""
+    return [wheel(x, side * (width / 2 + 0.005), radius, 0.32) for x in places_m for side in (1, -1)]
