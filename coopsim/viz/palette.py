@@ -13,10 +13,14 @@ AGENT: RGB = (255, 206, 84)
 TEXT: RGB = (214, 218, 224)
 
 MAP: dict[str, RGB] = {
+    "grass": (24, 34, 30),
+    "yards": (34, 35, 38),
     "pavements": (34, 38, 44),
+    "parking": (40, 43, 48),
     "lanes": (44, 48, 55),
     "markings": (98, 103, 111),
     "crosswalks": (70, 75, 84),
+    "walls": (72, 66, 60),
     "buildings": (58, 52, 48),
 }
 """Colours of a road map's polygons by field, in the order of painting."""

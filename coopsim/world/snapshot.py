@@ -142,11 +142,15 @@ class RoadMap:
     """Outlines for drawing: polygons or polylines, each (K, 2) m in the world frame.
 
     Attributes:
-        lanes: polygons of the lanes' surface.
+        lanes: polygons of the roads' surface.
         crosswalks: polygons.
         pavements: polygons.
         buildings: footprints.
         markings: painted lines.
+        parking: polygons of strips and spaces to park on.
+        yards: polygons of other paved ground.
+        grass: polygons of lawns and verges.
+        walls: footprints.
     """
 
     lanes: tuple[Floats, ...]
@@ -154,3 +158,7 @@ class RoadMap:
     pavements: tuple[Floats, ...]
     buildings: tuple[Floats, ...]
     markings: tuple[Floats, ...] = ()
+    parking: tuple[Floats, ...] = ()
+    yards: tuple[Floats, ...] = ()
+    grass: tuple[Floats, ...] = ()
+    walls: tuple[Floats, ...] = ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -15,12 +17,24 @@ from coopsim.world.snapshot import RoadMap
 _STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
 
 
-def road_map_of(roads: Roads, walks: Ways | None, buildings: list[Floats]) -> RoadMap:
-    """Return the outlines of roads, ways and buildings (K, 2) m."""
+def road_map_of(
+    roads: Roads, walks: Ways | None, paved: Mapping[str, list[Floats]], buildings: list[Floats], walls: list[Floats]
+) -> RoadMap:
+    """Return the outlines of a place.
+
+    Args:
+        roads: of the place.
+        walks: of people.
+        paved: outlines (K, 2) m by the field that they belong to.
+        buildings: outlines (K, 2) m.
+        walls: outlines (4, 2) m.
+    """
     lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
+    more = {field: tuple(outlines) for field, outlines in paved.items()}
+    more |= {"lanes": (*lanes, *paved["lanes"]), "pavements": (*pavements, *paved["pavements"])}
     lines = lane_lines(roads.network, roads.movements)
-    return RoadMap(tuple(lanes), tuple(crosswalks), tuple(pavements), tuple(buildings), lines)
+    return RoadMap(crosswalks=tuple(crosswalks), buildings=tuple(buildings), walls=tuple(walls), markings=lines, **more)
 
 
 def _wedges(network: RoadNetwork) -> list[Floats]:

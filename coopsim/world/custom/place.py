@@ -12,7 +12,11 @@
 | `walks` | `nodes`, `ways` (lists of nodes) and `crosswalks` of people, who go along them both ways |
 | `rides` | the same for bicycles and scooters, along them one way; without it they use `walks` |
 | `parked` | list of bays: `at`, `heading_deg`, `label` (a class; without: a car or now and then a van) |
-| `buildings`, `trees` | lists: `outline` (convex) and `height_m`; `at`, `height_m` and `crown_m` |
+| `buildings` | list of blocks: `outline` (convex) and `height_m`; `windows: true`, bands of glass; `roof: gable`, on |
+| | four walls of that height; `color`, one of `coopsim.world.custom.custom_buildings.COLORS` |
+| `walls` | list: `along`, points from end to end; `height_m`; `thickness_m` (0.25) |
+| `trees` | list: `at`, `height_m` and `crown_m` |
+| `paved` | list of further ground: `outline` (convex) and `kind` (road, pavement, parking, yard or grass) |
 | `rsus`, `mast_m` | list of places for roadside units, in order: `at` and `look_at`; height of their masts |
 | `drones_around` | the middle of drones' circles |
 | `kerb_m`, `crown`, `humps`, `wet` | the ground, see `coopsim.world.custom.ground` |
@@ -33,10 +37,12 @@ from coopsim.config.entry import DataEntry, Entry, plain
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_between, require_count
 from coopsim.world.custom.clearance import Kerbs, require_space_to_park
+from coopsim.world.custom.custom_buildings import read_building, read_wall
 from coopsim.world.custom.custom_map import road_map_of
-from coopsim.world.custom.custom_scenery import read_building, read_tree
+from coopsim.world.custom.custom_scenery import read_tree
 from coopsim.world.custom.fittings import read_bay, read_unit
 from coopsim.world.custom.ground import GROUND_KEYS, read_ground, turning_loops
+from coopsim.world.custom.paving import paved_parts, read_paved
 from coopsim.world.custom.roads import read_roads
 from coopsim.world.custom.starts import read_speeds, read_starts
 from coopsim.world.custom.ways import read_ways
@@ -54,7 +60,9 @@ KEYS = (
     "rides",
     "parked",
     "buildings",
+    "walls",
     "trees",
+    "paved",
     "rsus",
     "mast_m",
     "drones_around",
@@ -97,10 +105,13 @@ def read_place(entry: Entry, name: str) -> Place:
     rides = read_ways(fields["rides"], roads.network, one_way=True) if "rides" in fields else None
     kerbs = Kerbs(roads)
     buildings = _each(fields, "buildings", lambda item, k: read_building(item, k, kerbs))
+    walls = _each(fields, "walls", lambda item, _: read_wall(item, kerbs))
     trees = _each(fields, "trees", lambda item, _: read_tree(item, kerbs))
+    paved = read_paved(fields["paved"].entries() if "paved" in fields else ())
     rsus = tuple(_each(fields, "rsus", lambda item, _: read_unit(item, kerbs)))
     mast_m = float(fields["mast_m"].checked(require_between, 1, 30)) if "mast_m" in fields else RSU_HEIGHT_M
-    road_map = road_map_of(roads, walks, [outline for outline, _ in buildings])
+    outlines = [[outline for one in each for outline in one.outlines] for each in (buildings, walls)]
+    road_map = road_map_of(roads, walks, paved, *outlines)
     bays = _each(fields, "parked", lambda item, _: read_bay(item, kerbs))
     if bays:
         require_space_to_park(bays, fields["parked"].entries(), kerbs)
@@ -117,7 +128,8 @@ def read_place(entry: Entry, name: str) -> Place:
         speeds_m_s=read_speeds(roads, fields),
         static=(
             *town_parts(road_map, walks.stripes if walks else [], [], rsus, mast_m, ground),
-            *(part for _, part in buildings),
+            *paved_parts(paved),
+            *(part for one in (*buildings, *walls) for part in one.parts),
             *(part for tree in trees for part in tree),
         ),
         road_map=road_map,

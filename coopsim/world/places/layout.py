@@ -186,14 +186,14 @@ def flat_part(
     name: str, polygons: list[Floats], z_m: float, color: tuple[int, int, int], reflectivity: float
 ) -> StaticPart:
     """Build a surface of convex polygons (K, 2), counter-clockwise, at a height."""
-    vertices = np.concatenate([np.column_stack([polygon, np.full(len(polygon), z_m)]) for polygon in polygons])
-    faces, offset = [], 0
-    for polygon in polygons:
-        count = len(polygon)
-        fan = np.arange(1, count - 1)
-        faces.append(np.column_stack([np.zeros_like(fan), fan, fan + 1]) + offset)
-        offset += count
-    return StaticPart(name, vertices, np.concatenate(faces), color, reflectivity)
+    counts = np.array([len(polygon) for polygon in polygons])
+    corners = np.concatenate(polygons)
+    vertices = np.column_stack([corners, np.full(len(corners), z_m)])
+    fans = counts - 2  # triangles of each
+    number = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    first = np.repeat(np.cumsum(counts) - counts, fans)
+    faces = np.column_stack([first, first + number + 1, first + number + 2])
+    return StaticPart(name, vertices, faces, color, reflectivity, closed=False)
 
 
 def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
