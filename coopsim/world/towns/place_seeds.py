@@ -1,0 +1,60 @@
+"""Which place belongs to which episode of a drawn town."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+
+_ACCEPTED = "an integer >= 0, a range or a list of these, a text like '1000-1999', or None for a place in each episode"
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceSeeds:
+    """The seeds of drawn places.
+
+    Attributes:
+        place_seed: None: an episode with seed s is in the place of seed s. An integer: all episodes are in its place.
+            A range or another sequence of N integers: an episode with seed s is in the place of number s % N among
+            them, so that seeds from 0 to N - 1 give each once. Texts like "7" and "1000-1999" (both ends included)
+            stand for an integer and a range, in files and on the command line.
+    """
+
+    place_seed: int | str | Sequence[int] | None = None
+
+    def __post_init__(self) -> None:
+        given: Any = self.place_seed
+        if isinstance(given, str):
+            given = _read(given)
+        elif isinstance(given, np.ndarray) and given.ndim == 1:
+            given = given.tolist()
+        elif isinstance(given, np.integer):
+            given = int(given)
+        several = isinstance(given, (range, list, tuple))
+        ends = (given[0], given[-1]) if isinstance(given, range) and given else given if several else (given,)
+        if given is not None and not (len(ends) and all(_is_seed(one) for one in ends)):
+            raise InvalidValueError(f"place_seed must be {_ACCEPTED}, got {self.place_seed!r}")
+        object.__setattr__(self, "place_seed", tuple(map(int, given)) if isinstance(given, (list, tuple)) else given)
+
+    def of(self, seed: int) -> int:
+        """Return the seed of the place of the episode with this seed."""
+        if self.place_seed is None or isinstance(self.place_seed, (int, str)):
+            return int(seed if self.place_seed is None else self.place_seed)
+        return self.place_seed[int(seed) % len(self.place_seed)]
+
+
+def _is_seed(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 0
+
+
+def _read(text: str) -> int | range:
+    """Return the seeds that a text stands for."""
+    match = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", text)
+    if match is None or (match[2] is not None and int(match[2]) < int(match[1])):
+        raise InvalidValueError(f"place_seed must be {_ACCEPTED}, got {text!r}")
+    return int(match[1]) if match[2] is None else range(int(match[1]), int(match[2]) + 1)
