@@ -21,6 +21,7 @@ VERSIONED_NAMES = (
     "replay-v1",
     "roundabout-v1",
     "t_junction-v1",
+    "town-v1",
     "urban_grid-v1",
 )
 """The environments that come with coopsim, as `ENVIRONMENTS` has them: they are listed here as well, because looking

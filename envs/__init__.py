@@ -24,7 +24,12 @@ from coopsim.support.checks import require_frame_time
 from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
-from coopsim.world.scenario import NUMBERS, SCENARIOS, Place, make_scenario
+from coopsim.world.recording.recorded_world import played_scenarios
+from coopsim.world.scenario import NUMBERS, Place
+from coopsim.world.towns.place_seeds import PlaceSeeds
+from coopsim.world.towns.scenario_choice import choose_scenarios, scenario_names
+from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
@@ -44,13 +49,15 @@ def simulation_env(
     """Make a simulated environment.
 
     Args:
-        scenario: name of the scenario, or a custom place.
+        scenario: name of the scenario, or a custom place; "town" draws a place for each episode.
         name: the environment's id.
         density: a factor on the numbers of vehicles and people.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
-        **options: fields of `CommonOptions`, `SimulationOptions` and `Population`.
+        **options: fields of `CommonOptions`, `SimulationOptions` and `Population`; for "town" also of `TownOptions` and
+            `PlaceSeeds`.
     """
-    groups = (CommonOptions, SimulationOptions, Population)
+    towns = (PlaceSeeds, TownOptions) if scenario == TOWN else ()
+    groups = (CommonOptions, SimulationOptions, Population, *towns)
     sort_options(options, *groups, also_accepted=["density", "reward"])  # refuses typos before a recording is read
     playback = options.get("playback")
     episode = None if playback is None else Episode(playback)
@@ -58,12 +65,16 @@ def simulation_env(
         if density != 1.0:
             raise InvalidValueError(f"density must be 1, as {playback} has its own numbers, got {density!r}")
         options = as_recorded(episode, scenario, options)
-    common, simulation, numbers = sort_options(options, *groups, also_accepted=["density", "reward"])
+    common, simulation, *numbers = sort_options(options, *groups, also_accepted=["density", "reward"])
     shared = CommonOptions(**common)
     sensed = SimulationOptions(**simulation)
     require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
-    source = Simulation(name, make_scenario(scenario, density=density, **numbers), sensed, episode)
-    return CooperativeEnv(source, shared, reward)
+    if episode is not None:
+        place = scenario if isinstance(scenario, Place) else None
+        return CooperativeEnv(Simulation(name, played_scenarios(episode, place), sensed, episode), shared, reward)
+    asked = {key: value for group in numbers for key, value in group.items()}
+    scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, **asked)
+    return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
 
 
 def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:
@@ -83,7 +94,7 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
     try:
         keywords = drop_overridden(file.keywords, options)
         if options.get("playback", keywords.get("playback")) is not None:  # a recording has its own population
-            keywords = {key: value for key, value in keywords.items() if key not in NUMBERS}
+            keywords = {key: value for key, value in keywords.items() if key not in (*NUMBERS, "detail", *TOWN_KEYS)}
         return simulation_env(file.scenario, name, **{**keywords, **options})
     except CoopsimError as error:
         raise file.blame(error, overridden=options) from error
@@ -123,7 +134,7 @@ def replay_env(
 
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
-        **{f"{name}-v{VERSION}": partial(simulation_env, name) for name in SCENARIOS},
+        **{f"{name}-v{VERSION}": partial(simulation_env, name) for name in scenario_names()},
         f"file-v{VERSION}": file_env,
         f"replay-v{VERSION}": replay_env,
     }

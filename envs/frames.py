@@ -78,8 +78,8 @@ class FrameSource(ABC):
         name: the environment's id.
         specs: of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
         format: of the agents' observations.
-        road_map: outlines for pictures.
-        capacity: the largest number of actors in a frame.
+        road_map: outlines of the running episode's place, for pictures.
+        capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
     """
 
@@ -109,6 +109,11 @@ class FrameSource(ABC):
     def sequences(self) -> tuple[str, ...]:
         """Names of the sequences that `reset(options={"sequence": name})` plays; empty where there are none."""
         return ()
+
+    @property
+    def episode_infos(self) -> Mapping[str, Any]:
+        """What `reset` says of the running episode, besides its seed, in every agent's infos."""
+        return {}
 
     @property
     def reset_options(self) -> tuple[str, ...]:

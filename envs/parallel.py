@@ -97,7 +97,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._exchange: Exchange
         self._scorer: Scorer
         self._observations: dict[str, Packed] = {}
-        self._view = ScoredView(source.road_map)
+        self._view = ScoredView()
 
     @property
     def agent_specs(self) -> Mapping[str, AgentSpec]:
@@ -178,10 +178,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._source.region_m,
         )
         self.agents = list(self._frame.agents)
-        self._view.update(self._frame, {})
+        self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
         truth = self._truths(self._frame)
-        infos = {name: {"seed": seed, **truth.get(name, {})} for name in self.agents}
+        infos = {name: {"seed": seed, **self._source.episode_infos, **truth.get(name, {})} for name in self.agents}
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -253,7 +253,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def road_map(self) -> RoadMap:
-        """Outlines for pictures, in the world frame."""
+        """Outlines of the running episode's place for pictures, in the world frame."""
         return self._source.road_map
 
     @property

@@ -14,17 +14,18 @@ from coopsim.world.snapshot import RoadMap
 
 
 class ScoredView:
-    """The frame that was scored last, and the tracks that were reported for it.
+    """The frame that was scored last, and the tracks that were reported for it."""
 
-    Args:
-        road_map: outlines for pictures.
-    """
-
-    def __init__(self, road_map: RoadMap) -> None:
-        self._road_map = road_map
+    def __init__(self) -> None:
         self._renderer: BevRenderer | None = None
+        self._road_map: RoadMap
         self._frame: Frame
         self._tracks: Mapping[str, Tracks]
+
+    def begin(self, road_map: RoadMap, frame: Frame) -> None:
+        """Begin an episode: take over the outlines of its place and its first frame, for which nothing is reported."""
+        self._road_map = road_map
+        self.update(frame, {})
 
     def update(self, frame: Frame, tracks: Mapping[str, Tracks]) -> None:
         """Take over a frame and the tracks reported for it, in each agent's base frame."""
@@ -41,6 +42,7 @@ class ScoredView:
         """Return a picture (H, W, 3) for the mode "rgb_array"; show it in a window for "human"."""
         if self._renderer is None:
             self._renderer = BevRenderer(self._road_map)
+        self._renderer.show_map(self._road_map)
         frame = self.bev_frame(points=True)
         if mode == "human":
             self._renderer.show(frame)

@@ -72,6 +72,11 @@ class BevRenderer:
         self._font = pygame.font.Font(None, 20)
         self._ground: tuple[tuple[float, float], Any] | None = None
 
+    def show_map(self, road_map: RoadMap) -> None:
+        """Draw over another map from now on; the window stays."""
+        if road_map is not self._map:
+            self._map, self._ground = road_map, None
+
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
         """Return the picture, (H, W, 3) uint8; needs no display."""
         self._paint(frame)

@@ -110,11 +110,11 @@ class Population:
         overridden = [name for name, other in _OVERRIDES.items() if getattr(self, other) is not None]
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in overridden}
 
-    def within(self, capacity: int, *names: str) -> Population:
+    def within(self, capacity: int, *names: str, quietly: bool = False) -> Population:
         """Return the population with the numbers called `names` reduced to a total of `capacity`, the first ones first.
 
         Warns:
-            CrowdedWarning: some do not fit.
+            CrowdedWarning: some do not fit; not if `quietly`.
         """
         numbers = {name: getattr(self, name) for name in names}
         excess = asked = sum(numbers.values())
@@ -124,9 +124,10 @@ class Population:
         for name, number in numbers.items():
             numbers[name] = number - min(number, excess)
             excess -= number - numbers[name]
-        fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
-        message = f"there is room for {capacity} of {asked} ({' + '.join(names)}), so there are {fitting}"
-        warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
+        if not quietly:
+            fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
+            message = f"there is room for {capacity} of {asked} ({' + '.join(names)}), so there are {fitting}"
+            warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
         vehicles = numbers.get("vehicles", self.vehicles)
         trucks = None if self.trucks is None else min(self.trucks, vehicles)
         cars = _cars_of(vehicles, self.truck_share, trucks)

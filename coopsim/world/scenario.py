@@ -50,22 +50,13 @@ class Scenario:
 
     def __post_init__(self) -> None:
         require_choice("detail", self.detail, DETAILS)
-        feet, wheels = ("pedestrians", "children"), ("bicycles", "scooters")
-        ways, cycleways = self.layout.footways, self.layout.cycleways
         self._require_at_most(len(self.layout.rsus), "rsus")
         self._require_at_most(len(self.layout.flights), "drones")
-        if not self.layout.bays:
-            self._require_at_most(0, "parked")
-        if ways is None:
-            self._require_at_most(0, *feet)
-        if ways is None and cycleways is None:
-            self._require_at_most(0, *wheels)
-        fitting = self.population.within(len(self.layout.slots), "vehicles", "vans", "buses", "motorcycles")
-        fitting = fitting.within(len(self.layout.bays), "parked")
-        if ways is not None:
-            fitting = fitting.within(ways.capacity, *feet, *(() if cycleways else wheels))
-        if cycleways is not None:
-            fitting = fitting.within(cycleways.capacity, *wheels)
+        fitting = self.population
+        for room, names in rooms(self.layout):
+            if not room and "vehicles" not in names:
+                self._require_at_most(0, *names)
+            fitting = fitting.within(room, *names)
         object.__setattr__(self, "population", fitting)
 
     @property
@@ -86,7 +77,18 @@ class Scenario:
                 )
 
 
-_DENSE = (
+def rooms(layout: Layout) -> tuple[tuple[int, tuple[str, ...]], ...]:
+    """Return how many a place has room for, and the numbers of a `Population` that share this room."""
+    feet, wheels = ("pedestrians", "children"), ("bicycles", "scooters")
+    walking = 0 if layout.footways is None else layout.footways.capacity
+    on_roads = (len(layout.slots), ("vehicles", "vans", "buses", "motorcycles"))
+    at_kerbs = (len(layout.bays), ("parked",))
+    if layout.cycleways is None:
+        return on_roads, at_kerbs, (walking, feet + wheels)
+    return on_roads, at_kerbs, (walking, feet), (layout.cycleways.capacity, wheels)
+
+
+DENSE = (
     "vehicles",
     "trucks",
     "vans",
@@ -98,6 +100,7 @@ _DENSE = (
     "bicycles",
     "scooters",
 )
+"""Numbers of vehicles and people, which `density` multiplies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +161,7 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
         CrowdedWarning: some do not fit; as many as fit are there.
     """
     found = place if isinstance(place, Place) else SCENARIOS.get(place)
-    wanted = wanted_numbers(found, density, numbers)
+    wanted = wanted_numbers(found.name, found.population, density, numbers)
     if "connected_cars" not in numbers:
         cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
         wanted["connected_cars"] = min(wanted["connected_cars"], cars)
@@ -167,8 +170,14 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     )
 
 
-def wanted_numbers(place: Place, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all fields of a place's `Population`, those in `numbers` instead of usual ones, times the density.
+def wanted_numbers(name: str, usual: Population, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all fields of a `Population`, those in `numbers` instead of usual ones, times the density.
+
+    Args:
+        name: of the scenario, for errors.
+        usual: the scenario's own.
+        density: as of `make_scenario`.
+        numbers: as of `make_scenario`.
 
     Raises:
         UnknownNameError: no such number.
@@ -177,11 +186,11 @@ def wanted_numbers(place: Place, density: float, numbers: Mapping[str, Any]) -> 
     known = [field.name for field in fields(Population)]
     for number in numbers:
         if number not in known:
-            raise UnknownNameError(f"number of scenario {place.name!r}", number, NUMBERS)
+            raise UnknownNameError(f"number of scenario {name!r}", number, NUMBERS)
     require_one_of_each(numbers)
     require_non_negative(density=density)
-    wanted = {field: getattr(place.population, field) for field in known} | dict(numbers)
-    return wanted | {name: round(density * wanted[name]) for name in _DENSE if _is_count(wanted[name])}
+    wanted = {field: getattr(usual, field) for field in known} | dict(numbers)
+    return wanted | {each: round(density * wanted[each]) for each in DENSE if _is_count(wanted[each])}
 
 
 def usual_detail(place: Place) -> str:

@@ -91,15 +91,24 @@ class Equipment:
             InvalidValueError: names the sensor and where it is.
         """
         actors = world.actors()
-        for body in world.agents().values():
+        bodies = world.agents().values()
+        for body in bodies:
             label = actors.label[actors.id == body.actor_id] if body.actor_id is not None else []
-            shapes: list[tuple[float, Model | None]]
-            shapes = [(float(model.size_m[2]), model) for model in world.models if model.label in label]
-            for height_m, shape in shapes or [(body.height_m, None)]:
-                for sensor, lidar in self.lidars[body.kind].items():
-                    require_free_mount(sensor, lidar.config, height_m, shape)
-                for camera in self.cameras[body.name]:  # which its own body does not blind
-                    require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
+            for shape in (model for model in world.models if model.label in label):
+                self._require_free(body, float(shape.size_m[2]), shape)
+        self.require_free_masts(bodies)
+
+    def require_free_masts(self, bodies: Iterable[AgentBody]) -> None:
+        """Check that no sensor of the agents that are no cars is under the ground; errors as `require_free_mounts`."""
+        for body in bodies:
+            if body.actor_id is None:
+                self._require_free(body, body.height_m, None)
+
+    def _require_free(self, body: AgentBody, height_m: float, shape: Model | None) -> None:
+        for sensor, lidar in self.lidars[body.kind].items():
+            require_free_mount(sensor, lidar.config, height_m, shape)
+        for camera in self.cameras[body.name]:  # which its own body does not blind
+            require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
 
     def close(self) -> None:
         """Release the renderer's resources."""

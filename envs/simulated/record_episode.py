@@ -11,18 +11,19 @@ from coopsim.errors import CoopsimError
 from coopsim.world.population import drop_overridden
 from coopsim.world.recording import recorded_world
 from coopsim.world.scenario import NUMBERS, Place
+from coopsim.world.towns.town_scenarios import TOWN_KEYS
 
-_OF_THE_WORLD = {"seed", "dt_s", *NUMBERS}
+_OF_THE_WORLD = {"seed", "dt_s", "detail", *NUMBERS, *TOWN_KEYS}
 
 
 def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Path:
     """Simulate a world and record it, without sensing.
 
     Args:
-        scenario: name of the scenario, such as "crossing"; path of a scenario file, of which the place, the numbers,
-            `density`, `seed` and `dt_s` are used; or a custom place.
+        scenario: name of the scenario, such as "crossing" or "town"; path of a scenario file, of which the place, its
+            options, the numbers, `density`, `detail`, `seed` and `dt_s` are used; or a custom place.
         path: the file; an older one is replaced.
-        **options: `seed`, `max_cycles`, `dt_s`, `density` and fields of `Population`, see
+        **options: `seed`, `max_cycles`, `dt_s`, `density`, `detail`, fields of `Population` and options of towns, see
             `coopsim.world.recording.recorded_world.record`; they override the scenario file's.
 
     Raises:

@@ -7,7 +7,8 @@
 | `density` | a factor on the numbers of vehicles and people |
 | `seed` | seed of the episodes for which `reset` is given none |
 | `population` | fields of `coopsim.world.population.Population` |
-| `options` | fields of `CommonOptions` and `SimulationOptions`; objects are mappings of their fields |
+| `options` | fields of `CommonOptions` and `SimulationOptions`; objects are mappings of their fields; for |
+| | the scenario `town` also those of `PlaceSeeds` and `TownOptions` |
 
 Paths in it are relative to the file.
 """
@@ -29,7 +30,10 @@ from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
 from coopsim.world.custom.place import read_place
 from coopsim.world.population import Population
-from coopsim.world.scenario import SCENARIOS, Place
+from coopsim.world.scenario import Place
+from coopsim.world.towns.place_seeds import PlaceSeeds
+from coopsim.world.towns.scenario_choice import scenario_names
+from coopsim.world.towns.town_options import TownOptions
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Folder of the shipped files, which are found by their names, too."""
@@ -39,7 +43,7 @@ _SECTIONS = {
     "population": [field.name for field in fields(Population)],
     "options": [
         field.name
-        for kind in (CommonOptions, SimulationOptions)
+        for kind in (CommonOptions, SimulationOptions, PlaceSeeds, TownOptions)
         for field in fields(kind)
         if field.name not in ("render_mode", "seed")
     ],
@@ -138,5 +142,5 @@ def _scenario(root: FileEntry, top: Mapping[str, Entry]) -> str | Place:
         checksum = zlib.crc32(repr(top["place"].value).encode())  # tells it from other places of that name
         return read_place(top["place"], f"{root.file.stem}-{checksum:08x}")
     if "scenario" not in top:
-        raise root.error(f"scenario is missing. Accepted: {', '.join(SCENARIOS)}; or place, with custom roads")
-    return top["scenario"].choice(tuple(SCENARIOS))
+        raise root.error(f"scenario is missing. Accepted: {', '.join(scenario_names())}; or place, with custom roads")
+    return top["scenario"].choice(scenario_names())

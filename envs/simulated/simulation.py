@@ -12,9 +12,9 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec
 from coopsim.wire.observation_format import ObservationFormat
+from coopsim.world.episode_scenarios import EpisodeScenarios
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
-from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import AgentBody
 from coopsim.world.source import WorldSource
 from coopsim.world.world import World
@@ -25,7 +25,7 @@ class Simulation(FrameSource):
 
     Args:
         name: the environment's id.
-        scenario: the place and its population.
+        scenarios: the place and its population, of each episode.
         options: of sensing and scoring.
         recording: a recorded world, to be sensed instead of one that is simulated now.
     """
@@ -35,19 +35,21 @@ class Simulation(FrameSource):
     def __init__(
         self,
         name: str,
-        scenario: Scenario,
+        scenarios: EpisodeScenarios,
         options: SimulationOptions,
         recording: Episode | None = None,
     ) -> None:
         self.name = name
-        self._scenario, self._options, self._recording = scenario, options, recording
+        self._scenarios, self._options, self._recording = scenarios, options, recording
+        self._scenario = scenarios.of(0)
         world = self._make_world(seed=0)
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
         self._equipment.require_free_mounts(world)
         self.specs = self._specify(bodies)
         self.road_map = world.map
-        self.capacity = len(world.actors()) if recording is None else recording.most_actors
+        most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
+        self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
         if isinstance(options.localization, Mapping):
             for agent in options.localization:
@@ -68,16 +70,25 @@ class Simulation(FrameSource):
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
+        before, self._scenario = self._scenario, self._scenarios.of(seed)
         world = self._make_world(seed)
+        if self._scenario is not before:  # masts of another height
+            self._equipment.require_free_masts(world.agents().values())
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
-        self.specs = self._specify(world.agents())
+        self.specs, self.road_map = self._specify(world.agents()), world.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed)
         return self._episode.frame()
 
     def advance(self, maneuvers: Mapping[str, int]) -> Frame:
         """Return the next frame; see `FrameSource.advance`."""
         return self._episode.advance(maneuvers)
+
+    @property
+    def episode_infos(self) -> dict[str, Any]:
+        """The seed of the place, where it was drawn."""
+        place_seed = self._scenario.place_seed
+        return {} if place_seed is None else {"place_seed": place_seed}
 
     def close(self) -> None:
         """Release the renderer's resources."""

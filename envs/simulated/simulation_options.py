@@ -34,6 +34,7 @@ from coopsim.support.checks import (
 )
 from coopsim.support.files import require_writable
 from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.scenario import DETAILS
 
 _LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
 
@@ -49,6 +50,9 @@ class SimulationOptions:
         sense_every: sensors, cameras and detector run in every n-th frame only, beginning with the first. In the other
             frames there are no points, images or detections, and nothing is sent; poses, arriving messages, truth and
             scores go on, and the objects that count are those that were visible when last sensed.
+        detail: "plain" (roads, buildings, a few shapes of actors), "full" (street furniture and plants, which hide what
+            is behind them, and varied actors), or None: "full" in towns and in files with the key `furniture`, "plain"
+            elsewhere.
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
             returns to expect (see `coopsim.sensors.lidar.expected_returns`).
@@ -86,6 +90,7 @@ class SimulationOptions:
     max_cycles: int = 200
     dt_s: float = 0.1
     sense_every: int = 1
+    detail: Literal["plain", "full"] | None = None
     lidar: LidarOption = "HDL-32E"
     drone_pitch_rad: float = math.pi / 4
     lidar_columns: int = LidarConfig().columns
@@ -112,6 +117,8 @@ class SimulationOptions:
     playback: str | Path | None = None
 
     def __post_init__(self) -> None:
+        if self.detail is not None:
+            require_choice("detail", self.detail, DETAILS)
         require_choice("traffic", self.traffic, ("arrays", "highway-env"))
         require_choice("control", self.control, ("traffic", "policy"))
         require_choice("ground_truth", self.ground_truth, ("visible", "all"))

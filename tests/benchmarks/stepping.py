@@ -22,6 +22,7 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
+from coopsim.world.episode_scenarios import SameScenario
 from coopsim.world.population import Population
 from coopsim.world.scenario import Scenario
 
@@ -60,7 +61,7 @@ def on_highway(vehicles: int, **options: Any) -> CooperativeEnv:
     population = Population(vehicles=vehicles, pedestrians=0, connected_cars=4, rsus=0)
     scenario = Scenario("long", layout, population)
     chosen = SimulationOptions(max_cycles=10**6, **{"detector": "simulated", **options})
-    source = Simulation("long", scenario, chosen)
+    source = Simulation("long", SameScenario(scenario), chosen)
     return CooperativeEnv(source, CommonOptions())
 
 

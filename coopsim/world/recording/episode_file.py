@@ -3,7 +3,8 @@
 | part | content |
 |---|---|
 | start | `MAGIC`; format version, length and CRC-32 of the header (unsigned 32-bit integers, little-endian) |
-| header | JSON: the fields of `EpisodeHeader` |
+| header | JSON: the fields of `EpisodeHeader`; deflated in version 2, which is written where the place is described, |
+| | in full detail or drawn |
 | frames | each: number, actors, agents, payload's length and CRC-32 of all this (such integers); payload |
 
 A frame is a row of 64-bit words: `ACTOR_WORDS` for each actor, `AGENT_WORDS` for each agent; floats by their bits. Its
@@ -18,7 +19,7 @@ import json
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +36,9 @@ from coopsim.support.rng import require_seed
 from coopsim.world.snapshot import Actors, AgentBody
 
 MAGIC = b"coopsim episode\n"
-FORMAT_VERSION = 1
+PLAIN_VERSION, DESCRIBED_VERSION = 1, 2
+"""Format versions; what older versions of coopsim can read is written as the first."""
+
 ACTOR_WORDS = 19
 """Id, label, model, colour (3), accent (3) as integers; box (7), velocity (2), phase as floats."""
 
@@ -44,6 +47,11 @@ AGENT_WORDS = 12
 
 _START, _FRAME = struct.Struct("<3I"), struct.Struct("<5I")
 _INTEGERS = 9
+_DESCRIBED: Mapping[str, Any] = {"detail": "plain", "description": None, "place_seed": None}
+"""Fields of the header that version 1 lacks, and their values then."""
+
+_LARGEST_HEADER = 2**26
+
 _ACCEPTED = "accepted: a file that `coopsim record` or the option `record` wrote"
 
 Words = NDArray[np.uint64]
@@ -72,6 +80,9 @@ class EpisodeHeader:
         models: length, width and height (m) by name, in the order that actors' `model` indexes.
         coopsim: version that recorded it.
         place: checksum of the static meshes; None: unknown.
+        detail: of the scenario, which decides models and meshes.
+        description: of the place, as in a scenario file; None: it is built in, or (in version 1) unknown.
+        place_seed: seed that the place was drawn from; None: it was not drawn.
     """
 
     scenario: str
@@ -82,10 +93,15 @@ class EpisodeHeader:
     models: Mapping[str, tuple[float, ...]]
     coopsim: str = __version__
     place: int | None = None
+    detail: str = "plain"
+    description: Mapping[str, Any] | None = None
+    place_seed: int | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.population, Mapping):
             raise InvalidValueError(f"population must be numbers by name, got {self.population!r}")
+        if not (self.description is None or isinstance(self.description, Mapping)):
+            raise InvalidValueError(f"description must be that of a place or None, got {self.description!r}")
         require_seed(self.seed)
         require_positive(dt_s=self.dt_s)
 
@@ -113,8 +129,7 @@ class EpisodeWriter:
         self.path = Path(path)
         require_writable(self.path)
         self._coder, self._frames = _Predictor(), 0
-        text = json.dumps(asdict(header), default=_plain).encode()
-        self._write("wb", MAGIC + _START.pack(FORMAT_VERSION, len(text), zlib.crc32(text)) + text)
+        self._write("wb", MAGIC + _header_bytes(header))
 
     def append(self, actors: Actors, agents: Mapping[str, AgentBody]) -> None:
         """Append a frame; agents in the header's order."""
@@ -187,20 +202,21 @@ class Episode:
         if self.size_bytes < at:
             raise RecordingError(f"{self.path} is cut off in its header; {_ACCEPTED}")
         version, length, checksum = _START.unpack_from(self._data, len(MAGIC))
-        if version != FORMAT_VERSION:
+        if version not in (PLAIN_VERSION, DESCRIBED_VERSION):
             raise RecordingError(
                 f"{self.path} has format version {version}, which coopsim {__version__} cannot read; "
-                f"accepted: version {FORMAT_VERSION}. Record it again from its scenario and seed"
+                f"accepted: versions {PLAIN_VERSION} and {DESCRIBED_VERSION}. Record it again from its scenario and "
+                "seed"
             )
         text = self._data[at : at + length]
         if len(text) < length or zlib.crc32(text) != checksum:
             raise RecordingError(f"{self.path} is cut off or damaged in its header; {_ACCEPTED}")
         try:
-            fields = json.loads(text)
-            fields["agents"] = tuple(EpisodeAgent(**agent) for agent in fields["agents"])
-            fields["models"] = {name: tuple(size_m) for name, size_m in fields["models"].items()}
-            return EpisodeHeader(**fields), at + length
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            content = json.loads(_inflated(text) if version == DESCRIBED_VERSION else text)
+            content["agents"] = tuple(EpisodeAgent(**agent) for agent in content["agents"])
+            content["models"] = {name: tuple(size_m) for name, size_m in content["models"].items()}
+            return EpisodeHeader(**content), at + length
+        except (AttributeError, KeyError, TypeError, ValueError, zlib.error) as error:
             raise RecordingError(f"{self.path} has an invalid header: {error}") from error
 
     def _scan(self, at: int) -> Iterator[tuple[bytes, int]]:
@@ -271,6 +287,23 @@ class _Predictor:
 
     def _learn(self, words: Words) -> None:
         self._last, self._step = words, words - self._last
+
+
+def _header_bytes(header: EpisodeHeader) -> bytes:
+    """Return version, length and checksum of the header, and itself."""
+    content = {each.name: getattr(header, each.name) for each in fields(header)}
+    content["agents"] = [asdict(agent) for agent in header.agents]
+    described = [name for name in _DESCRIBED if content[name] != _DESCRIBED[name]]
+    content = {name: value for name, value in content.items() if described or name not in _DESCRIBED}
+    text = json.dumps(content, default=_plain).encode()
+    if described:
+        text = zlib.compress(text)
+    return _START.pack(DESCRIBED_VERSION if described else PLAIN_VERSION, len(text), zlib.crc32(text)) + text
+
+
+def _inflated(text: bytes) -> bytes:
+    """Inflate a header, but no more than a place can need, whatever a malicious one inflates to."""
+    return zlib.decompressobj().decompress(text, _LARGEST_HEADER)
 
 
 def _plain(value: Any) -> int | float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,14 @@ from coopsim import __version__
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count, require_frame_time
 from coopsim.support.rng import require_seed
+from coopsim.world.custom.place import place_from
+from coopsim.world.episode_scenarios import EpisodeScenarios, SameScenario
 from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.world.scenario import Place, Scenario, make_scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 from coopsim.world.source import WorldSource
+from coopsim.world.towns.scenario_choice import choose_scenarios
 from coopsim.world.world import World
 
 
@@ -33,12 +37,12 @@ def record(
     """Simulate a world and record it, without sensing.
 
     Args:
-        scenario: name of the scenario, such as "crossing", or a custom place.
+        scenario: name of the scenario, such as "crossing" or "town", or a custom place.
         path: the file; an older one is replaced.
         seed: decides everything that happens.
         max_cycles: steps; the file has one frame more.
         dt_s: time between two frames.
-        **numbers: of the scenario, fields of `Population`.
+        **numbers: of the scenario: `density`, `detail`, fields of `Population`, and the options of towns.
 
     Raises:
         UnknownNameError: no such scenario or number.
@@ -47,7 +51,7 @@ def record(
     require_seed(seed)
     require_count(1, max_cycles=max_cycles)
     require_frame_time(dt_s)
-    place = make_scenario(scenario, **numbers)
+    place = choose_scenarios(scenario, **numbers).of(seed)
     world = RecordedWorld(World(place, seed), path, place, seed, dt_s)
     for _ in range(max_cycles):
         world.step(dt_s)
@@ -80,6 +84,9 @@ class RecordedWorld:
             tuple(EpisodeAgent(body.name, body.kind, body.actor_id, body.height_m) for body in bodies.values()),
             _sizes(world.models),
             place=_checksum(world.static),
+            detail=scenario.detail,
+            description=scenario.description,
+            place_seed=scenario.place_seed,
         )
         self._writer = EpisodeWriter(path, header)
         self._writer.append(world.actors(), bodies)
@@ -152,16 +159,24 @@ def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Sce
 
     Args:
         episode: the recording.
-        place: its place; None: the registered scenario of the recording's name.
+        place: its place; None: the one that the recording carries, or else the registered scenario of its name.
 
     Raises:
         RecordingError: the scenario does not exist, or does not accept the population.
     """
     header = episode.header
     try:
-        return make_scenario(place or header.scenario, **header.population)
+        if place is None and header.description is not None:
+            place = place_from(header.description, header.scenario)
+        found = make_scenario(place or header.scenario, detail=header.detail, **header.population)
+        return replace(found, place_seed=header.place_seed)
     except (LookupError, ValueError) as error:
         raise RecordingError(f"{episode.path} was recorded in a scenario that is not to be had: {error}") from error
+
+
+def played_scenarios(episode: Episode, place: Place | None = None) -> EpisodeScenarios:
+    """Return the scenario of a recording for all episodes; arguments and errors are those of `recorded_scenario`."""
+    return SameScenario(recorded_scenario(episode, place))
 
 
 def _sizes(models: tuple[Model, ...]) -> dict[str, tuple[float, ...]]:

@@ -139,7 +139,7 @@ def test_frames_of_two_recordings_are_not_mixed_up(tmp_path: Path) -> None:
         (b"", "is no recorded episode; accepted: a file that `coopsim record`"),
         (b"PK\x03\x04 a zip file", "is no recorded episode"),
         (MAGIC, "cut off in its header"),
-        (MAGIC + struct.pack("<3I", 2, 0, 0), r"format version 2, .* accepted: version 1"),
+        (MAGIC + struct.pack("<3I", 3, 0, 0), r"format version 3, .* accepted: versions 1 and 2"),
         (MAGIC + struct.pack("<3I", 1, 99, 0), "cut off or damaged in its header"),
         (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"{}")) + b"{}", "invalid header"),
         (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"[]")) + b"[]", "invalid header"),
