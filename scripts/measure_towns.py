@@ -1,0 +1,225 @@
+"""Measure what agents in drawn towns sense, and print it beside the labels and detections of V2V4Real.
+
+    python scripts/measure_towns.py --places 0-39 --seconds 20 --processes 2 --v2v4real FOLDER
+
+FOLDER holds V2V4Real as recording sets `train` and `val`, each with `labels` and `detections/{ego,1}`. One frame a
+second is measured; towns have the default options. A value is the mean over places of a place's mean, with the 95 %
+interval of Student's t over places.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
+from tqdm import tqdm
+
+import coopsim
+from coopsim.bench.results.statistics import mean_interval
+from coopsim.data.recording_set import RecordingSet
+from coopsim.envs import simulation_env
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.towns.drawn_place import draw_place
+
+Values = dict[str, float]
+
+VEHICLES = (ObjectClass.CAR, ObjectClass.VAN, ObjectClass.TRUCK, ObjectClass.BUS, ObjectClass.MOTORCYCLE)
+REGION_M = (100.0, 40.0)
+"""Half the region around the first agent, ahead and aside, as V2V4Real's labels have it."""
+
+RANGES_M = (0, 20, 40, 60, 80, 100)
+GRADES = (0.4, 0.6, 0.8)
+"""Bounds of nuScenes' grades of visibility."""
+
+ABOVE_GROUND_M = 0.3
+FOUND_WITHIN_M = 2.0
+"""Distance of centers below which an object counts as detected."""
+
+
+@dataclass(frozen=True)
+class Crew:
+    """The agents of a survey: those of towns by default, or as many and with such LiDARs as a data set has."""
+
+    name: str
+    lidar: str
+    numbers: tuple[tuple[str, int], ...] = ()
+
+
+CREWS = (
+    Crew("default", "HDL-32E"),
+    Crew("as V2V4Real", "HDL-32E", (("connected_cars", 2), ("rsus", 0))),
+    Crew("as OPV2V", "HDL-64E", (("connected_cars", 3), ("rsus", 0))),
+    Crew("as V2X-Real", "OS1-128", (("connected_cars", 2), ("rsus", 2))),
+)
+
+
+def measure(job: tuple[Crew, int], *, seconds: int) -> Values:
+    """Measure a town; return the means over its frames."""
+    crew, place = job
+    env = simulation_env(
+        draw_place(place),
+        "town",
+        lidar=crew.lidar,
+        dt_s=1.0,
+        max_cycles=seconds,
+        expose_ground_truth=True,
+        expose_visibility=True,
+        **dict(crew.numbers),
+    )
+    policy = coopsim.make_policy("no_fusion")
+    observations, infos = env.reset(seed=place)
+    policy.reset(env.agent_specs, seed=place)
+    frames = []
+    for _ in range(seconds):
+        observations, _, _, _, infos = env.step(policy.act(observations))
+        frames.append(dict(_frame(observations, infos)))
+    env.close()
+    names = dict.fromkeys(name for frame in frames for name in frame)
+    return {name: _mean([frame[name] for frame in frames]) for name in names}
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Return the mean of the values that are known, NaN if none is."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else np.nan
+
+
+def _frame(observations: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the values of a frame by name."""
+    first = next(iter(infos))
+    truth = infos[first]["ground_truth"]
+    agents = [info["actor_id"] for info in infos.values()]
+    other = ~np.isin(truth["id"], [agent for agent in agents if agent is not None])
+    vehicle = np.isin(truth["label"], VEHICLES)
+    seen_by = truth["seen_by"].sum(axis=1)
+    near = (np.abs(truth["box"][:, :2]) < REGION_M).all(axis=1)
+    yield "actors in the world", len(truth["id"]) + (infos[first]["actor_id"] is not None)
+    yield "vehicles that some agent has returns of", (vehicle & (seen_by > 0)).sum()
+    yield "people and riders that some agent has returns of", (~vehicle & (seen_by > 0)).sum()
+    yield "vehicles of these within 100 x 40 m of the first agent", (vehicle & near & (seen_by > 0)).sum()
+    for what, count in (("one agent", seen_by == 1), ("several", seen_by > 1), ("none", seen_by == 0)):
+        yield f"share of objects there with returns of {what}, %", _percent(count[near & other])
+    found = np.stack([_found(truth, infos[first], observations[name], infos[name]) for name in infos], axis=1)
+    counts = found.sum(axis=1)[near & other & vehicle & (seen_by > 0)]
+    for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
+        yield f"share of these that are detected by {what}, %", _percent(count)
+    yield from _by_range(truth, infos)
+    yield from _visibility(infos)
+    height_m = np.concatenate([each["sweeps"]["lidar"][:, 2] for each in observations.values()])
+    instance = np.concatenate([info["instances"]["lidar"] for info in infos.values()])
+    up = (height_m > ABOVE_GROUND_M) & (instance >= 0)
+    yield f"share of points over {ABOVE_GROUND_M} m that are on no object, %", _percent(instance[up] == 0)
+    yield "points of a sweep", len(instance) / len(infos)
+
+
+def _percent(which: NDArray[np.bool_]) -> float:
+    return 100 * float(which.mean()) if len(which) else np.nan
+
+
+def _found(truth: Mapping[str, Any], first: Mapping[str, Any], observation: Any, info: Any) -> NDArray[np.bool_]:
+    """Return which objects (N,) of the first agent's truth an agent detects."""
+    at, centers = _world(first, truth["box"][:, :3]), _world(info, observation["detections"]["box"][:, :3])
+    return _nearest_m(at[:, :2], centers[:, :2]) < FOUND_WITHIN_M
+
+
+def _world(info: Mapping[str, Any], points: Floats) -> Floats:
+    x, y, z, yaw = info["true_pose"].tolist()
+    return SE3.from_xyz_yaw([x, y, z], yaw).apply(points.astype(np.float64))
+
+
+def _nearest_m(points: Floats, others: Floats) -> Floats:
+    """Return the distance (N,) from each of the points (N, 2) to the nearest of the others (M, 2)."""
+    distances_m: Floats = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1, initial=np.inf)
+    return distances_m
+
+
+def _by_range(truth: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the returns of the first agent from a car it has returns of, and the share of cars without, over range."""
+    is_car = truth["label"] == ObjectClass.CAR
+    range_m = np.linalg.norm(truth["box"][is_car, :2], axis=1)
+    returns = truth["returns"][is_car, list(infos).index(next(iter(infos)))]
+    for low_m, high_m in pairwise(RANGES_M):
+        there = returns[(range_m >= low_m) & (range_m < high_m)]
+        hit = there[there > 0]
+        yield f"returns of a car at {low_m} to {high_m} m, median", float(np.median(hit)) if len(hit) else np.nan
+        yield f"cars at {low_m} to {high_m} m without returns, %", _percent(there == 0)
+
+
+def _visibility(infos: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the shares of nuScenes' grades of visibility, and of what hides the rest."""
+    seen = [info["visibility"] for info in infos.values()]
+    rays, visible, occluder = (np.concatenate([each[key] for each in seen]) for key in ("rays", "visible", "occluder"))
+    visible, occluder = visible[rays > 0], occluder[rays > 0]
+    grade = np.digitize(visible, GRADES)
+    for k, name in enumerate(("0 to 40", "40 to 60", "60 to 80", "80 to 100")):
+        yield f"objects in reach of an agent of which it sees {name} %, %", _percent(grade == k)
+    yield "of those below 40 %, hidden mostly by scenery, %", _percent(occluder[grade == 0] == 0)
+
+
+def v2v4real(folder: Path) -> Iterator[tuple[str, float]]:
+    """Yield the values that labels and detections of a split of V2V4Real give, over all its frames."""
+    recordings = RecordingSet(folder, axes="v2v4real")
+    numbers, near, found = [], [], []
+    for sequence in recordings.sequences:
+        recording = recordings.load(sequence, ["ego", "1"])
+        for frame, truth in enumerate(recording.truth):
+            centers = truth.boxes.center[:, :2]
+            numbers.append(len(centers))
+            near.append(int((np.abs(centers) < REGION_M).all(axis=1).sum()))
+            lists = [recording.detections[name][frame].boxes.center[:, :2] for name in ("ego", "1")]
+            found.append(np.stack([_nearest_m(centers, each) < FOUND_WITHIN_M for each in lists], axis=1))
+    counts = np.concatenate(found).sum(axis=1)
+    yield "vehicles that some agent has returns of", float(np.mean(numbers))
+    yield "vehicles of these within 100 x 40 m of the first agent", float(np.mean(near))
+    for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
+        yield f"share of these that are detected by {what}, %", _percent(count)
+
+
+def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -> str:
+    """Return all values in Markdown."""
+    every = [*(place for places in values.values() for place in places), *real.values()]
+    names = dict.fromkeys(name for each in every for name in each)
+    rows = []
+    for name in names:
+        intervals = [mean_interval(np.array([place.get(name, np.nan) for place in each])) for each in values.values()]
+        shown = [f"{each.mean:.1f} ± {each.half_width:.1f}" if each.count > 1 else "" for each in intervals]
+        rows.append([name, *shown, *(f"{each[name]:.1f}" if name in each else "" for each in real.values())])
+    heading = ("", *(f"{crew.name}: {crew.lidar}" for crew in values), *real)
+    return tabulate(rows, heading, tablefmt="github", disable_numparse=True)
+
+
+def _places(text: str) -> range:
+    first, _, last = text.partition("-")
+    return range(int(first), int(last or first) + 1)
+
+
+def main() -> None:
+    """Read the arguments, measure, print."""
+    parser = argparse.ArgumentParser(description="Measure what agents in drawn towns sense.")
+    parser.add_argument("--places", type=_places, default=range(40), help="place seeds (default: 0-39)")
+    parser.add_argument("--seconds", type=int, default=20, help="of each (default: %(default)s)")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--v2v4real", type=Path, help="V2V4Real as a recording set")
+    args = parser.parse_args()
+    jobs = [(crew, place) for place in args.places for crew in CREWS]
+    values: dict[Crew, list[Values]] = {crew: [] for crew in CREWS}
+    with get_context("spawn").Pool(args.processes) as pool:
+        results = pool.imap(partial(measure, seconds=args.seconds), jobs)
+        for (crew, _), measured in zip(jobs, tqdm(results, total=len(jobs)), strict=True):
+            values[crew].append(measured)
+    splits = ("train", "val") if args.v2v4real else ()
+    print(table(values, {f"V2V4Real itself, {split}": dict(v2v4real(args.v2v4real / split)) for split in splits}))
+
+
+if __name__ == "__main__":
+    main()
