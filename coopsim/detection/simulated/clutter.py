@@ -166,7 +166,9 @@ class Clutter:
         reported &= _is_free(center[near], row[near], start, solid_m, room_m)
         rows, normals = near[reported], normals[reported]
         score = self._config.score.score(range_m[rows], margin[reported], normals[:, 1])
-        boxes = self._boxes(center[rows], looks[rows], self._config.jitter_m * normals[:, 2:])
+        # Phantoms stand at the height 0, wherever those who see them are.
+        floor_m = base_SE3_world.translation[row[rows], 2]
+        boxes = self._boxes(center[rows], floor_m, looks[rows], self._config.jitter_m * normals[:, 2:])
         label = self._label(self._label_keys[asked[row[rows]]], ids[rows])
         return FalsePositives(row[rows], Detections(boxes, score, label))
 
@@ -175,9 +177,9 @@ class Clutter:
         label = np.full(len(ids), int(ObjectClass.CAR))
         return label if self._levels is None else confuse(self._levels, label, _single_draws(keys, ids))
 
-    def _boxes(self, center: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
+    def _boxes(self, center: Floats, floor_m: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
         size = np.array(self._config.size_m) * np.exp(self._config.size_noise * ndtri(looks[:, :3] + _TINY))
-        center = np.column_stack([center, size[:, 2] / 2]) + jitter
+        center = np.column_stack([center, floor_m + size[:, 2] / 2]) + jitter
         yaw = np.interp(looks[:, 3], *self._headings)
         return Boxes3D(center, size, wrap_angle(yaw))
 

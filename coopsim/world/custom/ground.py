@@ -16,8 +16,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.config.entry import Entry
-from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_finite_number
+from coopsim.world.custom.convex import read_convex
 from coopsim.world.custom.groundworks import Groundworks
 from coopsim.world.custom.roads import Roads
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork
@@ -35,7 +35,11 @@ def read_ground(fields: Mapping[str, Entry], network: RoadNetwork) -> Groundwork
     kerb_m = float(fields["kerb_m"].checked(require_between, 0, 0.3)) if "kerb_m" in fields else 0.0
     crown = float(fields["crown"].checked(require_between, 0, 0.05)) if "crown" in fields else 0.0
     humps = [_hump(item, network) for item in fields["humps"].entries()] if "humps" in fields else []
-    wet = [_outline(item) for item in fields["wet"].entries()] if "wet" in fields else []
+    wet = (
+        [read_convex(item.fields(("outline",))["outline"]) for item in fields["wet"].entries()]
+        if "wet" in fields
+        else []
+    )
     return Groundworks(kerb_m, crown, tuple(humps), tuple(wet))
 
 
@@ -61,14 +65,3 @@ def _hump(entry: Entry, network: RoadNetwork) -> Hump:
         float(fields[name].checked(require_between, *limits[name])) if name in fields else usual[name] for name in usual
     ]
     return Hump(float(at[0]), float(at[1]), float(heading_rad), *sizes)
-
-
-def _outline(entry: Entry) -> Floats:
-    outline = entry.fields(("outline",))["outline"]
-    corners = outline.points(3)
-    edges = np.roll(corners, -1, axis=0) - corners
-    following = np.roll(edges, -1, axis=0)
-    turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    if not ((turns > 0).all() or (turns < 0).all()):
-        raise outline.error("outline must be convex, without corners of 180 degrees: write another shape as several")
-    return corners if turns[0] > 0 else corners[::-1].copy()

@@ -21,7 +21,8 @@ from coopsim.world.snapshot import StaticPart
 
 _ROAD_REFLECTIVITY, _PAVEMENT_REFLECTIVITY = 0.18, 0.35
 _PAVING, _KERB = (104, 92, 86), (172, 170, 163)
-_GROUND_M = -0.01  # the ground beside the roads; 0 is the height at which things stand on it
+_BESIDE = ("ground", "grass", "yard", "parking")  # surfaces below the road's
+_CLOSER = 0.3  # factor on their depths: things on them stand at the height 0
 _WATER_M, _PAINT_M = 0.004, 0.008  # over the road: in this order water and paint lie on it
 _GAMMA = 2.2  # of colours
 
@@ -83,8 +84,8 @@ def _on_ground(part: StaticPart, road: Relief, relief: Relief) -> StaticPart:
     if part.name == "marking":
         laid = drape(np.ascontiguousarray(part.vertices[part.faces][..., :2]), road.grid)
         return _surface(part.name, _lifted(laid, _PAINT_M), part.color, part.reflectivity)[0]
-    if part.name == "ground":
-        return replace(part, vertices=_lifted(part.vertices * [1.0, 1.0, 0.0], _GROUND_M))
+    if part.name in _BESIDE:
+        return replace(part, vertices=part.vertices * [1.0, 1.0, _CLOSER])
     if part.name == "mast":
         rise_m = relief.heights(part.vertices[:, :2].mean(axis=0)[None])[0]
         return replace(part, vertices=_lifted(part.vertices, float(rise_m)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from coopsim.types import Ints
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.relief.crown import normals_of
 
-_CHORD_M = 3.0  # of bends: at a radius of 10 m it is 11 cm from the arc, and a crown's height 3 mm off
+_SAGITTA_M = 0.1  # between a bend and its chords, from which a crown is 2.5 mm off
 _SAMPLE_M = 12.0  # between the places where a carriageway's width is measured
 _KINK_RAD = np.radians(20.0)  # at which lanes still lead on; places from files have no sharper ones
 _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
@@ -47,35 +47,69 @@ def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriagew
     chains = _chains({index: lane for index, lane in lanes.items() if index[:2] not in flat})
     if not chains:
         return []
-    lines = [line_of([lanes[index] for index in chain]) for chain in chains]
+    points = dict(zip(lanes, lane_points(list(lanes.values())), strict=True))
     length_m = [sum(lanes[index].length for index in chain) for chain in chains]
     rank = dict.fromkeys(lanes, -1)
     for k, number in enumerate(np.argsort(length_m, kind="stable").tolist()):
         rank |= dict.fromkeys(chains[number], k)
-    low, high, longest, first = _measured(chains, lanes, rank)
+    pieces = np.concatenate([_pieces(points[index], lane.width / 2, rank[index]) for index, lane in lanes.items()])
     found = []
-    for k, chain in enumerate(chains):
-        own = slice(first[k], first[k + 1])
-        edge_m = low[own].max(), high[own].min()
-        if edge_m[0] < edge_m[1] and longest[own].min() <= rank[chain[0]]:
-            found.append(Carriageway(_shifted(lines[k], sum(edge_m) / 2), float(edge_m[1] - edge_m[0]) / 2))
+    for chain in chains:
+        own = pieces[pieces[:, 5] == rank[chain[0]]]
+        low, high, longest = _edges(_places(own), pieces)
+        edge_m = low.max(), high.min()
+        if edge_m[0] < edge_m[1] and longest.min() <= rank[chain[0]]:
+            line = np.concatenate([*(points[index][:-1] for index in chain), points[chain[-1]][-1:]])
+            found.append(Carriageway(_shifted(line, sum(edge_m) / 2), float(edge_m[1] - edge_m[0]) / 2))
     return found
 
 
-def line_of(lanes: list[Lane]) -> Floats:
-    """Return a line (K, 2) m along the middles of lanes that follow each other."""
-    points = [each[:-1] for each in map(_points, lanes)]
-    return np.concatenate([*points, _points(lanes[-1])[-1:]])
+def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
+    """Return points (K, 2) m on the middles of lanes, from the start of each to its end."""
+    # A place on a lane is one on the line between two points, plus one on an arc; one of the two is nothing.
+    rows = np.array([_shape(lane) for lane in lanes])
+    counts = (
+        np.maximum(np.ceil(np.array([lane.length for lane in lanes]) / _chord_m(rows[:, 4])), 1).astype(np.int64) + 1
+    )
+    first = np.cumsum(counts) - counts
+    row = np.repeat(rows, counts, axis=0)
+    share = (np.arange(len(row)) - np.repeat(first, counts)) / np.repeat(counts - 1, counts)
+    phase = row[:, 5] + share * (row[:, 6] - row[:, 5])
+    points = row[:, :2] + share[:, None] * (row[:, 2:4] - row[:, :2])
+    points += row[:, 4, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    return np.split(points, first[1:])
 
 
-def _points(lane: Lane) -> Floats:
-    if isinstance(lane, StraightLane):
-        return np.array([lane.start, lane.end])
-    if not isinstance(lane, CircularLane):
-        return np.array([lane.position(along, 0.0) for along in np.linspace(0.0, lane.length, 2)])
-    phase = np.linspace(lane.start_phase, lane.end_phase, max(2, int(np.ceil(lane.length / _CHORD_M)) + 1))
-    points: Floats = lane.center + lane.radius * np.column_stack([np.cos(phase), np.sin(phase)])
-    return points
+def _shape(lane: Lane) -> list[float]:
+    """Return two points, x and y, and radius, first and last angle of an arc around them."""
+    if isinstance(lane, CircularLane):
+        return [*lane.center, *lane.center, lane.radius, lane.start_phase, lane.end_phase]
+    return [*lane.position(0.0, 0.0), *lane.position(lane.length, 0.0), 0.0, 0.0, 0.0]
+
+
+def _chord_m(radius_m: Floats) -> Floats:
+    """Return the length (L,) of chords that are `_SAGITTA_M` from arcs (L,); a straight lane is one."""
+    return np.where(radius_m > 0, np.sqrt(8 * radius_m * _SAGITTA_M), np.inf)
+
+
+def _pieces(points: Floats, half_m: float, rank: int) -> Floats:
+    """Return start, end, half the width and rank of the straight pieces of a lane, (K - 1, 6)."""
+    pieces = np.empty((len(points) - 1, 6))
+    pieces[:, :2], pieces[:, 2:4], pieces[:, 4], pieces[:, 5] = points[:-1], points[1:], half_m, rank
+    return pieces
+
+
+def _places(pieces: Floats) -> Floats:
+    """Return x, y, direction and half the width (P, 5) at places along pieces (S, 6)."""
+    along = pieces[:, 2:4] - pieces[:, :2]
+    length_m = np.hypot(along[:, 0], along[:, 1])
+    counts = np.maximum(np.ceil(length_m / _SAMPLE_M), 1).astype(np.int64)
+    own = np.repeat(np.arange(len(pieces)), counts)
+    share = (np.arange(len(own)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[own]
+    places = np.empty((len(own), 5))
+    places[:, :2] = pieces[own, :2] + share[:, None] * along[own]
+    places[:, 2:4], places[:, 4] = (along / length_m[:, None])[own], pieces[own, 4]
+    return places
 
 
 def _chains(lanes: Mapping[LaneIndex, Lane]) -> list[list[LaneIndex]]:
@@ -101,31 +135,6 @@ def _chains(lanes: Mapping[LaneIndex, Lane]) -> list[list[LaneIndex]]:
 def _turn(lane: Lane, following: Lane) -> float:
     turn = following.heading_at(0.0) - lane.heading_at(lane.length)
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _measured(
-    chains: list[list[LaneIndex]], lanes: Mapping[LaneIndex, Lane], rank: dict[LaneIndex, int]
-) -> tuple[Floats, Floats, Ints, list[int]]:
-    """Measure carriageways at places (P,) along the lanes of all chains.
-
-    Returns:
-        Right and left edge (P,), m to the left of the lane's middle; the highest rank (P,) of the lanes side by side;
-        and the first place of each chain and, last, the number of places.
-    """
-    places, first = [], [0]
-    for chain in chains:
-        for lane in (lanes[index] for index in chain):
-            count = int(np.ceil(lane.length / _SAMPLE_M))
-            for along in (np.arange(count) + 0.5) * lane.length / count:
-                heading = lane.heading_at(along)
-                places.append([*lane.position(along, 0.0), np.cos(heading), np.sin(heading), lane.width / 2])
-        first.append(len(places))
-    pieces = []
-    for index, lane in lanes.items():
-        points = _points(lane)
-        ends = np.column_stack([points[:-1], points[1:]])
-        pieces.append(np.column_stack([ends, np.full((len(ends), 2), [lane.width / 2, rank[index]])]))
-    return *_edges(np.array(places), np.concatenate(pieces)), first
 
 
 @njit(cache=True, nogil=True)
