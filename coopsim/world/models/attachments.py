@@ -23,7 +23,7 @@ from coopsim.world.models.parts import (
     tube,
 )
 
-RETRO_PLATE = Surface(0.0, 200.0, (234, 234, 226))
+RETRO_PLATE = Surface(0.0, 220.0, (234, 234, 226))
 DIRTY_PLATE = Surface(0.0, 30.0, (150, 140, 120))
 """Plates of at least 70 cd/(lx m2), class RA1 of EN 12899-1, send back 220 times as much as white, 1/pi; under dirt, a
 seventh (assumed by us)."""

@@ -13,6 +13,7 @@ from coopsim.world.models.pedestrians import make_adults, make_children
 from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
 from coopsim.world.models.varied_cars import make_varied_cars
 from coopsim.world.models.varied_heavy import make_varied_buses, make_varied_trucks
+from coopsim.world.models.varied_people import make_varied_people
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
@@ -55,4 +56,4 @@ def _built_in() -> tuple[Model, ...]:
 
 @cache
 def _variants() -> tuple[Model, ...]:
-    return (*make_varied_cars(), *make_varied_trucks(), *make_varied_buses())
+    return (*make_varied_cars(), *make_varied_trucks(), *make_varied_buses(), *make_varied_people())

@@ -6,7 +6,8 @@ Motor Control of Human Movement" (2009), figure 4.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +45,7 @@ class Look:
         backpack: its surface, if any.
         girth: of trunk and limbs, 1 is usual.
         head: relative size, 1 is an adult's.
+        band: surface of the chest where it differs from the rest of the trunk, as on a warning vest.
     """
 
     skin: RGB = (196, 152, 124)
@@ -56,6 +58,7 @@ class Look:
     backpack: Surface | None = None
     girth: float = 1.0
     head: float = 1.0
+    band: Surface | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +116,26 @@ def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, fe
     )
 
 
+def holding(joints: Joints, height: float, hands: Mapping[int, ArrayLike]) -> Joints:
+    """Return the pose with hands (0 left, 1 right) at other places (3,), as far as the arms reach."""
+    shoulder, hand = joints.arms[:, 0], joints.arms[:, 2].copy()
+    for side, place in hands.items():
+        hand[side] = place
+    bent = reach(shoulder, hand, (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0))
+    arms = joints.arms.copy()
+    for side in hands:
+        arms[side, 1:] = bent[side]
+    return replace(joints, arms=arms)
+
+
+def on_the_ground(joints: Joints, height: float) -> Joints:
+    """Return the pose, lifted or lowered until the lower foot of `dressed` stands at z = 0, to a few millimetres."""
+    ankle, ball = joints.legs[:, 2], joints.legs[:, 3]
+    heel = ankle[:, 2] - 0.35 * (ball - ankle)[:, 2] - 0.031 * height
+    low = np.array([0.0, 0.0, min(heel.min(), ball[:, 2].min() - 0.016 * height)])
+    return Joints(joints.trunk - low, joints.arms - low, joints.legs - low)
+
+
 def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
     """Return the parts of a person in a pose; their number and faces depend on the look alone."""
     skin = Surface(0.0, 0.45, look.skin)
@@ -147,7 +170,7 @@ def _trunk(ends: Floats, height: float, look: Look) -> Part:
         + look.girth * height * (deep * np.cos(turn)[:, None] * fore + wide * np.sin(turn)[:, None] * [0.0, 1.0, 0.0])
         for along, deep, wide in levels
     ]
-    return loft(rings, look.top)
+    return loft(rings, look.top, None if look.band is None else {(1, side): look.band for side in range(6)})
 
 
 def _head(ends: Floats, height: float, look: Look, skin: Surface) -> Part:

@@ -39,33 +39,42 @@ _KNEE_RAD = np.radians(55.0)
 _ELBOW_RAD = np.radians(20.0)
 
 
+_SATCHEL = Surface(0.0, 0.6, (214, 96, 34))
+
+ADULTS: dict[str, tuple[float, Look]] = {
+    "man": (1.78, Look(girth=1.05, hair=(58, 44, 36))),
+    "woman": (1.63, Look(girth=0.95, hair=(96, 66, 40), coat=True, skin=(214, 172, 146))),
+    "young_man": (1.73, Look(bare_forearms=True, skin=(120, 84, 62), hair=(26, 24, 24), backpack=BOTTOM)),
+    "elderly_woman": (1.57, Look(girth=1.1, hair=(196, 194, 190), skin=(210, 170, 148))),
+}
+CHILDREN: dict[str, tuple[float, Look]] = {
+    "child_of_4": (1.02, Look(girth=1.2, head=1.45, hair=(150, 112, 70))),
+    "child_of_7": (1.22, Look(girth=1.1, head=1.3, bare_forearms=True, hair=(40, 32, 28))),
+    "child_of_10": (1.38, Look(head=1.2, backpack=_SATCHEL, hair=(80, 54, 36))),
+}
+"""Heights (m) and looks by name."""
+
+
 def make_adults() -> list[Model]:
     """Build four adults."""
-    return [
-        _walker("man", 1.78, Look(girth=1.05, hair=(58, 44, 36))),
-        _walker("woman", 1.63, Look(girth=0.95, hair=(96, 66, 40), coat=True, skin=(214, 172, 146))),
-        _walker("young_man", 1.73, Look(bare_forearms=True, skin=(120, 84, 62), hair=(26, 24, 24), backpack=BOTTOM)),
-        _walker("elderly_woman", 1.57, Look(girth=1.1, hair=(196, 194, 190), skin=(210, 170, 148))),
-    ]
+    return [_walker(name, *each, ObjectClass.PEDESTRIAN) for name, each in ADULTS.items()]
 
 
 def make_children() -> list[Model]:
     """Build three children."""
-    satchel = Surface(0.0, 0.6, (214, 96, 34))
-    return [
-        _walker("child_of_4", 1.02, Look(girth=1.2, head=1.45, hair=(150, 112, 70)), ObjectClass.CHILD),
-        _walker(
-            "child_of_7", 1.22, Look(girth=1.1, head=1.3, bare_forearms=True, hair=(40, 32, 28)), ObjectClass.CHILD
-        ),
-        _walker("child_of_10", 1.38, Look(head=1.2, backpack=satchel, hair=(80, 54, 36)), ObjectClass.CHILD),
-    ]
+    return [_walker(name, *each, ObjectClass.CHILD) for name, each in CHILDREN.items()]
 
 
-def _walker(name: str, height: float, look: Look, label: ObjectClass = ObjectClass.PEDESTRIAN) -> Model:
+def _walker(name: str, height: float, look: Look, label: ObjectClass) -> Model:
     poses = [dressed(walking(height, k / POSES), height, look) for k in range(POSES)]
+    return assemble(name, label, poses, cycle_m=cycle_of(height))
+
+
+def cycle_of(height: float) -> float:
+    """Return the distance (m) walked in a cycle of poses."""
     # In half a cycle the body moves forward by as much as the foot on the ground moves back relative to it.
     step_m = 2 * (THIGH + SHANK) * height * np.sin(_LEG_SWING_RAD)
-    return assemble(name, label, poses, cycle_m=round(2 * step_m, 2))
+    return round(2 * float(step_m), 2)
 
 
 def walking(height: float, share: float) -> Joints:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.choice import draw_models, models_of
 from coopsim.world.models.model import Model
+from coopsim.world.models.model_choice import draw_models, models_of
 from coopsim.world.people.itinerary import Itinerary, Mask
 from coopsim.world.people.social_force import is_blocked, push_apart
 from coopsim.world.people.walking import Walkers, advance, headings, is_safe

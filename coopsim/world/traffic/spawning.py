@@ -8,8 +8,8 @@ import numpy as np
 
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.choice import draw_models, models_of
 from coopsim.world.models.model import Model
+from coopsim.world.models.model_choice import draw_models, models_of
 from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.population import Population
 from coopsim.world.traffic.engine.array_engine import closest_speed

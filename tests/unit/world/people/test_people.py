@@ -15,8 +15,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.iou import iou_bev
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.choice import models_of
 from coopsim.world.models.model import Model
+from coopsim.world.models.model_choice import models_of
 from coopsim.world.people import people
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.people.social_force import is_blocked, push_apart
