@@ -15,7 +15,9 @@ from coopsim.world.towns.line_kernels import keep_corners
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.site import Frame, Site
 
-_WIDEST_RAD = np.radians(150.0)  # of a corner; wider ones are built on as straight streets are
+WIDEST_RAD = float(np.radians(150.0))
+"""Of a corner; wider ones are built on as straight streets are."""
+
 _SHARPEST_RAD = np.radians(25.0)
 _CORNER = Frame(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]))
 _ROUND_M = 0.5  # the building's outline stays this close to the rounded border
@@ -40,7 +42,7 @@ def build_corners(
             if side.kind != CORNER:
                 continue
             junction = plan.junctions[side.number]
-            if not _SHARPEST_RAD < junction.gap_rad(side.arm) < _WIDEST_RAD:
+            if not _SHARPEST_RAD < junction.gap_rad(side.arm) < WIDEST_RAD:
                 continue
             rng = stream(seed, "corner", str(side.number), str(side.arm))
             border = _around(borders[number], np.flatnonzero(each.side == k))

@@ -7,8 +7,10 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.places.layout import rectangle
+from coopsim.world.towns.corner_lots import WIDEST_RAD
 from coopsim.world.towns.kerb_sides import CORNER, Round
 from coopsim.world.towns.lot_kinds import CHURCH, KINDS, LotKind, draw_height_m, draw_kind, draw_setback_m
+from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.site import Frame, Site, frame_between
 
 _FAITHFUL = 0.8  # share of lots that are of the street's usual kind
@@ -41,11 +43,14 @@ class Frontage:
         return frame_between(np.array([x[0], y[0]]), np.array([x[1], y[1]]))
 
 
-def build_frontages(site: Site, rounds: tuple[Round, ...], borders: list[Floats], seed: int, openness: float) -> None:
-    """Build along both sides of all streets, and around turning loops.
+def build_frontages(
+    site: Site, plan: Plan, rounds: tuple[Round, ...], borders: list[Floats], seed: int, openness: float
+) -> None:
+    """Build along both sides of all streets, around turning loops, and where a street goes on past a junction.
 
     Args:
         site: the town, changed in place.
+        plan: its streets.
         rounds: the edges of its streets.
         borders: (N, 2) m of each, where private ground begins.
         seed: the town's.
@@ -53,7 +58,8 @@ def build_frontages(site: Site, rounds: tuple[Round, ...], borders: list[Floats]
     """
     for number, each in enumerate(rounds):
         for k, side in enumerate(each.sides):
-            if side.kind != CORNER:
+            wide = side.kind == CORNER and plan.junctions[side.number].gap_rad(side.arm) >= WIDEST_RAD
+            if side.kind != CORNER or wide:
                 rng = stream(seed, "frontage", str(side.kind), str(side.number), str(side.arm))
                 index = np.flatnonzero(each.side == k)
                 index = np.append(index, (index[-1] + 1) % len(each.kerb))
@@ -130,12 +136,12 @@ def _finish(
         return
     if driveway:
         at = (gap_m - _DRIVEWAY_M) * draws[0]
-        drive = beside.place(rectangle((at, at + _DRIVEWAY_M), (0.02, setback_m + 5.5)))
+        drive = beside.place(rectangle((at, at + _DRIVEWAY_M), (0.02, max(setback_m, 1.2) + 5.6)))
         if site.room.is_free(drive):
             site.pave(drive, "yard")
             site.kerbside.take(beside.place(rectangle((at - 0.5, at + _DRIVEWAY_M + 0.5), (-8.0, 0.0))))
             if draws[1] < 0.6:
-                spot = beside.place(np.array([[at + _DRIVEWAY_M / 2, setback_m + 2.5]]))[0]
+                spot = beside.place(np.array([[at + _DRIVEWAY_M / 2, max(setback_m + 2.2, 3.5)]]))[0]
                 site.park(spot, beside.heading_rad + np.pi * (draws[2] < 0.5))
             site.room.take(drive)
     if setback_m > 1.5 and draws[3] < 0.8 - 0.6 * openness:

@@ -12,8 +12,8 @@ from coopsim.world.towns.plan import LANE_M, Plan, Street
 from coopsim.world.towns.site import Site
 from coopsim.world.towns.surfaces import BULGE_M
 
-_BAY_M = 6.4
-_VEHICLE_M = (6.0, 2.3)  # the room that the largest van needs
+_BAY_M = 6.6
+_VEHICLE_M = (6.45, 2.45)  # the room that the largest van needs
 _LEFT_OUT = 0.08  # share of bays
 _HUMPS = 0.3  # share of streets of one lane
 _HUMP_FREE_M = 18.0  # from stop lines, loops and crosswalks
@@ -29,13 +29,20 @@ def mark_bays(site: Site, plan: Plan, rounds: tuple[Round, ...], ways: PeopleWay
             if side.kind != STREET or not full.any():
                 continue
             rng = stream(seed, "bays", str(side.number), str(side.arm))
-            low, high = float(each.along_m[full].min()), float(each.along_m[full].max())
-            count = int((high - low) // _BAY_M)
-            along = low + (np.arange(count) + 0.5) * (high - low) / max(count, 1)
-            keep = rng.random(count) > _LEFT_OUT
+            along = _bays_along(each.along_m[full], each.beside(-STRIP_M / 2)[full])
+            keep = rng.random(len(along)) > _LEFT_OUT
             for street, at_m in ways.mid_block:
                 keep &= (street != side.number) | (np.abs(along - at_m) > BULGE_M + _BAY_M / 2)
             _mark(site, plan.streets[side.number], side.arm, along[keep])
+
+
+def _bays_along(along_m: Floats, line: Floats) -> Floats:
+    """Return places (M,) along the street, evenly spaced on a line (N, 2) m beside it that has points at `along_m`."""
+    steps_m = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    passed_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    count = int(passed_m[-1] // _BAY_M)
+    middles_m = (np.arange(count) + 0.5) * passed_m[-1] / max(count, 1)
+    return np.interp(middles_m, passed_m, along_m)
 
 
 def _mark(site: Site, street: Street, way: int, along: Floats) -> None:

@@ -107,11 +107,12 @@ def describe_ways(ways: PeopleWays) -> dict[str, Any]:
         closed = np.vstack([line, line[:1]])
         plain = np.flatnonzero(keep_corners(closed, _STRAIGHT_M))[:-1]
         ends = [place % len(line) for crossing in ways.crossings for k, place in crossing if k == number]
-        free = [float(k) for k in plain if all(abs(k - end) > _MERGE for end in ends)]
+        apart = np.abs(plain[:, None] - np.array([*ends, np.inf])).min(axis=1) > _MERGE
         circle = []
-        for place in sorted({*ends, *free}):
+        for place in sorted({*ends, *plain[apart].astype(float).tolist()}):
             name = f"w{len(nodes)}"
-            nodes[name], names[number, place] = ways.place((number, place)).tolist(), name
+            at = ways.place((number, place)) if place % 1.0 else line[int(place)]
+            nodes[name], names[number, place] = at.tolist(), name
             circle.append(name)
         round_ways.append([*circle, circle[0]])
     across = [[names[k, place % len(ways.lines[k])] for k, place in crossing] for crossing in ways.crossings]

@@ -15,7 +15,7 @@ from coopsim.world.towns.room import Room
 WALL_M = 0.25
 """Thickness of walls."""
 
-_CAR_M = (5.2, 2.2)  # that a parked vehicle takes up
+_CAR_M = (6.45, 2.45)  # that the largest parked van takes up
 _LOWEST_M = 2.4  # part of a building
 
 

@@ -53,7 +53,7 @@ def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[
     pave_sides(site, rounds, ways)
     place_masts(site, plan, rounds, ways, kerbs, seed)
     build_corners(site, plan, rounds, borders, seed, open_)
-    build_frontages(site, rounds, borders, seed, open_)
+    build_frontages(site, plan, rounds, borders, seed, open_)
     mark_bays(site, plan, rounds, ways, seed)
     add_humps(site, plan, ways, seed)
     add_puddles(site, plan, seed)
