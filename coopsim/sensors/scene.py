@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,7 @@ class SceneGeometry:
         self._models = tuple(models)
         self._static = static_triangles(static)
         self._pose_counts = np.array([len(model.poses) for model in self._models], dtype=np.int64)
-        self._closed = np.array([is_closed(model.vertices, model.faces) for model in models], dtype=np.bool_)
+        self._closed = np.array([_is_closed_model(model) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, ...] | None = None
 
     def triangles(self, actors: Actors) -> Triangles:
@@ -178,9 +179,19 @@ def static_triangles(parts: Sequence[StaticPart]) -> Triangles:
         Parts(
             np.cumsum([0, *counts]),
             starts,
-            np.array([is_closed(part.vertices, part.faces) for part in parts], dtype=np.bool_),
+            np.array([_is_closed_part(part) for part in parts], dtype=np.bool_),
         ),
     )
+
+
+@lru_cache(maxsize=1024)
+def _is_closed_model(model: Model) -> bool:
+    """Return whether a model's surface is closed; models are shared by all episodes."""
+    return is_closed(model.vertices, model.faces)
+
+
+def _is_closed_part(part: StaticPart) -> bool:
+    return is_closed(part.vertices, part.faces) if part.closed is None else part.closed
 
 
 def is_closed(vertices: Floats, faces: Ints) -> bool:

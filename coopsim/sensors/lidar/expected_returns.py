@@ -2,8 +2,8 @@
 
 A sensor sees an actor's box as a rectangle, `angular width / column step` columns wide and as many beams high as lie
 between its bottom and its top. Its visible share is estimated by lines of sight to nine points of that rectangle, which
-other actors' boxes and the boxes around solid scenery block. In rain and fog, only the share that a surface of usual
-brightness returns through that air is counted.
+other actors' boxes and the boxes of scenery block; those of foliage let a share of each line through. In rain and fog,
+only the share that a surface of usual brightness returns through that air is counted.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class LineOfSight:
     """Estimates the returns from every actor; one object serves any number of agents.
 
     Args:
-        static: the scenery. The upright box around each solid component of it hides what is behind.
+        static: the scenery. Its boxes hide what is behind, as far as they are opaque; without boxes of its own, a part
+            has the upright box around each of its closed components.
         pattern: beams of the imagined sensor.
         columns: its firings per revolution.
         range_m: its range.
@@ -57,8 +58,11 @@ class LineOfSight:
         range_m: float,
         weather: Weather | None = None,
     ) -> None:
-        solid = [box for part in static if is_closed(part.vertices, part.faces) for box in _component_boxes(part)]
-        self._scenery = np.array(solid).reshape(-1, 7)
+        boxes = [_boxes_of(part) for part in static]
+        self._scenery = np.concatenate([np.zeros((0, 7)), *boxes])
+        through = np.repeat([1.0 - part.opacity for part in static], [len(each) for each in boxes])
+        tall = self._scenery[:, 2] + self._scenery[:, 5] / 2 > 0.0  # lines end above the ground
+        self._scenery, self._through = self._scenery[tall], through[tall]
         self._elevation = np.sort(pattern.elevation_rad)
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m
         self._extinction_per_m = (weather or Weather()).extinction_per_m
@@ -86,7 +90,10 @@ class LineOfSight:
         boxes = actors.boxes.array
         own_id = np.array([_NOBODY if own is None else own for own in own_ids], np.int64)
         obstacles = np.concatenate([boxes, self._scenery])
-        shares, distance_m = _visible_shares(origins_m, actors.id, own_id, self._range_m, obstacles, _ACROSS, _UP)
+        through = np.concatenate([np.zeros(len(boxes)), self._through])
+        shares, distance_m = _visible_shares(
+            origins_m, actors.id, own_id, self._range_m, obstacles, through, _ACROSS, _UP
+        )
         sensor, seen = np.nonzero(shares)
         away, box = boxes[seen, :3] - origins_m[sensor], boxes[seen]
         ground_m = np.sqrt(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1])
@@ -129,6 +136,14 @@ def _width_across(toward: Floats, boxes: Floats) -> Floats:
     return width
 
 
+def _boxes_of(part: StaticPart) -> Floats:
+    """Return the boxes (K, 7) that stand for a part; none for an open surface without boxes of its own."""
+    if part.boxes is not None:
+        return part.boxes
+    closed = is_closed(part.vertices, part.faces) if part.closed is None else part.closed
+    return np.array(_component_boxes(part)).reshape(-1, 7) if closed else np.zeros((0, 7))
+
+
 def _component_boxes(part: StaticPart) -> list[Floats]:
     """Return upright boxes (7,) around the connected components of a part."""
     edges = part.faces[:, [0, 1, 0, 2]].reshape(-1, 2).T
@@ -142,23 +157,38 @@ def _component_boxes(part: StaticPart) -> list[Floats]:
 
 @njit(cache=True, nogil=True)
 def _visible_shares(
-    origins: Floats, ids: Ints, own_id: Ints, range_m: float, obstacles: Floats, across: Floats, up: Floats
+    origins: Floats,
+    ids: Ints,
+    own_id: Ints,
+    range_m: float,
+    obstacles: Floats,
+    through: Floats,
+    across: Floats,
+    up: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return the shares (A, N) of unblocked lines from each of `origins` to each actor, and the distances (A, N).
+    """Return the shares (A, N) of lines from each of `origins` that reach each actor, and the distances (A, N).
 
     Obstacles (M, 7) begin with the boxes of the actors `ids` (N,); the actor `own_id` (A,) blocks none of its sensor's
-    lines. Lines end at all pairs of `across` and `up`. Shares are 0 for `own_id` and beyond `range_m`.
+    lines. An obstacle lets the share `through` (M,) of a line pass. Lines end at all pairs of `across` and `up`. Shares
+    are 0 for `own_id` and beyond `range_m`.
     """
     shares, distance_m = np.zeros((len(origins), len(ids))), np.zeros((len(origins), len(ids)))
     cos, sin = np.cos(obstacles[:, 6]), np.sin(obstacles[:, 6])
     radius, farthest = np.hypot(obstacles[:, 3], obstacles[:, 4]) / 2, np.abs(across).max()
-    x, y, gap = np.empty(len(obstacles)), np.empty(len(obstacles)), np.empty(len(obstacles))
-    between, end = np.empty(len(obstacles), np.int64), np.empty(3)
-    start = np.empty((len(obstacles), 3))
+    widest_m = 2 * radius[: len(ids)].max() if len(ids) else 0.0
+    x, y, gap, reach = (
+        np.empty(len(obstacles)),
+        np.empty(len(obstacles)),
+        np.empty(len(obstacles)),
+        np.empty(len(obstacles)),
+    )
+    which, between = np.empty(len(obstacles), np.int64), np.empty(len(obstacles), np.int64)
+    end, start = np.empty(3), np.empty((len(obstacles), 3))
     for a in range(len(origins)):
         origin = origins[a]
-        for m in range(len(obstacles)):
-            x[m], y[m] = obstacles[m, 0] - origin[0], obstacles[m, 1] - origin[1]
+        count = _near(which, x, y, reach, obstacles, radius, origin, len(ids), range_m + 2 * widest_m)
+        for k in range(count):
+            m = which[k]
             _turn(start[m], origin, obstacles[m], cos[m], sin[m])
         for n in range(len(ids)):
             z = obstacles[n, 2] - origin[2]
@@ -172,29 +202,63 @@ def _visible_shares(
             ux, uy = x[n] / distance, y[n] / distance
             width = obstacles[n, 3] * abs(uy * cos[n] - ux * sin[n]) + obstacles[n, 4] * abs(ux * cos[n] + uy * sin[n])
             # Most obstacles are farther from the middle line than both are wide, so they block no line.
-            _measure_gaps(gap, x, y, radius, (ux, uy, distance), farthest * width + _SLACK_M)
+            _measure_gaps(gap[:count], x, y, reach, (ux, uy, distance), farthest * width + _SLACK_M)
             gap[n] = np.inf
             candidates = 0
-            for m in range(len(obstacles)):
-                if gap[m] <= 0:
-                    between[candidates] = m
+            for k in range(count):
+                if gap[k] <= 0:
+                    between[candidates] = which[k]
                     candidates += 1
-            clear = 0
+            clear = 0.0
             for i in range(len(across)):
                 for j in range(len(up)):
                     end[0] = obstacles[n, 0] - uy * across[i] * width
                     end[1] = obstacles[n, 1] + ux * across[i] * width
                     end[2] = obstacles[n, 2] + (up[j] - 0.5) * obstacles[n, 5]
-                    hidden = False
+                    share = 1.0
                     for k in range(candidates):
                         m = between[k]
                         if _cuts(start[m], end, obstacles[m], cos[m], sin[m]):
-                            between[k], between[0] = between[0], m  # it probably hides the next line's end, too
-                            hidden = True
-                            break
-                    clear += not hidden
+                            share *= through[m]
+                            if share == 0.0:
+                                between[k], between[0] = between[0], m  # it probably hides the next line's end, too
+                                break
+                    clear += share
             shares[a, n] = clear / (len(across) * len(up))
     return shares, distance_m
+
+
+@njit(cache=True, nogil=True)
+def _near(
+    which: Ints,
+    x: Floats,
+    y: Floats,
+    reach: Floats,
+    obstacles: Floats,
+    radius: Floats,
+    origin: Floats,
+    actors: int,
+    range_m: float,
+) -> int:
+    """Fill in the first of `obstacles` (M, 7), `actors` many, and of the others those within `range_m`; count them.
+
+    Args:
+        which: (M,) becomes their numbers.
+        x: (M,) becomes where they are from `origin`.
+        y: (M,) the same.
+        reach: (M,) becomes their radii.
+        obstacles: boxes.
+        radius: (M,) of the boxes.
+        origin: (3,) of the lines.
+        actors: number of obstacles that are filled in wherever they are.
+        range_m: the longest line.
+    """
+    count = 0
+    for m in range(len(obstacles)):
+        dx, dy, far = obstacles[m, 0] - origin[0], obstacles[m, 1] - origin[1], range_m + radius[m]
+        which[count], x[count], y[count], reach[count] = m, dx, dy, radius[m]
+        count += m < actors or dx * dx + dy * dy <= far * far
+    return count
 
 
 @njit(cache=True, nogil=True)

@@ -119,3 +119,10 @@ def test_what_was_kept_from_earlier_frames_never_shows() -> None:
 
 def test_an_empty_world_has_no_triangles() -> None:
     assert len(triangles().faces) == len(triangles().vertices) == 0
+
+
+def test_what_a_part_says_of_being_closed_is_taken_without_a_look() -> None:
+    box = box_part([0, 9, 2], (4, 1, 4))
+    static = [ground(), box, replace(box, closed=False), replace(ground(), closed=True)]
+    parts = triangles(static=static).parts
+    assert parts is not None and parts.closed.tolist() == [False, True, False, True]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -152,3 +154,51 @@ def test_the_ground_hides_nothing() -> None:
     scene, who = [ground()], actors([[12.0, 3.0, 0.4]])
     assert expected(who, scene)[0] == expected(who)[0]
     assert len(Lidar(LidarConfig()).sense(RayScene(triangles(who, scene)), SE3.identity(), 1.65, None, stream(0, "l")))
+
+
+def test_a_turned_building_hides_what_its_own_box_covers_and_no_more() -> None:
+    """A wall along a diagonal: the upright box around it would hide a square of 30 x 30 m."""
+    turned = box_part([25.0, 15.0, 5.0], (42.0, 0.5, 10.0), yaw_rad=np.pi / 4)
+    own = replace(turned, closed=True, boxes=np.array([[25.0, 15.0, 5.0, 42.0, 0.5, 10.0, np.pi / 4]]))
+    who = actors([[15.0, 12.0, 0.0], [30.0, 8.0, 0.0]])  # both within the square, on either side of the wall
+    free, around, exact = expected(who), expected(who, [turned]), expected(who, [own])
+    assert free.min() > 0 and around.tolist() == [0, 0]
+    assert exact.tolist() == [free[0], 0]
+
+
+def test_an_open_surface_has_no_box_but_its_own() -> None:
+    who = actors([[30.0, 0.0, 0.0]])
+    box = box_part([15.0, 0.0, 5.0], (0.3, 12.0, 10.0))
+    assert expected(who, [replace(box, closed=False)])[0] == expected(who)[0]
+    assert expected(who, [replace(box, boxes=np.zeros((0, 7)))])[0] == expected(who)[0]
+    assert expected(who, [replace(box, closed=False, boxes=np.array([[15.0, 0, 5, 0.3, 12, 10, 0]]))])[0] == 0
+
+
+@given(opacities=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4))
+def test_hedges_one_behind_the_other_let_through_the_product_of_what_each_does(opacities: list[float]) -> None:
+    who = actors([[40.0, 0.0, 0.0]])
+    hedges = [
+        replace(box_part([8.0 + 6 * k, 0.0, 2.0], (1.0, 20.0, 4.0)), opacity=opacity)
+        for k, opacity in enumerate(opacities)
+    ]
+    free = int(expected(who, columns=10**6)[0])
+    share = np.prod(1.0 - np.array(opacities))
+    assert abs(expected(who, hedges, columns=10**6)[0] - share * free) <= 1
+
+
+def test_a_hedge_before_a_wall_changes_nothing_for_those_behind_the_wall() -> None:
+    who = actors([[30.0, 0.0, 0.0], [30.0, 20.0, 0.0]])
+    hedge = replace(box_part([10.0, 0.0, 2.0], (1.0, 40.0, 4.0)), opacity=0.25)
+    wall = box_part([20.0, 0.0, 5.0], (0.3, 12.0, 10.0))
+    for static in ([hedge, wall], [wall, hedge]):
+        hidden, seen = expected(who, static, columns=10**6)
+        assert hidden == 0 and abs(seen - 0.75 * expected(who, columns=10**6)[1]) <= 1
+
+
+def test_scenery_out_of_range_changes_nothing() -> None:
+    rng = np.random.default_rng(4)
+    who = actors(np.column_stack([rng.uniform(-80, 80, (30, 2)), rng.uniform(-3, 3, 30)]))
+    near = [box_part([*rng.uniform(-60, 60, 2), 2.0], (6.0, 2.0, 4.0)) for _ in range(20)]
+    far = [box_part([*(rng.uniform(150, 300, 2) * rng.choice([-1, 1], 2)), 2.0], (9.0, 9.0, 4.0)) for _ in range(200)]
+    np.testing.assert_array_equal(expected(who, [*near, *far]), expected(who, near))
+    np.testing.assert_array_equal(expected(who, [*far, *near]), expected(who, near))
