@@ -77,13 +77,14 @@ def _build_along(site: Site, frontage: Frontage, openness: float, rng: np.random
             kind, church_m = CHURCH, np.inf
         width_m, gap_m = rng.uniform(*kind.width_m), rng.uniform(*kind.gap_m)
         width_m = min(width_m, frontage.length_m - along_m)
+        gap_m = min(gap_m, frontage.length_m - along_m - width_m)
         driveway = kind.front == "garden" and gap_m > _DRIVEWAY_M and rng.random() < 0.6
         frame = frontage.frame(along_m, along_m + width_m)
         setback_m = _build(site, frame, kind, width_m, openness, rng)
         if setback_m is None:
             along_m += _STEP_M
             continue
-        beside = frontage.frame(along_m + width_m, along_m + width_m + gap_m)
+        beside = frontage.frame(along_m + width_m, along_m + width_m + gap_m) if driveway else frame
         _finish(site, (frame, beside), kind, (width_m, setback_m, gap_m), openness, driveway, rng)
         along_m += width_m + gap_m
 
