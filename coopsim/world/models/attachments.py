@@ -34,10 +34,10 @@ TARPAULIN = Surface(0.0, 0.45, (60, 92, 122))
 _PLATE_HALF_M, _PLATE_HEIGHT_M = 0.26, 0.11
 
 
-def plate(x: float, z: float, outwards: float, surface: Surface = RETRO_PLATE) -> Part:
+def plate(x: float, z: float, outwards: float, surface: Surface = RETRO_PLATE, half_m: float = _PLATE_HALF_M) -> Part:
     """Build a number plate that looks forward (`outwards` 1) or back (-1): a prism, flat on the outside."""
     edge = [(x, z), (x, z + _PLATE_HEIGHT_M), (x - 0.03 * outwards, z + _PLATE_HEIGHT_M / 2)]
-    return loft([[(along, y, up) for along, up in edge] for y in (_PLATE_HALF_M, -_PLATE_HALF_M)], surface)
+    return loft([[(along, y, up) for along, up in edge] for y in (half_m, -half_m)], surface)
 
 
 def plates(shape: Shape, surface: Surface = RETRO_PLATE) -> list[Part]:

@@ -14,6 +14,7 @@ from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_sc
 from coopsim.world.models.varied_cars import make_varied_cars
 from coopsim.world.models.varied_heavy import make_varied_buses, make_varied_trucks
 from coopsim.world.models.varied_people import make_varied_people
+from coopsim.world.models.varied_riders import make_varied_riders
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
@@ -56,4 +57,10 @@ def _built_in() -> tuple[Model, ...]:
 
 @cache
 def _variants() -> tuple[Model, ...]:
-    return (*make_varied_cars(), *make_varied_trucks(), *make_varied_buses(), *make_varied_people())
+    return (
+        *make_varied_cars(),
+        *make_varied_trucks(),
+        *make_varied_buses(),
+        *make_varied_riders(),
+        *make_varied_people(),
+    )

@@ -57,14 +57,14 @@ class _Truck(NamedTuple):
 
 # fmt: off
 _TRUCKS = (
-    _Truck("small_dropside", (5.40, 2.00, 2.15), 1.5, (1.75, 2.12), 2, pallets),
-    _Truck("small_dropside_earth", (5.60, 2.05, 2.20), 1.0, (1.75, 2.16), 2, earth, soiled=True),
-    _Truck("small_box_truck", (5.80, 2.12, 2.75), 1.5, (1.70, 2.20), 2, box),
-    _Truck("luton_truck", (6.30, 2.24, 3.05), 1.0, (1.70, 2.30), 2, box, soiled=True),
+    _Truck("small_dropside", (5.40, 2.00, 2.15), 3.0, (1.75, 2.12), 2, pallets),
+    _Truck("small_dropside_earth", (5.60, 2.05, 2.20), 1.2, (1.75, 2.16), 2, earth, soiled=True),
+    _Truck("small_box_truck", (5.80, 2.12, 2.75), 1.2, (1.70, 2.20), 2, box),
+    _Truck("luton_truck", (6.30, 2.24, 3.05), 0.7, (1.70, 2.30), 2, box, soiled=True),
     _Truck("flatbed_pallets", (6.90, 2.40, 2.70), 0.7, (1.85, 2.55), 2, pallets, soiled=True),
     _Truck("flatbed_pipes", (7.20, 2.45, 2.65), 0.5, (1.85, 2.60), 2, pipes),
     _Truck("curtain_truck", (8.20, 2.50, 3.55), 0.7, (1.95, 2.80), 2, curtains),
-    _Truck("container_truck", (9.40, 2.50, 3.80), 0.5, (2.00, 2.95), 3, container, soiled=True),
+    _Truck("container_truck", (9.40, 2.50, 3.80), 2.0, (2.00, 2.95), 3, container, soiled=True),
     _Truck("tanker", (8.60, 2.50, 3.20), 0.4, (2.00, 2.90), 3, tank),
     _Truck("concrete_mixer", (8.50, 2.50, 3.65), 0.5, (2.00, 2.90), 3, drum, soiled=True),
     _Truck("refuse_truck", (8.90, 2.50, 3.40), 0.5, (2.00, 2.85), 3, refuse, soiled=True),
@@ -72,10 +72,10 @@ _TRUCKS = (
 
 _Bus = tuple[str, Size, float, tuple[float, ...], float]
 _BUSES: tuple[_Bus, ...] = (  # name, size, share, axles and height of the windows' lower edge as shares
-    ("minibus", (7.40, 2.20, 2.85), 0.5, (0.22, 0.80), 0.44),
-    ("short_bus", (10.50, 2.50, 3.10), 1.0, (0.26, 0.76), 0.38),
-    ("long_city_bus", (12.20, 2.55, 3.35), 1.0, (0.27, 0.77), 0.36),
-    ("high_coach", (12.25, 2.55, 3.70), 1.0, (0.17, 0.27, 0.78), 0.52),
+    ("minibus", (7.40, 2.20, 2.85), 1.2, (0.22, 0.80), 0.44),
+    ("short_bus", (10.50, 2.50, 3.10), 0.6, (0.26, 0.76), 0.38),
+    ("long_city_bus", (12.20, 2.55, 3.35), 1.2, (0.27, 0.77), 0.36),
+    ("high_coach", (12.25, 2.55, 3.70), 1.8, (0.17, 0.27, 0.78), 0.52),
 )
 # fmt: on
 
@@ -91,7 +91,7 @@ def make_varied_buses() -> list[Model]:
         (name, size_m, share, [*bus_parts(size_m, axles, belt), *_bus_plates(size_m[0])])
         for name, size_m, share, axles, belt in _BUSES
     ]
-    buses.append(("double_decker", (10.90, 2.52, 4.30), 0.8, _double_decker((10.90, 2.52, 4.30))))
+    buses.append(("double_decker", (10.90, 2.52, 4.30), 1.1, _double_decker((10.90, 2.52, 4.30))))
     return [
         replace(assemble(name, ObjectClass.BUS, [parts], size_m), share=share) for name, size_m, share, parts in buses
     ]

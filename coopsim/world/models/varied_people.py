@@ -43,8 +43,8 @@ _SIZES: tuple[tuple[str, str, float, float, float, RGB, RGB], ...] = (
     # name, plain model, height (m), girth, share, skin, hair
     ("man_short", "man", 1.66, 1.08, 1.0, _OLIVE, _BLACK),
     ("man_stout", "man", 1.74, 1.25, 1.0, _FAIR, _GREY),
-    ("man_tall", "man", 1.86, 1.08, 1.5, _BROWN, _BLACK),
-    ("man_very_tall", "man", 1.95, 1.10, 0.8, _FAIR, _BLOND),
+    ("man_tall", "man", 1.86, 1.08, 2.0, _BROWN, _BLACK),
+    ("man_very_tall", "man", 1.95, 1.10, 1.2, _FAIR, _BLOND),
     ("young_man_slim", "young_man", 1.80, 0.98, 1.5, _FAIR, _CHESTNUT),
     ("young_man_tall", "young_man", 1.90, 1.04, 1.0, _DARK, _BLACK),
     ("woman_short", "woman", 1.56, 1.0, 0.6, _OLIVE, _BLACK),
@@ -53,12 +53,12 @@ _SIZES: tuple[tuple[str, str, float, float, float, RGB, RGB], ...] = (
     ("young_woman", "young_man", 1.64, 0.95, 1.0, _OLIVE, _CHESTNUT),
     ("elderly_man", "elderly_woman", 1.72, 1.08, 0.8, _OLIVE, _GREY),
     ("elderly_woman_short", "elderly_woman", 1.50, 1.05, 0.4, _BROWN, _GREY),
-    ("child_of_3", "child_of_4", 0.92, 1.0, 0.4, _FAIR, _BLOND),
-    ("child_of_6", "child_of_7", 1.15, 1.0, 0.7, _OLIVE, _BLACK),
-    ("child_of_8", "child_of_7", 1.28, 1.0, 1.0, _DARK, _BLACK),
-    ("child_of_9", "child_of_10", 1.33, 1.1, 1.0, _BROWN, _BLACK),
-    ("child_of_11", "child_of_10", 1.44, 1.0, 1.5, _FAIR, _CHESTNUT),
-    ("child_of_12", "child_of_10", 1.50, 1.1, 1.5, _OLIVE, _BLACK),
+    ("child_of_3", "child_of_4", 0.92, 1.0, 0.8, _FAIR, _BLOND),
+    ("child_of_6", "child_of_7", 1.15, 1.0, 0.5, _OLIVE, _BLACK),
+    ("child_of_8", "child_of_7", 1.28, 1.0, 0.8, _DARK, _BLACK),
+    ("child_of_9", "child_of_10", 1.33, 1.1, 0.8, _BROWN, _BLACK),
+    ("child_of_11", "child_of_10", 1.44, 1.0, 2.0, _FAIR, _CHESTNUT),
+    ("child_of_12", "child_of_10", 1.50, 1.1, 4.0, _OLIVE, _BLACK),
 )
 
 _CARRIERS: tuple[tuple[str, float, Belonging, float, Look], ...] = (  # name, height (m), belonging, share, look
