@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -10,7 +11,7 @@ from numba import njit
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
-_WITHIN_M = 1e-3  # an edge this deep inside another pavement is no kerb; one along the other's edge is
+_TOUCH_M = 2e-3  # edges that are this close lie along each other: corners are rounded to millimetres
 _LEAST_M = 1e-3  # of a piece of kerb
 _DEPTH_M = 0.05  # of the stones below the road
 
@@ -36,71 +37,99 @@ def kerb_faces(outlines: Sequence[Floats], height_m: float) -> Floats:
     """
     counts = [len(outline) for outline in outlines]
     corners = np.concatenate([np.zeros((0, 2)), *outlines])
-    ends = _exposed(corners, np.cumsum([0, *counts]))
+    ends = _exposed(_sorted(corners, np.cumsum([0, *counts])))
     a, b = (np.column_stack([ends[:, k], np.full(len(ends), -_DEPTH_M)]) for k in range(2))
     rise = np.array([0.0, 0.0, height_m + _DEPTH_M])
     return np.concatenate([np.stack([a, b, b + rise], axis=1), np.stack([a, b + rise, a + rise], axis=1)])
 
 
-@njit(cache=True, nogil=True)
-def _exposed(corners: Floats, start: Ints) -> Floats:
-    """Return the ends (N, 2, 2) of the pieces of all outlines' edges that are inside no other outline.
+class _Outlines(NamedTuple):
+    """Outlines in the order of their least x.
 
-    Args:
+    Attributes:
         corners: (C, 2) of all outlines, one after the other.
-        start: (P + 1,) first corner of each outline and, last, their number.
+        start: (P,) first corner of each outline.
+        end: (P,) first corner behind it.
+        bounds: (P, 4) least and greatest x, least and greatest y.
+        widest: largest width along x.
     """
-    count, ends = 0, np.empty((4 * len(corners) + 64, 2, 2))
-    outlines = len(start) - 1
-    low, high = np.empty((outlines, 2)), np.empty((outlines, 2))
-    for p in range(outlines):
-        for axis in range(2):
-            low[p, axis] = corners[start[p] : start[p + 1], axis].min()
-            high[p, axis] = corners[start[p] : start[p + 1], axis].max()
-    enter, leave = np.empty(outlines), np.empty(outlines)
-    for p in range(outlines):
-        for c in range(start[p], start[p + 1]):
-            a, b = corners[c], corners[c + 1 if c + 1 < start[p + 1] else start[p]]
-            hidden = 0
-            for q in range(outlines):
-                if q == p or not _near(a, b, low[q], high[q]):
-                    continue
-                first, last = _inside(a, b, corners[start[q] : start[q + 1]])
-                if first < last:
-                    enter[hidden], leave[hidden] = first, last
-                    hidden += 1
-            order = np.argsort(enter[:hidden])
+
+    corners: Floats
+    start: Ints
+    end: Ints
+    bounds: Floats
+    widest: float
+
+
+def _sorted(corners: Floats, start: Ints) -> _Outlines:
+    """Sort outlines, of which corners (C, 2) and the first corner (P + 1,) are given, by their least x."""
+    if len(start) < 2:
+        return _Outlines(corners, start[:0], start[:0], np.zeros((0, 4)), 0.0)
+    low, high = (reach.reduceat(corners, start[:-1], axis=0) for reach in (np.minimum, np.maximum))
+    bounds = np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]]) + [-_TOUCH_M, _TOUCH_M] * 2
+    order = np.argsort(bounds[:, 0], kind="stable")
+    widest = float((bounds[:, 1] - bounds[:, 0]).max())
+    return _Outlines(corners, start[:-1][order], start[1:][order], bounds[order], widest)
+
+
+@njit(cache=True, nogil=True)
+def _exposed(outlines: _Outlines) -> Floats:
+    """Return the ends (N, 2, 2) of the pieces of all outlines' edges that are inside no other outline."""
+    corners, count = outlines.corners, 0
+    ends, hidden = np.empty((4 * len(corners) + 64, 2, 2)), np.empty((len(outlines.start), 2))
+    for p in range(len(outlines.start)):
+        for c in range(outlines.start[p], outlines.end[p]):
+            a, b = corners[c], corners[c + 1 if c + 1 < outlines.end[p] else outlines.start[p]]
+            found = _hide(a, b, p, outlines, hidden)
+            order = np.argsort(hidden[:found, 0])
             least = _LEAST_M / max(np.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
             at = 0.0
-            for k in range(hidden + 1):
-                until = enter[order[k]] if k < hidden else 1.0
+            for k in range(found + 1):
+                until = hidden[order[k], 0] if k < found else 1.0
                 if until - at > least:
                     if count == len(ends):
                         ends = np.concatenate((ends, np.empty_like(ends)))
                     ends[count, 0], ends[count, 1] = a + at * (b - a), a + until * (b - a)
                     count += 1
-                if k < hidden:
-                    at = max(at, leave[order[k]])
+                if k < found:
+                    at = max(at, hidden[order[k], 1])
     return ends[:count]
 
 
 @njit(cache=True, nogil=True)
-def _near(a: Floats, b: Floats, low: Floats, high: Floats) -> bool:
-    """Return whether the rectangle around a line from a to b meets another one."""
-    beside = max(a[0], b[0]) < low[0] or min(a[0], b[0]) > high[0]
-    return not (beside or max(a[1], b[1]) < low[1] or min(a[1], b[1]) > high[1])
+def _hide(a: Floats, b: Floats, own: int, outlines: _Outlines, hidden: Floats) -> int:
+    """Fill `hidden` (P, 2) with first and last share of an edge of one outline within others; return their number."""
+    found, bounds = 0, outlines.bounds
+    low_x, high_x, low_y, high_y = min(a[0], b[0]), max(a[0], b[0]), min(a[1], b[1]), max(a[1], b[1])
+    for p in range(np.searchsorted(bounds[:, 0], low_x - outlines.widest), len(bounds)):
+        if bounds[p, 0] > high_x:
+            break
+        if p == own or bounds[p, 1] < low_x or bounds[p, 2] > high_y or bounds[p, 3] < low_y:
+            continue
+        first, last = _inside(a, b, outlines.corners[outlines.start[p] : outlines.end[p]], p < own)
+        if first < last:
+            hidden[found, 0], hidden[found, 1] = first, last
+            found += 1
+    return found
 
 
 @njit(cache=True, nogil=True)
-def _inside(a: Floats, b: Floats, outline: Floats) -> tuple[float, float]:
-    """Return the shares of a line from a to b between which it is inside a convex outline (Cyrus and Beck 1978)."""
+def _inside(a: Floats, b: Floats, outline: Floats, twice: bool) -> tuple[float, float]:
+    """Return the shares of an edge from a to b between which it is inside a convex outline (Cyrus and Beck 1978).
+
+    An edge along one of the outline's is inside if the two outlines are on different sides of it or, when `twice` says
+    that this edge is there already, on the same side.
+    """
     first, last = 0.0, 1.0
     for k in range(len(outline)):
         here, there = outline[k], outline[(k + 1) % len(outline)]
         ex, ey = there[0] - here[0], there[1] - here[1]
-        within = _WITHIN_M * np.hypot(ex, ey)
-        at_a = ex * (a[1] - here[1]) - ey * (a[0] - here[0]) - within
-        at_b = ex * (b[1] - here[1]) - ey * (b[0] - here[0]) - within
+        length = np.hypot(ex, ey)
+        at_a, at_b = ex * (a[1] - here[1]) - ey * (a[0] - here[0]), ex * (b[1] - here[1]) - ey * (b[0] - here[0])
+        if max(abs(at_a), abs(at_b)) < _TOUCH_M * length:
+            if ex * (b[0] - a[0]) + ey * (b[1] - a[1]) > 0 and not twice:
+                return 1.0, 0.0
+            continue
         if at_a < 0 and at_b < 0:
             return 1.0, 0.0
         if at_a < 0:

@@ -33,8 +33,11 @@ def test_kerbs_run_round_the_union(outlines: list[np.ndarray]) -> None:
     assert faces[..., 2].min() < 0
 
 
-def test_kerbs_on_one_line_are_not_lost() -> None:
-    assert length_m(kerb_faces([SQUARE, SQUARE], 0.12)) >= 16.0 - 1e-9
+def test_kerbs_on_one_line_are_there_once_and_between_neighbours_there_are_none() -> None:
+    assert length_m(kerb_faces([SQUARE, SQUARE], 0.12)) == pytest.approx(16.0)
+    beside = [SQUARE, np.add(SQUARE, [4.001, 0.0]), np.add(SQUARE, [2.0, 4.0]), np.add(SQUARE, [40.0, 0.0])]
+    union = unary_union([Polygon(outline).buffer(2e-3) for outline in beside])
+    assert length_m(kerb_faces(beside, 0.12)) == pytest.approx(union.length, abs=0.05)
 
 
 def test_faces_look_outward_and_tops_up() -> None:
