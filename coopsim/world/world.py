@@ -45,6 +45,7 @@ class World:
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
         self.models: tuple[Model, ...] = scenario.models
+        self._dirty = scenario.detail == "full"
         self._sizes_m = np.array([model.size_m for model in self.models])
         self._labels = np.array([model.label for model in self.models])
         self._cycles_m = np.array([model.cycle_m for model in self.models])
@@ -111,7 +112,7 @@ class World:
         key = identity.tobytes()
         if key != self._drawn_key:  # mostly the same actors as in the last frame
             start = uniform_draws(self._seed, "phase", identity, 1)[:, 0]
-            self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label), start)
+            self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label, dirty=self._dirty), start)
         return self._drawn
 
     def agents(self) -> dict[str, AgentBody]:

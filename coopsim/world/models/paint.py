@@ -90,8 +90,19 @@ _DARKER, _LIGHTER, _FADED = 0.10, 0.05, 12.0
 has up to so much white in it (of 255), because black has little to darken."""
 
 
-def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
-    """Return the first and second colours, each (N, 3), of actors with ids (N,) and classes (N,)."""
+DUST: RGB = (112, 98, 78)
+_DIRTIEST, _CLEAN = 0.45, 0.5
+"""A share of the vehicles is clean; on the others lies a film of dust, which hides up to so much of the paint, evenly
+spread. Assumed by us."""
+
+
+def draw_colors(seed: int, ids: Ints, label: Ints, *, dirty: bool = False) -> tuple[Colors, Colors]:
+    """Return the first and second colours, each (N, 3), of actors with ids (N,) and classes (N,).
+
+    `dirty`: there is dust on vehicles. It also sets what the LiDAR sees of them, by the colour: black paint, which
+    returns least (see `coopsim.sensors.scene.paint_reflectivity`), returns more under dust, and colours and white
+    hardly change. Models have their own dust below the belt, with a lower reflectivity.
+    """
     draw = uniform_draws(seed, "appearance", ids, 13)
     color, accent = (np.zeros((len(ids), 3)) for _ in range(2))
     for cls, wardrobe in _WARDROBES.items():
@@ -101,6 +112,9 @@ def draw_colors(seed: int, ids: Ints, label: Ints) -> tuple[Colors, Colors]:
             accent[of] = _pick(wardrobe.accent, draw[of, 1])
     plain = np.array([_WARDROBES[cls].plain for cls in ObjectClass])[label]
     color, accent = _shaded(color, draw[:, 2:7]), _shaded(accent, draw[:, 7:12])
+    if dirty:
+        film = _film(seed, ids, label)
+        color, accent = (film * DUST + (1 - film) * each for each in (color, accent))
     same = draw[:, 12:] < plain[:, None]
     return color.astype(np.uint8), np.where(same, color, accent).astype(np.uint8)
 
@@ -110,6 +124,14 @@ def _pick(colors: dict[RGB, float], draw: Floats) -> Floats:
     limits = np.cumsum(list(colors.values()))
     chosen: Floats = np.array(list(colors), dtype=np.float64)[np.searchsorted(limits, draw * limits[-1], side="right")]
     return chosen
+
+
+def _film(seed: int, ids: Ints, label: Ints) -> Floats:
+    """Return the share (N, 1) of the paint that dust hides: none of people and two-wheelers."""
+    draw = uniform_draws(seed, "dust", ids, 1)
+    vehicle = np.isin(label, (ObjectClass.CAR, ObjectClass.VAN, ObjectClass.TRUCK, ObjectClass.BUS))[:, None]
+    film: Floats = _DIRTIEST * np.where(vehicle, np.maximum(draw - _CLEAN, 0.0) / (1.0 - _CLEAN), 0.0)
+    return film
 
 
 def _shaded(color: Floats, draw: Floats) -> Floats:

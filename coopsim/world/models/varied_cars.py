@@ -28,9 +28,8 @@ from coopsim.world.models.attachments import (
 from coopsim.world.models.cars import LEVELS, LOWER, SHAPES, TOP, UPPER, Shape, second_color, vehicle_parts
 from coopsim.world.models.model import Model
 from coopsim.world.models.openings import INSIDE, open_bonnet, open_boot, open_door, open_rear_doors, open_tailgate
+from coopsim.world.models.paint import DUST
 from coopsim.world.models.parts import ACCENT, PAINT, Dress, Part, Surface, assemble, mirrored
-
-DUST = (112, 98, 78)
 
 _Extra = Callable[[Shape], list[Part]]
 

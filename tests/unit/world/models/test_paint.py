@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.paint import CLOTHES, LIVERIES, PAINTS, draw_colors
+from coopsim.world.models.paint import CLOTHES, DUST, LIVERIES, PAINTS, draw_colors
 
 CARS = np.zeros(20_000, dtype=np.int64)
 IDS = np.arange(1, len(CARS) + 1)
@@ -50,3 +50,17 @@ def test_colours_are_of_the_id_and_seed_alone() -> None:
 def test_nobody_wears_nothing() -> None:
     color, accent = draw_colors(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     assert color.shape == accent.shape == (0, 3)
+
+
+def test_half_of_the_vehicles_are_dusty_and_nobody_else_is() -> None:
+    """Dust moves a colour towards its own by up to the stated share."""
+    for cls in ObjectClass:
+        label = np.full(len(IDS), int(cls))
+        clean, dirty = (draw_colors(3, IDS, label, dirty=dirty)[0].astype(float) for dirty in (False, True))
+        far = np.abs(clean - DUST).max(axis=1) > 60
+        film = (1 - np.linalg.norm(dirty - DUST, axis=1) / np.linalg.norm(clean - DUST, axis=1))[far]
+        if cls <= ObjectClass.BUS:
+            assert 0.45 < (film > 0.02).mean() < 0.55
+            assert 0.40 < film.max() < 0.48 and film.min() > -0.02
+        else:
+            np.testing.assert_array_equal(dirty, clean)
