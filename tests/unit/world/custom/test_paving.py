@@ -46,7 +46,7 @@ def test_every_kind_is_a_surface_at_a_height_of_its_own() -> None:
         ({"outline": SQUARE}, r"paved\[0\]: kind is missing in paved"),
         (
             {"outline": [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]], "kind": "yard"},
-            r"paved\[0\].outline: outline must be convex, .*: write another shape as several",
+            r"paved\[0\].outline: outline must be convex: write another shape as several",
         ),
         ({"outline": SQUARE[:2], "kind": "yard"}, r"outline must be at least 3 points"),
     ],
