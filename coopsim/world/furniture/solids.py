@@ -1,0 +1,103 @@
+"""Closed solids that furniture is built from: blocks, bars, round posts, mounds; and open sheets.
+
+Frame of a model: x ahead (where its front looks), y to the left, z up from the ground, metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """A mesh.
+
+    Attributes:
+        vertices: (V, 3) m.
+        faces: (F, 3) int, counter-clockwise from outside.
+    """
+
+    vertices: Floats
+    faces: Ints
+
+
+def prism(low: ArrayLike, high: ArrayLike) -> Solid:
+    """Join two outlines (K, 3) m, counter-clockwise from the side of `high`, each flat and convex; 4 K - 4 faces."""
+    bottom, top = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    count = len(bottom)
+    here, fan = np.arange(count), np.arange(1, count - 1)
+    there, zero = np.roll(here, -1), np.zeros(count - 2, dtype=np.int64)
+    faces = [
+        np.column_stack([here, there, there + count]),
+        np.column_stack([here, there + count, here + count]),
+        np.column_stack([zero, fan + 1, fan]),
+        np.column_stack([zero + count, fan + count, fan + 1 + count]),
+    ]
+    return Solid(np.vstack([bottom, top]), np.vstack(faces))
+
+
+def block(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], taper: float = 1.0) -> Solid:
+    """Build an upright block (12 faces); `taper` is the top's share of the bottom's size."""
+    corners = np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
+    middle = corners.mean(axis=0)
+    return prism(_at(corners, z[0]), _at(middle + taper * (corners - middle), z[1]))
+
+
+def bar(start: ArrayLike, end: ArrayLike, radius_m: float, end_radius_m: float | None = None, sides: int = 6) -> Solid:
+    """Build a round bar from one point (3,) m to another, 4 `sides` - 4 faces; its radius may change along it."""
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    along = (b - a) / np.linalg.norm(b - a)
+    aside = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.9 else [1.0, 0.0, 0.0])
+    aside /= np.linalg.norm(aside)
+    turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides
+    ring = np.cos(turn)[:, None] * aside + np.sin(turn)[:, None] * np.cross(along, aside)
+    return prism(a + radius_m * ring, b + (radius_m if end_radius_m is None else end_radius_m) * ring)
+
+
+def post(x: float, y: float, z: tuple[float, float], radius_m: float, top_m: float | None = None) -> Solid:
+    """Build an upright round post (20 faces)."""
+    return bar((x, y, z[0]), (x, y, z[1]), radius_m, top_m)
+
+
+def drum(x: float, y: float, z: tuple[float, float], radius_m: float, top_m: float | None = None) -> Solid:
+    """Build an upright round body (28 faces)."""
+    return bar((x, y, z[0]), (x, y, z[1]), radius_m, top_m, sides=8)
+
+
+def mound(rings: Sequence[Floats]) -> Solid:
+    """Build a body through level outlines (K, 3) m from below, counter-clockwise from above, with a flat top."""
+    count, levels = len(rings[0]), len(rings)
+    here = np.arange(count)
+    there, fan = np.roll(here, -1), np.arange(1, count - 1)
+    zero, last = np.zeros(count - 2, dtype=np.int64), (levels - 1) * count
+    sides = [
+        np.column_stack([a + k * count, b + k * count, c + k * count])
+        for k in range(levels - 1)
+        for a, b, c in ((here, there, there + count), (here, there + count, here + count))
+    ]
+    caps = [np.column_stack([zero, fan + 1, fan]), np.column_stack([zero, fan, fan + 1]) + last]
+    return Solid(np.vstack(rings), np.vstack([*sides, *caps]))
+
+
+def sheet(x: float, y: tuple[float, float], z: tuple[float, float]) -> Solid:
+    """Build an upright rectangle without thickness across x (2 faces)."""
+    corners = [[x, y[0], z[0]], [x, y[1], z[0]], [x, y[1], z[1]], [x, y[0], z[1]]]
+    return Solid(np.array(corners, dtype=np.float64), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def joined(solids: Sequence[Solid]) -> Solid:
+    """Return all solids as one mesh."""
+    starts = np.cumsum([0, *(len(solid.vertices) for solid in solids)])
+    faces = [solid.faces + start for solid, start in zip(solids, starts, strict=False)]
+    return Solid(np.concatenate([solid.vertices for solid in solids]), np.concatenate(faces))
+
+
+def _at(outline: Floats, z: float) -> Floats:
+    return np.column_stack([outline, np.full(len(outline), z)])
