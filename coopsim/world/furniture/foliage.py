@@ -23,7 +23,7 @@ from coopsim.support.rng import stream
 from coopsim.world.furniture.materials import LEAVES
 from coopsim.world.furniture.piece import Shape
 
-CROWN_K_PER_M, BUSH_K_PER_M, HEDGE_K_PER_M = 0.6, 1.8, 2.4
+CROWN_K_PER_M, BUSH_K_PER_M, HEDGE_K_PER_M = 0.6, 2.4, 2.4
 """Share of rays that is stopped per metre, at short paths."""
 
 VARIANTS = 8
@@ -53,7 +53,9 @@ def _plates(variant: int, count: int) -> tuple[Floats, Floats, Floats]:
     return in_cube, in_ball, _PLATE_RADIUS * spokes
 
 
-def ball_of_leaves(size_m: tuple[float, float, float], k_per_m: float, count: int, variant: int) -> tuple[Floats, Floats]:
+def ball_of_leaves(
+    size_m: tuple[float, float, float], k_per_m: float, count: int, variant: int
+) -> tuple[Floats, Floats]:
     """Fill an ellipsoid with plates.
 
     Args:

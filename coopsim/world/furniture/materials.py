@@ -37,8 +37,9 @@ RUBBLE = Material((134, 126, 118), 0.3)
 EARTH = Material((96, 78, 60), 0.25)
 BARK = Material((92, 70, 52), 0.3)
 LEAVES = (Material((70, 104, 58), 0.45), Material((86, 116, 62), 0.45), Material((58, 92, 60), 0.45))
-SIGN_RED = Material((190, 40, 40), 1.0)
-SIGN_BLUE = Material((40, 80, 160), 1.0)
-SIGN_WHITE = Material((232, 232, 226), 1.0)
-"""Reflectivities are round numbers of the order of measured ones. Plates of signs send the light back to where it comes
-from: they return more than any matt surface, and 1 is the most that there is here."""
+SIGN_RED = Material((190, 40, 40), 140.0)
+SIGN_BLUE = Material((40, 80, 160), 60.0)
+SIGN_WHITE = Material((232, 232, 226), 780.0)
+"""Reflectivities of matt surfaces are round numbers of the order of measured ones. Plates of signs send light back to
+where it comes from: sheeting of class RA2 of EN 12899-1 has, new, at least 250 cd/(lx m2) in white, 45 in red and 20 in
+blue, which is as many times the 1/pi of matt white."""

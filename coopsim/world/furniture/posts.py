@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry.se3 import Floats
 from coopsim.world.furniture.materials import (
     DARK_METAL,
     RED,
@@ -14,10 +15,11 @@ from coopsim.world.furniture.materials import (
     YELLOW,
     ZINC,
 )
-from coopsim.world.furniture.piece import Piece, shape
+from coopsim.world.furniture.piece import Piece, Shape, shape
 from coopsim.world.furniture.solids import Solid, block, drum, post, prism
 
-_PLATES = (SIGN_RED, SIGN_BLUE, SIGN_WHITE, SIGN_RED)
+_X = np.array([1.0, 0.0, 0.0])
+_SHEETS = (SIGN_RED, SIGN_BLUE, SIGN_WHITE, SIGN_RED)
 _UNDER_PLATE_M = 2.2
 """Lower edge of a sign's plate over a pavement: 2.0 to 2.5 m are usual."""
 
@@ -30,19 +32,25 @@ def lamp(height_m: float, variant: int) -> Piece:
 
 
 def sign(height_m: float, variant: int) -> Piece:
-    """Build a sign that looks ahead: round, triangular or square, on a post."""
-    plate, back = (_plate(variant, x, height_m) for x in ((0.05, 0.07), (0.04, 0.05)))
-    pole = post(0.0, 0.0, (0.0, height_m), 0.035)
-    return shape(ZINC, pole, back), shape(_PLATES[variant % len(_PLATES)], plate)
+    """Build a sign that looks ahead, round, square or triangular, on a post; its back is grey."""
+    low_m = min(_UNDER_PLATE_M, height_m - 0.4)
+    outline = _outline((8, 4, 4, 3)[variant % 4], low_m, height_m)
+    board = prism(outline + _X * 0.03, outline + _X * 0.045)
+    pole = block((-0.03, 0.03), (-0.03, 0.03), (0.0, height_m - 0.1))
+    fan = np.arange(1, len(outline) - 1)
+    front = Solid(outline + _X * 0.05, np.column_stack([np.zeros_like(fan), fan, fan + 1]))
+    sheeting = Shape(front.vertices, front.faces, _SHEETS[variant % len(_SHEETS)], False, np.zeros((0, 7)))
+    return shape(ZINC, pole, board), sheeting
 
 
-def _plate(variant: int, x: tuple[float, float], top_m: float) -> Solid:
-    half = (top_m - min(_UNDER_PLATE_M, top_m - 0.4)) / 2
-    sides = (8, 4, 4, 3)[variant % 4]
+def _outline(sides: int, low_m: float, high_m: float) -> Floats:
+    """Return a regular outline (K, 3) m across x, between two heights, counter-clockwise from ahead."""
     turn = np.arange(sides) * 2 * np.pi / sides + (np.pi / 2 if sides == 3 else np.pi / sides)
-    radius = half / np.cos(np.pi / sides) if sides > 3 else half
-    outline = np.stack([np.zeros(sides), radius * np.cos(turn), top_m - half + radius * np.sin(turn)], axis=1)
-    return prism(outline + [x[0], 0.0, 0.0], outline + [x[1], 0.0, 0.0])
+    ring = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=1)
+    scale = (high_m - low_m) / float(np.ptp(ring[:, 2]))
+    ring *= scale
+    ring[:, 2] += low_m - ring[:, 2].min()
+    return ring
 
 
 def traffic_light(height_m: float, _: int) -> Piece:

@@ -1,0 +1,117 @@
+"""What of a place must stay free of furniture: roads and the sweep of long vehicles, people's ways, bays, buildings."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.furniture.free_ground import BULKY, CROWN, GROUND, Obstacles, make_obstacles
+from coopsim.world.places.layout import Bay, Footways, Layout
+from coopsim.world.places.road_network import CircularLane, Lane
+from coopsim.world.snapshot import StaticPart
+from coopsim.world.traffic.rules.driving import cut_inside_m
+
+KERB_M = 0.45
+"""Least distance of furniture from the edge of a lane."""
+
+WALK_M = 0.95
+"""Least distance of furniture from the lines along which people walk and ride."""
+
+_BUS_M = 12.5  # of the longest vehicles
+_SWINGING_M = 6.0  # before and after a bend, where long vehicles still stand at an angle
+_WIDE_BEND_M = 60.0  # radius from which vehicles keep to their lane
+_CROSSWALK_M, _SIGHT_M = 0.8, 4.0
+_STOP_LINE_M = 6.0
+_BAY_M = {ObjectClass.TRUCK: (10.0, 2.8), ObjectClass.BUS: (12.6, 2.8)}
+_USUAL_BAY_M = (6.4, 2.6)
+_UPRIGHT_M = 0.3  # parts that are higher are no surfaces
+
+
+def obstacles_of(layout: Layout, area: Floats) -> Obstacles:
+    """Return all that must stay free within an area, its least and greatest x and y (2, 2) m."""
+    outlines, margins, layers = list[Floats](), list[float](), list[int]()
+
+    def add(shapes: list[Floats] | tuple[Floats, ...], margin_m: float, layer: int) -> None:
+        outlines.extend(shapes)
+        margins.extend([margin_m] * len(shapes))
+        layers.extend([layer] * len(shapes))
+
+    for lane in layout.network.lanes.values():
+        add(_pieces_of(lane), lane.width / 2 + KERB_M + _sweep_m(lane), GROUND)
+    add(layout.road_map.lanes, KERB_M, GROUND)
+    add(layout.road_map.crosswalks, _CROSSWALK_M, GROUND)
+    add(layout.road_map.crosswalks, _SIGHT_M, BULKY)
+    stops = [layout.network.get_lane((*road, 0)).position(0.0, 0.0)[None] for road in layout.movements]
+    add(stops, _STOP_LINE_M, BULKY)
+    for ways in (layout.footways, layout.cycleways):
+        add(lines_of(ways) if ways is not None else [], WALK_M, GROUND)
+    add([_bay_outline(bay) for bay in layout.bays], KERB_M, GROUND)
+    add(layout.road_map.buildings, 0.1, GROUND | CROWN)
+    add([rsu.translation[None, :2] for rsu in layout.rsus], 0.6, GROUND)
+    add([rsu.translation[None, :2] for rsu in layout.rsus], 2.0, CROWN)
+    for part in layout.static:
+        if part.name != "building":
+            add(upright_outlines(part), 0.2, GROUND)
+    return make_obstacles(outlines, margins, layers, area)
+
+
+def lanes_of(layout: Layout, area: Floats) -> Obstacles:
+    """Return the lanes alone, without a margin."""
+    lanes = [(piece, lane.width / 2) for lane in layout.network.lanes.values() for piece in _pieces_of(lane)]
+    return make_obstacles([piece for piece, _ in lanes], [half for _, half in lanes], [GROUND] * len(lanes), area)
+
+
+def lines_of(ways: Footways, *, crossing: bool = True) -> list[Floats]:
+    """Return the ways of a graph (2, 2) m, each once; without `crossing` only those that cross no road."""
+    start, place = np.nonzero(ways.neighbours >= 0)
+    end = ways.neighbours[start, place]
+    pairs = np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0)
+    if not crossing:
+        pairs = pairs[~ways.crossing[pairs[:, 0], pairs[:, 1]]]
+    return list(ways.nodes[pairs])
+
+
+def upright_outlines(part: StaticPart) -> list[Floats]:
+    """Return outlines (4, 2) m of a part that stands up; none of a surface."""
+    if part.boxes is not None:
+        tall = part.boxes[part.boxes[:, 5] > _UPRIGHT_M]
+        return [_rectangle(box[:2], box[3:5], float(box[6])) for box in tall]
+    low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+    if high[2] - low[2] < _UPRIGHT_M:
+        return []
+    return [np.array([low[:2], [high[0], low[1]], high[:2], [low[0], high[1]]])]
+
+
+def _pieces_of(lane: Lane) -> list[Floats]:
+    """Return straight pieces (2, 2) m of a lane's middle line, in bends with their tangents at both ends."""
+    if not isinstance(lane, CircularLane):
+        return [np.array([lane.position(0.0, 0.0), lane.position(lane.length, 0.0)])]
+    along = np.linspace(0.0, lane.length, int(np.ceil(lane.length / 2.5)) + 1)
+    points = [lane.position(s, 0.0) for s in along.tolist()]
+    if lane.radius < _WIDE_BEND_M:
+        for s, sign in ((0.0, -1), (lane.length, 1)):
+            heading = lane.heading_at(s)
+            beyond = lane.position(s, 0.0) + sign * _SWINGING_M * np.array([np.cos(heading), np.sin(heading)])
+            points = [beyond, *points] if sign < 0 else [*points, beyond]
+    return [np.array(pair) for pair in pairwise(points)]
+
+
+def _sweep_m(lane: Lane) -> float:
+    """Return how far the longest vehicles leave a lane."""
+    bent = isinstance(lane, CircularLane) and lane.radius < _WIDE_BEND_M
+    return float(cut_inside_m(_BUS_M, lane.radius)) / 2 if bent and isinstance(lane, CircularLane) else 0.0
+
+
+def _bay_outline(bay: Bay) -> Floats:
+    size = _BAY_M.get(bay.label, _USUAL_BAY_M) if bay.label is not None else _USUAL_BAY_M
+    return _rectangle(np.array([bay.x_m, bay.y_m]), np.array(size), bay.heading_rad)
+
+
+def _rectangle(middle: Floats, size: Floats, yaw: float) -> Floats:
+    ahead, left = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * size / 2
+    rectangle: Floats = middle + corners[:, :1] * ahead + corners[:, 1:] * left
+    return rectangle
