@@ -10,6 +10,7 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
+from coopsim.world.furniture.furnished import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossing import make_crossing, make_t_junction
 from coopsim.world.places.highway import make_highway, make_platoon
@@ -165,9 +166,11 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     if "connected_cars" not in numbers:
         cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
         wanted["connected_cars"] = min(wanted["connected_cars"], cars)
-    return Scenario(
-        found.name, found.make_layout(), Population(**wanted), detail or usual_detail(found), found.description
-    )
+    detail = detail or usual_detail(found)
+    layout = found.make_layout()
+    if detail == "full" and "furniture" not in (found.description or ()):
+        layout = furnished_for(found.name, layout)
+    return Scenario(found.name, layout, Population(**wanted), detail, found.description)
 
 
 def wanted_numbers(name: str, usual: Population, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,8 @@
 | `paved` | list of further ground: `outline` (convex) and `kind` (road, pavement, parking, yard or grass) |
 | `rsus`, `mast_m` | list of places for roadside units, in order: `at` and `look_at`; height of their masts |
 | `drones_around` | the middle of drones' circles |
+| `furniture` | list, seen in full detail: `kind` (docs/reference/furniture.md), `at` and `heading_deg`, or |
+| | `along`, points of a line; sizes of the kind |
 | `kerb_m`, `crown`, `humps`, `wet` | the ground, see `coopsim.world.custom.ground` |
 
 Only `nodes` and `roads` are needed. Crossings and junctions are found from the geometry of the roads. Vehicles wait at
@@ -46,6 +48,8 @@ from coopsim.world.custom.paving import paved_parts, read_paved
 from coopsim.world.custom.roads import read_roads
 from coopsim.world.custom.starts import read_speeds, read_starts
 from coopsim.world.custom.ways import read_ways
+from coopsim.world.furniture.furnished import with_furniture
+from coopsim.world.furniture.furniture_file import read_furniture
 from coopsim.world.places.layout import Layout, flights_around, rectangle
 from coopsim.world.places.scenery import town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M
@@ -66,6 +70,7 @@ KEYS = (
     "rsus",
     "mast_m",
     "drones_around",
+    "furniture",
     *GROUND_KEYS,
 )
 
@@ -143,6 +148,8 @@ def read_place(entry: Entry, name: str) -> Place:
         clearance_m=_CLEARANCE_M,
     )
     layout = read_ground(fields, roads.network).applied(layout, turning_loops(roads))
+    if "furniture" in fields:
+        layout = with_furniture(layout, read_furniture(fields["furniture"], kerbs))
     return Place(name, lambda: layout, _usual_population(layout), plain(entry.as_read))
 
 

@@ -10,8 +10,9 @@ from numba import njit
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 
-GROUND, CROWN, BULKY = 1, 2, 4
-"""Layers: what stands on the ground, what spreads above it, and what hides people who are about to cross."""
+GROUND, CROWN, BULKY, UNPAVED = 1, 2, 4, 8
+"""Layers: what stands on the ground, what spreads above it, what hides people who are about to cross, and what does
+not stand in yards and driveways."""
 
 _CELL_M = 16.0
 _LARGEST_M = 4.0

@@ -15,7 +15,7 @@ from coopsim.world.furniture.plot import Plot
 from coopsim.world.furniture.stations import Side, fronts, street_sides, way_sides
 from coopsim.world.places.layout import Layout
 
-_AROUND_M = 90.0  # beyond the outermost starts and ways
+_AROUND_M = 60.0  # beyond the ends of lanes and ways
 _AHEAD_M = 1_500.0  # where traffic is kept up around cars that go on and on along x
 _BEYOND_M = (0.3,)
 _BEHIND_M = (1.5, 2.5, 3.5)
@@ -47,10 +47,12 @@ def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
 
 
 def _area(layout: Layout) -> Floats:
-    """Return the least and greatest x and y (2, 2) m of what is furnished."""
-    starts = [layout.network.get_lane(slot.lane).position(slot.along_m, 0.0) for slot in layout.slots]
+    """Return the least and greatest x and y (2, 2) m of what is furnished: everything, but not all of endless roads."""
+    ends = [lane.position(along, 0.0) for lane in layout.network.lanes.values() for along in (0.0, lane.length)]
+    if layout.window_m is not None:
+        ends = [layout.network.get_lane(slot.lane).position(slot.along_m, 0.0) for slot in layout.slots]
     nodes = [] if layout.footways is None else list(layout.footways.nodes)
-    points = np.array([*starts, *nodes, *(rsu.translation[:2] for rsu in layout.rsus)])
+    points = np.array([*ends, *nodes, *(rsu.translation[:2] for rsu in layout.rsus)])
     area = np.stack([points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M])
     if layout.window_m is not None:
         area[:, 0] = area[0, 0] - layout.window_m, area[1, 0] + _AHEAD_M

@@ -8,12 +8,23 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
-from coopsim.world.furniture.free_ground import BULKY, CROWN, GROUND, Discs, Obstacles, Wishes, are_free, settle
+from coopsim.world.furniture.free_ground import (
+    BULKY,
+    CROWN,
+    GROUND,
+    UNPAVED,
+    Discs,
+    Obstacles,
+    Wishes,
+    are_free,
+    settle,
+)
 from coopsim.world.furniture.kinds import KINDS
 
 _GAP_M = 0.4
 """Between two pieces."""
 
+_IN_YARDS = ("cafe_table", "scaffold")
 _LAMP_HEAD_M = 0.6
 _HEAD_AHEAD_M = 1.2  # of a lamp, before its post
 
@@ -59,7 +70,7 @@ class Plot:
 
     def count_free(self, kind: str, ends: Floats, *, bulky: bool) -> int:
         """Return how many pieces (N, 2, 2) m of a line keep off what stays free, whatever stands there already."""
-        layers = GROUND | (BULKY if bulky else 0)
+        layers = _layers(kind, bulky=bulky)
         return int(are_free(ends.mean(axis=1), 1.1 * _half_m(kind), layers, self._obstacles).sum())
 
     def put_lines(self, kind: str, ends: Floats, run: Ints, *, bulky: bool = False) -> None:
@@ -77,7 +88,7 @@ class Plot:
         each = np.maximum(np.ceil(length / (2 * radius)), 1).astype(np.int64)
         owner = np.repeat(np.arange(len(ends)), each)
         share = (np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each) + 0.5) / each[owner]
-        layers = np.full(len(owner), GROUND | (BULKY if bulky else 0))
+        layers = np.full(len(owner), _layers(kind, bulky=bulky))
         discs = Discs(ends[owner, 0] + share[:, None] * along[owner], np.full(len(owner), 1.1 * radius), layers)
         fits = np.flatnonzero(self._settle(discs, each, np.full(len(ends), -1), run))
         line: list[list[float]] = []
@@ -107,7 +118,7 @@ class Plot:
         offsets = ((np.arange(count) + 0.5) / count - 0.5) * longest
         local = np.zeros((count, 2))
         local[:, 0 if length > width else 1] = offsets
-        radii, layers = np.full(count, radius), np.full(count, GROUND | (BULKY if bulky else 0))
+        radii, layers = np.full(count, radius), np.full(count, _layers(kind, bulky=bulky))
         if kind in ("tree", "lamp"):
             local = np.vstack([local, [[_HEAD_AHEAD_M if kind == "lamp" else 0.0, 0.0]]])
             radii, layers = np.append(radii, _LAMP_HEAD_M), np.append(layers, CROWN)
@@ -118,6 +129,11 @@ class Plot:
             all_radii[:, -1] = sizes[:, 1] / 2 - 0.2
         middles = (stands[:, None, :2] + turned).reshape(-1, 2)
         return Discs(middles, all_radii.ravel(), np.tile(layers, len(stands))), np.full(len(stands), len(radii))
+
+
+def _layers(kind: str, *, bulky: bool) -> int:
+    """Return the layers that a piece stands in."""
+    return GROUND | (BULKY if bulky else 0) | (0 if kind in _IN_YARDS else UNPAVED)
 
 
 def _half_m(kind: str) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.world.furniture.free_ground import distance_to
-from coopsim.world.furniture.kept_free import lines_of
+from coopsim.world.furniture.kept_free import lines_of, middle_of
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import CircularLane, Lane, StraightLane
 
@@ -19,16 +19,18 @@ _SHORTEST_FRONT_M = 8.0
 
 
 class Side(NamedTuple):
-    """A line, cut into K straight or bent pieces, and the side of it where furniture may stand.
+    """A line through K + 1 points, to the right of which furniture may stand.
 
     Attributes:
-        lanes: the pieces.
-        starts_m: (K + 1,) where they begin along the line.
-        edge_m: (K,) from the middle of the pieces to where offsets begin, to the right.
+        points: (K + 1, 2) m.
+        starts_m: (K + 1,) distances of the points along the line.
+        heading_rad: (K,) of the pieces between them.
+        edge_m: (K,) from the line to where offsets begin.
     """
 
-    lanes: tuple[Lane, ...]
+    points: Floats
     starts_m: Floats
+    heading_rad: Floats
     edge_m: Floats
 
     @property
@@ -38,18 +40,19 @@ class Side(NamedTuple):
 
     def stands(self, along_m: Floats) -> tuple[Floats, Floats, Floats]:
         """Return points (N, 2) m on the edge, unit vectors outward (N, 2), and headings (N,) rad."""
-        which = np.clip(np.searchsorted(self.starts_m, along_m, "right") - 1, 0, len(self.lanes) - 1)
-        rest = along_m - self.starts_m[which]
-        middle, heading = np.empty((len(along_m), 2)), np.empty(len(along_m))
-        for k in np.unique(which).tolist():
-            mine, lane = which == k, self.lanes[k]
-            if isinstance(lane, StraightLane):
-                middle[mine], heading[mine] = lane.start + rest[mine, None] * lane.direction, lane.heading
-            else:
-                middle[mine] = [lane.position(s, 0.0) for s in rest[mine].tolist()]
-                heading[mine] = [lane.heading_at(s) for s in rest[mine].tolist()]
-        outward = np.column_stack([np.sin(heading), -np.cos(heading)])
+        which = np.clip(np.searchsorted(self.starts_m, along_m, "right") - 1, 0, len(self.edge_m) - 1)
+        heading = self.heading_rad[which]
+        cos, sin = np.cos(heading), np.sin(heading)
+        ahead, outward = np.column_stack([cos, sin]), np.column_stack([sin, -cos])
+        middle = self.points[which] + (along_m - self.starts_m[which])[:, None] * ahead
         return middle + self.edge_m[which][:, None] * outward, outward, heading
+
+
+def _side(points: Floats, edge_m: Floats) -> Side:
+    """Make a side of a line through points (K + 1, 2) m, with the distances (K,) of its edge."""
+    along = np.diff(points, axis=0)
+    starts = np.concatenate([[0.0], np.cumsum(np.hypot(along[:, 0], along[:, 1]))])
+    return Side(points, starts, np.arctan2(along[:, 1], along[:, 0]), edge_m)
 
 
 def street_sides(layout: Layout, area: Floats) -> list[Side]:
@@ -71,9 +74,9 @@ def street_sides(layout: Layout, area: Floats) -> list[Side]:
         while after is not None and after not in chain:
             chain.append(after)
             after = chained[after]
-        lanes = tuple(_within(rightmost[road], area) for road in chain)
-        starts = np.cumsum([0.0, *(lane.length for lane in lanes)])
-        sides.append(Side(lanes, starts, np.array([lane.width / 2 for lane in lanes])))
+        lines = [middle_of(_within(rightmost[road], area)) for road in chain]
+        edge = np.repeat([rightmost[road].width / 2 for road in chain], [len(line) - 1 for line in lines])
+        sides.append(_side(np.vstack([*(line[:-1] for line in lines), lines[-1][-1:]]), edge))
     return sides
 
 
@@ -91,44 +94,21 @@ def _next(
     return onward[0] if abs(wrap_angle(there.heading_at(0.0) - here.heading_at(here.length))) < 0.3 else None
 
 
-class _Stretch(Lane):
-    """A part of a lane."""
-
-    def __init__(self, lane: Lane, start_m: float, end_m: float) -> None:
-        super().__init__(lane.width, lane.speed_limit, forbidden=False)
-        self._lane, self._start_m, self.length = lane, start_m, end_m - start_m
-
-    def position(self, along_m: float, aside_m: float) -> Floats:
-        return self._lane.position(self._start_m + along_m, aside_m)
-
-    def heading_at(self, along_m: float) -> float:
-        return self._lane.heading_at(self._start_m + along_m)
-
-    def local_coordinates(self, position: Floats) -> tuple[float, float]:
-        along_m, aside_m = self._lane.local_coordinates(position)
-        return along_m - self._start_m, aside_m
-
-
 def _within(lane: Lane, area: Floats) -> Lane:
-    """Return the part of a lane that is in an area; all of it if it is not very long."""
-    reach = float(np.abs(area[1] - area[0]).max())
-    if lane.length < reach:
+    """Return the part of a lane that is in an area; all of it if it is bent or not very long."""
+    if not isinstance(lane, StraightLane) or lane.length < float(np.abs(area[1] - area[0]).max()):
         return lane
-    along = np.sort([lane.local_coordinates(corner)[0] for corner in (area[0], area[1])])
-    start, end = np.clip(along, 0.0, lane.length).tolist()
-    return _Stretch(lane, start, max(end, start + 1.0))
+    along = np.clip([lane.local_coordinates(corner)[0] for corner in area], 0.0, lane.length)
+    start, end = float(along.min()), max(float(along.max()), float(along.min()) + 1.0)
+    return StraightLane(lane.position(start, 0.0), lane.position(end, 0.0), lane.width)
 
 
 def way_sides(layout: Layout) -> list[Side]:
     """Return both sides of people's ways; furniture stands on those away from the road."""
     if layout.footways is None:
         return []
-    sides = []
-    for a, b in lines_of(layout.footways, crossing=False):
-        for start, end in ((a, b), (b, a)):
-            lane = StraightLane(start, end, width=0.0)
-            sides.append(Side((lane,), np.array([0.0, lane.length]), np.zeros(1)))
-    return sides
+    ways = lines_of(layout.footways, crossing=False)
+    return [_side(line, np.zeros(1)) for way in ways for line in (way, way[::-1])]
 
 
 def fronts(layout: Layout) -> list[tuple[Floats, Floats]]:
