@@ -40,6 +40,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_between, require_count
 from coopsim.world.custom.clearance import Kerbs, require_space_to_park
 from coopsim.world.custom.custom_buildings import read_building, read_wall
+from coopsim.world.custom.custom_furniture import read_furniture
 from coopsim.world.custom.custom_map import road_map_of
 from coopsim.world.custom.custom_scenery import read_tree
 from coopsim.world.custom.fittings import read_bay, read_unit
@@ -49,7 +50,6 @@ from coopsim.world.custom.roads import read_roads
 from coopsim.world.custom.starts import read_speeds, read_starts
 from coopsim.world.custom.ways import read_ways
 from coopsim.world.furniture.furnished import with_furniture
-from coopsim.world.furniture.furniture_file import read_furniture
 from coopsim.world.places.layout import Layout, flights_around, rectangle
 from coopsim.world.places.scenery import town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M
