@@ -93,6 +93,8 @@ def traffic_table(rows: Sequence[Row]) -> str:
         ["mean speed, m/s", f"{sum(drive['distance_km'] for drive in drives) / hours / 3.6:.2f}"],
         [f"standstills longer than {JAM_S:g} s", sum(len(drive["jams"]) for drive in drives)],
         ["places with one", sum(bool(drive["jams"]) for drive in drives)],
+        [f"of these, with nobody moving around for {JAM_S:g} s", sum(map(_frozen, drives))],
+        ["places with one of those", sum(_frozen(drive) > 0 for drive in drives)],
         [f"standstills, s: {_names()}", _quantiles(waits_s)],
     ]
     return tabulate(table, ("traffic", ""), tablefmt="github", disable_numparse=True)
@@ -109,9 +111,14 @@ def list_troubles(rows: Sequence[Row]) -> list[str]:
             f"crash of {each['vehicles']} at {each['time_s']} s, {_spot(each)}" for each in drive.get("crashes", [])
         ]
         for each in drive.get("jams", []):
-            found.append(f"{each['vehicle']} stands {each['for_s']} s from {each['since_s']} s, {_spot(each)}")
+            still = f"nobody around moves for {each['frozen_s']} s"
+            found.append(f"{each['vehicle']} stands {each['for_s']} s from {each['since_s']} s, {still}, {_spot(each)}")
         lines += [f"place {row['place']}: {what}" for what in found]
     return lines
+
+
+def _frozen(drive: Row) -> int:
+    return sum(jam["frozen_s"] > JAM_S for jam in drive["jams"])
 
 
 def _spot(each: Row) -> str:

@@ -2,7 +2,8 @@
 
 A vehicle stands while it is slower than `STANDING_M_S`. Left out are parked vehicles, wrecks, and vehicles held by a
 wreck: those that stand within `HELD_BY_M` of one, or within `QUEUE_M` of a vehicle that is so held. A jam is a vehicle
-that stands for longer than `JAM_S`, whatever it waits for.
+that stands for longer than `JAM_S`, whatever it waits for. A deadlock is a jam in which, for as long, no vehicle within
+`AROUND_M` moves either: nobody is let through. In other jams one waits one's turn, or for the others ahead.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ STANDING_M_S = 0.5
 JAM_S = 30.0
 HELD_BY_M = 30.0
 QUEUE_M = 15.0
+AROUND_M = 40.0
 SAME_CRASH_M = 15.0
 """Vehicles that crash in one step and are this close, center to center, are in the same crash."""
 
@@ -42,6 +44,7 @@ class Standstill:
         y_m: of its center, world frame.
         since_s: the episode's time at which it stopped.
         for_s: how long it stood, or has stood at the end.
+        frozen_s: longest part of it in which no vehicle around moved.
     """
 
     vehicle: int
@@ -49,6 +52,7 @@ class Standstill:
     y_m: float
     since_s: float
     for_s: float
+    frozen_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,11 @@ class TrafficSurvey:
     crashes: tuple[Crash, ...]
     waits_s: tuple[float, ...]
     jams: tuple[Standstill, ...]
+
+    @property
+    def deadlocks(self) -> tuple[Standstill, ...]:
+        """The jams around which nobody moved for longer than `JAM_S`."""
+        return tuple(jam for jam in self.jams if jam.frozen_s > JAM_S)
 
     @property
     def longest_wait_s(self) -> float:
@@ -133,7 +142,7 @@ class Diary:
     ended: list[Standstill] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._standing_s = np.zeros(len(self.rows))
+        self._standing_s, self._still_s, self._frozen_s = np.zeros((3, len(self.rows)))
         self._wrecked = self.rows["crashed"].copy()
 
     def note(self, rows: NDArray[Any], time_s: float) -> None:
@@ -146,6 +155,9 @@ class Diary:
         stands = drives & (np.abs(rows["speed"]) < STANDING_M_S) & ~held_by_wrecks(rows)
         self.ended += self._standstills(rows, ~stands & (self._standing_s > 0))
         self._standing_s = np.where(stands, self._standing_s + past_s, 0.0)
+        alone = stands & ~_moves_around(rows, drives)
+        self._still_s = np.where(alone, self._still_s + past_s, 0.0)
+        self._frozen_s = np.where(stands, np.maximum(self._frozen_s, self._still_s), 0.0)
 
     def summary(self, rows: NDArray[Any]) -> TrafficSurvey:
         """Return what was noted, with the standstills of the fleet that last until now."""
@@ -162,8 +174,10 @@ class Diary:
 
     def _standstills(self, rows: NDArray[Any], which: Bools) -> list[Standstill]:
         return [
-            Standstill(int(row["id"]), *_rounded(row), round(self.time_s - for_s, 1), round(for_s, 1))
-            for row, for_s in zip(rows[which], self._standing_s[which].tolist(), strict=True)
+            Standstill(
+                int(row["id"]), *_rounded(row), round(self.time_s - for_s, 1), round(for_s, 1), round(frozen_s, 1)
+            )
+            for row, for_s, frozen_s in zip(rows[which], self._standing_s[which], self._frozen_s[which], strict=True)
         ]
 
     def _note_crashes(self, rows: NDArray[Any]) -> None:
@@ -174,6 +188,13 @@ class Diary:
             ids = tuple(rows["id"][left[near]].tolist())
             self.crashes.append(Crash(round(self.time_s, 1), ids, *_rounded(rows[left[0]])))
             left = left[~near]
+
+
+def _moves_around(rows: NDArray[Any], drives: Bools) -> Bools:
+    """Return whether some vehicle moves around each (N,)."""
+    moves = drives & (np.abs(rows["speed"]) >= STANDING_M_S)
+    around: Bools = np.any(_distances_m(rows, rows[moves]) < AROUND_M, axis=1)
+    return around
 
 
 def held_by_wrecks(rows: NDArray[Any]) -> Bools:

@@ -36,6 +36,16 @@ def test_vehicle_that_stands_too_long_is_a_jam():
     assert survey.speed_m_s == pytest.approx(2.5)
 
 
+def test_jam_is_a_deadlock_only_where_nobody_moves():
+    rows = fleet((0, 0), (30, 0), (500, 0), (505, 0))
+    rows["speed"][1] = 2.0
+    survey = drive(rows, 40.0)
+    assert [jam.vehicle for jam in survey.jams] == [1, 3, 4]
+    assert [jam.vehicle for jam in survey.deadlocks] == [3, 4]
+    others_pass = drive(fleet((0, 0), (30, 0)), 50.0, {100: [("speed", 1, 2.0)], 150: [("speed", 1, 0.0)]})
+    assert [(jam.vehicle, jam.for_s, jam.frozen_s) for jam in others_pass.jams] == [(1, 50.0, 35.0), (2, 35.0, 35.0)]
+
+
 def test_waits_begin_anew_after_moving():
     survey = drive(fleet((0, 0)), 40.0, {200: [("speed", 0, 3.0)], 210: [("speed", 0, 0.4)]})
     assert survey.waits_s == (20.0, 19.0)
