@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.world.custom.place import place_from
 from coopsim.world.scenario import Place
 from coopsim.world.towns.street_plan import draw_plan
+from coopsim.world.towns.town_blocks import dress_streets
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_population import usual_population
 from coopsim.world.towns.town_roads import lay_roads
@@ -41,7 +42,7 @@ def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
         "roads": roads.roads,
         "starts": place_starts(plan, roads),
         "cars_first": FIRST,
-        "drones_around": plan.junctions[plan.meeting].centre.tolist(),
+        **dress_streets(plan, seed, options.openness),
     }
     return turned(description, plan.turn_rad)
 
