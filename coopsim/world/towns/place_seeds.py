@@ -49,7 +49,7 @@ class PlaceSeeds:
 
 
 def _is_seed(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 0
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and int(value) >= 0
 
 
 def _read(text: str) -> int | range:

@@ -21,6 +21,12 @@ MOST = Population(
 )
 """At most so many are usual in any town."""
 
+FEWEST = Population(vehicles=12, truck_share=0.1, pedestrians=0, connected_cars=3, rsus=2, drones=4)
+"""At least so many are usual in every town, and (roadside units and drones) have a place there."""
+
+FEWEST_STARTS = 20
+"""Every town has at least so many starts for vehicles."""
+
 _PER_VEHICLE_M = 95.0  # of lanes
 _LEAST = 12  # vehicles
 _PER_WALKER_M = 45.0  # of pavements; footways hold one person on every two metres

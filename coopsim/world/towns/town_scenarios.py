@@ -12,9 +12,10 @@ from coopsim.world.episode_scenarios import EpisodeScenarios
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import DENSE, NUMBERS, Scenario, rooms, wanted_numbers
+from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.stand_in import FEWEST, MOST, draw_place
 from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST
 
 TOWN = "town"
 """Name of the scenario."""
@@ -76,19 +77,20 @@ class TownScenarios(EpisodeScenarios):
         asked = self._asked
         for name in ("rsus", "drones"):
             _require_room(name, asked.get(name, 0), getattr(FEWEST, name))
-        fewest = wanted_numbers(TOWN, FEWEST, self._density, asked)
-        everybody = Population(**(fewest | {"connected_cars": 0, "rsus": 1}))
-        cars = self._reduced(everybody, FEWEST.vehicles, _MOVING).cars
-        if asked.get("penetration") is not None:
-            if "vehicles" not in asked:
-                raise InvalidValueError(
-                    f"penetration needs vehicles in {TOWN!r}: their number differs from town to town, and the agents "
-                    "must be the same in all; or use connected_cars"
-                )
-            _require_room("connected_cars", everybody.connected, cars)
-            return {"connected_cars": everybody.connected, "penetration": None}
-        _require_room("connected_cars", asked.get("connected_cars", 0), cars)
-        return {"connected_cars": asked.get("connected_cars", min(FEWEST.connected_cars, cars))}
+        agents = {"rsus": asked.get("rsus", FEWEST.rsus), "drones": asked.get("drones", 0)}
+        fewest = wanted_numbers(TOWN, FEWEST, self._density, asked) | {"connected_cars": 0, "rsus": 1}
+        everybody = self._reduced(Population(**fewest), FEWEST_STARTS, _MOVING)
+        cars = everybody.within(FEWEST_STARTS, *_MOVING, quietly=True).cars
+        if asked.get("penetration") is None:
+            _require_room("connected_cars", asked.get("connected_cars", 0), cars)
+            return agents | {"connected_cars": asked.get("connected_cars", min(FEWEST.connected_cars, cars))}
+        if "vehicles" not in asked:
+            raise InvalidValueError(
+                f"penetration needs vehicles in {TOWN!r}: their number differs from town to town, and the agents must "
+                "be the same in all; or use connected_cars"
+            )
+        _require_room("connected_cars", everybody.connected, cars)
+        return agents | {"connected_cars": everybody.connected, "penetration": None}
 
     def _fitting(self, population: Population, layout: Layout) -> Population:
         """Reduce what is too much for a place: what was not asked for quietly, and first."""
@@ -111,7 +113,7 @@ def _at_most(usual: Population, most: Population) -> Population:
 
 def _require_room(name: str, number: object, most: int) -> None:
     """Refuse agents that not all towns have room for; `Population` refuses what is no number."""
-    if isinstance(number, Integral) and number > most:
+    if isinstance(number, Integral) and int(number) > most:
         raise InvalidValueError(
             f"{name} must be at most {most} in {TOWN!r}, as many as every town has room for next to the other numbers, "
             f"got {number}"
