@@ -17,6 +17,7 @@ from coopsim.cli import (
     list_command,
     record_command,
     replay_command,
+    town_command,
 )
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.errors import CoopsimError
@@ -26,6 +27,7 @@ _COMMANDS = {
     "bench": bench_command,
     "compare": compare_command,
     "record": record_command,
+    "town": town_command,
     "replay": replay_command,
     "leaderboard": leaderboard_command,
     "list": list_command,
