@@ -257,6 +257,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         return self._source.road_map
 
     @property
+    def episode_infos(self) -> Mapping[str, Any]:
+        """What all agents' infos say of the running episode besides its seed: a drawn place's `place_seed`."""
+        self._current()
+        return self._source.episode_infos
+
+    @property
     def channel_counts(self) -> ChannelCounts:
         """Numbers of this episode's messages that were sent, delivered and lost, each counted for every other agent."""
         self._current()

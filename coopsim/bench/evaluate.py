@@ -42,6 +42,7 @@ class Evaluation:
         the
             policy could not read.
         links: the same counts by link: sender and receiver.
+        place_seed: seed of the drawn place of the episode; None: the place is not drawn.
     """
 
     score: Score
@@ -50,6 +51,7 @@ class Evaluation:
     seconds: float
     messages: ChannelCounts
     links: Mapping[tuple[str, str], ChannelCounts] = field(default_factory=dict)
+    place_seed: int | None = None
 
     @property
     def frames_per_s(self) -> float:
@@ -108,7 +110,8 @@ def evaluate(
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
         rejected = getattr(policy, "rejected", {})  # a policy with its own `act` may not count
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))
-        return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts)
+        place_seed = env.episode_infos.get("place_seed")
+        return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts, place_seed)
     finally:
         env.close()
 

@@ -105,6 +105,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         agents={name: _as_floats(agent.values) for name, agent in score.agents.items()},
         rewards=np.asarray(evaluation.rewards, np.float64),
         messages=asdict(evaluation.messages),
+        place_seed=evaluation.place_seed,
     )
 
 

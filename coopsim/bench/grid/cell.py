@@ -72,6 +72,7 @@ class CellResult:
         rewards: (F,) mean over agents, per frame.
         messages: number of messages sent, lost, ..., by the names of `ChannelCounts`.
         traceback: of the exception that made the cell fail; None for a finished cell.
+        place_seed: seed of the drawn place that the run was in; None: the place is not drawn, or unknown.
     """
 
     cell: Cell
@@ -80,6 +81,7 @@ class CellResult:
     rewards: Floats = field(default_factory=lambda: np.zeros(0))
     messages: Mapping[str, int] = field(default_factory=dict)
     traceback: str | None = None
+    place_seed: int | None = None
 
     @property
     def failed(self) -> bool:

@@ -11,7 +11,6 @@ from coopsim.bench.grid.axes import Axis, mildest_values, varying_axes
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.report.formats import line_look, to_svg
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import mean_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +20,7 @@ def plots(table: ResultTable, metric: str) -> dict[str, str]:
     """Plot a metric against every axis that varies, with a panel for each scenario. Return SVG by file name.
 
     File names are as `sAMOTA_latency.svg`. All other axes are at their mildest value. Whiskers are 95 % intervals over
-    seeds.
+    seeds, or over drawn places.
 
     Raises:
         UnknownNameError: there is no such metric.
@@ -58,7 +57,7 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
     endless = len(known) < len(chosen)
     places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
     for number, policy in enumerate(table.policies):
-        intervals = [mean_interval(values[number, k]) for _, k in chosen]
+        intervals = [table.samples.interval(values[number, k]) for _, k in chosen]
         means = np.array([each.mean for each in intervals])
         whiskers = np.nan_to_num([each.half_width for each in intervals])
         style, color = line_look(number)

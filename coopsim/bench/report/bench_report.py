@@ -16,7 +16,6 @@ from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.demo_scene import Scene
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import mean_interval
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
 
@@ -108,15 +107,22 @@ def _summary(table: ResultTable) -> str:
         (len(table.seeds), "seed", "seeds"),
     )
     grid = " x ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts)
+    if table.samples.are_places:
+        grid += f" in {table.samples.text}"
     faults = ((len(table.failures), "failed"), (table.missing, "not run"))
     state = "".join(f", {count} {word}" for count, word in faults if count)
     return f"{grid}, {table.frames} frames each: {int(table.finished.sum())} cells finished{state}"
 
 
 def _interval_note(table: ResultTable) -> str:
-    if len(table.seeds) == 1:
-        return "There is one seed, and so no interval: what another seed would give is not known."
-    meaning = f"± and whiskers are 95 % intervals of the mean over {len(table.seeds)} seeds, by Student's t"
+    samples = table.samples
+    if samples.count == 1:
+        return f"There is {samples.text}, and so no interval: what another would give is not known."
+    meaning = f"± and whiskers are 95 % intervals of the mean over {samples.text}, by Student's t"
+    if samples.are_places and samples.count < len(table.seeds):
+        meaning += "; a place counts once, with the mean of its seeds"
+    if samples.in_one_place:
+        meaning += "; what another place would give is not known"
     return f"{meaning}; whiskers end where the scale does."
 
 
@@ -186,7 +192,7 @@ def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]
     """Return mean, low and high, by policy and condition."""
     rows = []
     for policy in table.values(metric):
-        intervals = [mean_interval(seeds) for seeds in policy]
+        intervals = [table.samples.interval(seeds) for seeds in policy]
         rows.append([[_json(value) for value in (each.mean, each.low, each.high)] for each in intervals])
     return rows
 

@@ -10,7 +10,7 @@ from coopsim.bench.grid.axes import label, short_label
 from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
-from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 
 _STRIP_PX = (110, 14)
@@ -58,7 +58,7 @@ def condition_table(table: ResultTable, condition: int) -> str:
     columns = []
     for name in metrics:
         form = form_of(name)
-        intervals = [mean_interval(values) for values in table.values(name)[:, condition]]
+        intervals = [table.samples.interval(values) for values in table.values(name)[:, condition]]
         means = [format_value(each.mean, form) for each in intervals]
         best = _best(means, name)
         columns.append(

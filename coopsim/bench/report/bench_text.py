@@ -14,7 +14,7 @@ from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
-from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, custom_metrics
 
 METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
@@ -36,8 +36,8 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     chosen = tuple(metrics) or _usual(table)
     parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
     means = f"Mean over {len(table.conditions)} conditions"
-    interval = f", ± half of its 95 % interval over {len(table.seeds)} seeds (Student's t)"
-    parts.append(means + (interval if len(table.seeds) > 1 else " of one seed") + ".")
+    interval = f", ± half of its 95 % interval over {table.samples.text} (Student's t)"
+    parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     for k, condition in enumerate(table.conditions):
         parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
     if table.failures:
@@ -54,6 +54,7 @@ def leaderboard_text(table: ResultTable, metrics: Sequence[str] = ()) -> str:
 def to_csv(table: ResultTable) -> str:
     """Format one row per cell, unrounded: the cell, whether it failed, all values, and counts as `messages_...`."""
     counts = sorted({name for result in table.results for name in result.messages})
+    drawn = any(result.place_seed is not None for result in table.results)
     rows: list[dict[str, Any]] = []
     for result in table.results:
         cell = result.cell
@@ -62,6 +63,7 @@ def to_csv(table: ResultTable) -> str:
                 "policy": cell.policy,
                 **asdict(cell.condition),
                 "seed": cell.seed,
+                **({"place_seed": result.place_seed} if drawn else {}),
                 "frames": cell.frames,
                 "failed": result.failed,
                 **{name: result.values.get(name) for name in table.metrics},
@@ -102,7 +104,8 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
 def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> str:
     names = [*metrics, *([BYTES] if BYTES in table.metrics else [])]
     columns = [
-        [_interval(mean_interval(seeds), form_of(name)) for seeds in table.values(name)[:, condition]] for name in names
+        [_interval(table.samples.interval(seeds), form_of(name)) for seeds in table.values(name)[:, condition]]
+        for name in names
     ]
     rows = [[_escaped(policy), *(each[k] for each in columns)] for k, policy in enumerate(table.policies)]
     heads = ["policy", *map(title_of, names)]

@@ -136,20 +136,21 @@ def _unmatched(comparison: Comparison) -> list[str]:
 
 def _method(comparison: Comparison) -> list[str]:
     rows = comparison.differences
-    seeds = [row.change.count for row in rows]
-    span = f"{seeds[0]}" if len(set(seeds)) == 1 else f"{min(seeds)} to {max(seeds)}"
+    counts, samples = [row.change.count for row in rows], comparison.samples
+    span = samples.counted(max(counts)) if len(set(counts)) == 1 else f"{min(counts)} to {samples.counted(max(counts))}"
+    kind = "places" if samples.are_places else "seeds"
     lines = [
-        f"{comparison.matched} pairs of cells, {span} seed{'s' * (max(seeds) > 1)}, {len(rows)} comparisons. "
-        "Intervals: bootstrap-t over seeds. p: the larger of the bootstrap's and the exact sign-flip test's; "
+        f"{comparison.matched} pairs of cells, {span}, {len(rows)} comparisons. "
+        f"Intervals: bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's; "
         "corrected by Holm.",
     ]
-    fewest, needed = min(seeds), seeds_needed(len(rows))
+    fewest, needed = min(counts), seeds_needed(len(rows))
     if needed is None:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
     elif fewest < needed:
         lines.append(
-            f"With {fewest} seed{'s' * (fewest > 1)} no p can be below {smallest_p_value(fewest):.3g}, however large a "
-            f"difference is: it takes {seeds_needed(1)} seeds for one comparison, {needed} for {len(rows)} of them."
+            f"With {fewest} {kind if fewest > 1 else kind[:-1]} no p can be below {smallest_p_value(fewest):.3g}, however large a "
+            f"difference is: it takes {seeds_needed(1)} {kind} for one comparison, {needed} for {len(rows)} of them."
         )
     return lines
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.results.samples import Samples, samples_of
 from coopsim.bench.results.statistics import (
     LEVEL,
     Interval,
@@ -28,7 +30,7 @@ DEFAULT_METRICS = ("sAMOTA", "HOTA")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The difference between B and A in one metric, over the seeds that both have.
+    """The difference between B and A in one metric, over the seeds that both have, or over their drawn places.
 
     Attributes:
         policy: of both sides.
@@ -77,11 +79,13 @@ class Comparison:
         differences: by policy and metric; first over all conditions, then of each condition.
         matched: number of cells of which both sides have values.
         unmatched: cells or values that a side lacks, or that failed, each with the reason.
+        samples: what the seeds are samples of.
     """
 
     differences: tuple[Difference, ...]
     matched: int
     unmatched: tuple[str, ...]
+    samples: Samples
 
 
 def compare_results(
@@ -109,16 +113,19 @@ def compare_results(
     chosen = tuple(metrics or ()) or tuple(name for name in DEFAULT_METRICS if name in known)
     if not chosen:
         raise UnknownNameError("metric", DEFAULT_METRICS[0], known)
+    seeds = sorted({cell.seed for cell in matched})
+    samples = samples_of([each for both in matched.values() for each in both], seeds)
+    sample_of = dict(zip(seeds, samples.group.tolist(), strict=True))
     rows: list[Difference] = []
     for policy in sorted({cell.policy for cell in matched}):
         mine = {cell: both for cell, both in matched.items() if cell.policy == policy}
         for metric in chosen:
-            rows += _differences(policy, metric, mine, unmatched)
+            rows += _differences(policy, metric, mine, sample_of, unmatched)
     if not rows:
         raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
     corrected = holm(np.array([max(row.p_bootstrap, row.p_sign_flip) for row in rows]))
     differences = tuple(replace(row, p_corrected=float(p)) for row, p in zip(rows, corrected, strict=True))
-    return Comparison(differences, len(matched), tuple(unmatched))
+    return Comparison(differences, len(matched), tuple(unmatched), samples)
 
 
 def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list[CellResult]:
@@ -175,8 +182,18 @@ def _match(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) 
     return matched, unmatched
 
 
-def _differences(policy: str, metric: str, matched: Mapping[Cell, _Both], unmatched: list[str]) -> list[Difference]:
-    """Return the rows of one metric, not yet corrected; cells without a value are added to `unmatched`."""
+def _differences(
+    policy: str, metric: str, matched: Mapping[Cell, _Both], sample_of: Mapping[int, int], unmatched: list[str]
+) -> list[Difference]:
+    """Return the rows of one metric, not yet corrected.
+
+    Args:
+        policy: of the rows.
+        metric: of the rows.
+        matched: the policy's cells.
+        sample_of: number of the sample that each seed belongs to.
+        unmatched: cells without a value are added.
+    """
     conditions = sorted({cell.condition for cell in matched})
     by_seed: dict[int, dict[Condition, tuple[float, float]]] = defaultdict(dict)
     for cell, (before, after) in matched.items():
@@ -188,20 +205,29 @@ def _differences(policy: str, metric: str, matched: Mapping[Cell, _Both], unmatc
             by_seed[cell.seed][cell.condition] = values
     rows = []
     for condition in conditions:
-        both = np.array([values[condition] for _, values in sorted(by_seed.items()) if condition in values])
-        if len(both):
-            rows.append(_difference(policy, condition, metric, both))
+        found = {seed: values[condition] for seed, values in sorted(by_seed.items()) if condition in values}
+        if found:
+            rows.append(_difference(policy, condition, metric, _by_sample(found, sample_of)))
     if len(conditions) > 1:
-        whole = [list(each.values()) for _, each in sorted(by_seed.items()) if len(each) == len(conditions)]
+        every = {seed: list(each.values()) for seed, each in sorted(by_seed.items()) if len(each) == len(conditions)}
+        whole = {seed: np.mean(values, axis=0) for seed, values in every.items()}
         if whole:
-            rows.insert(0, _difference(policy, None, metric, np.array(whole).mean(axis=1)))
+            rows.insert(0, _difference(policy, None, metric, _by_sample(whole, sample_of)))
         else:
             unmatched.append(f"{policy}: no seed has {metric} in all conditions, so there is no row for all")
     return rows
 
 
+def _by_sample(by_seed: Mapping[int, Any], sample_of: Mapping[int, int]) -> Floats:
+    """Return the mean values (N, 2) of the seeds of each sample."""
+    samples: dict[int, list[Any]] = defaultdict(list)
+    for seed, values in by_seed.items():
+        samples[sample_of[seed]].append(values)
+    return np.array([each[0] if len(each) == 1 else np.mean(each, axis=0) for each in samples.values()])
+
+
 def _difference(policy: str, condition: Condition | None, metric: str, both: Floats) -> Difference:
-    """Compute a row from values (N, 2) of A and B, one pair per seed."""
+    """Compute a row from values (N, 2) of A and B, one pair per sample."""
     change = both[:, 1] - both[:, 0]
     interval, p_bootstrap = bootstrap_difference(change)
     p_sign_flip = sign_flip_p_value(change)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.bench.grid.cell import CellResult, Condition
+from coopsim.bench.results.samples import Samples, samples_of
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, custom_metrics
@@ -33,6 +34,7 @@ class ResultTable:
         frames: length of each run.
         results: the results themselves, by cell.
         places: place of each result in the arrays.
+        samples: what the seeds are samples of.
     """
 
     policies: tuple[str, ...]
@@ -42,6 +44,7 @@ class ResultTable:
     frames: int
     results: tuple[CellResult, ...]
     places: tuple[tuple[int, int, int], ...]
+    samples: Samples
 
     @classmethod
     def of(cls, results: Sequence[CellResult]) -> ResultTable:
@@ -73,6 +76,7 @@ class ResultTable:
             lengths[0],
             ordered,
             tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
+            samples_of(ordered, tuple(seeds)),
         )
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from coopsim.bench.grid.axes import mildest
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.bench.results.statistics import Interval
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
 
@@ -24,7 +24,7 @@ class Standing:
         policy: its name.
         rank: from 1; None for a policy that lacks a value in some cell, as its mean is over other cells than the
         others'.
-        mean: over conditions, with its interval over seeds.
+        mean: over conditions, with its interval over seeds or drawn places.
         undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
         worst: mean over seeds in the policy's worst condition.
         worst_condition: the policy's worst condition; None without values.
@@ -72,7 +72,7 @@ def _standing(table: ResultTable, policy: int, values: Floats, rates: Floats, le
     return Standing(
         policy=name,
         rank=None,
-        mean=mean_interval(known_mean(values, axis=0)),
+        mean=table.samples.interval(known_mean(values, axis=0)),
         undisturbed=float(known_mean(by_condition[calm], axis=0)),
         worst=math.nan if worst is None else float(by_condition[worst]),
         worst_condition=None if worst is None else table.conditions[worst],

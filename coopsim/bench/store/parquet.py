@@ -32,6 +32,7 @@ _SCHEMA = pa.schema(
         ("rewards", pa.list_(pa.float64())),
         ("messages", pa.map_(pa.string(), pa.int64())),
         ("traceback", pa.string()),
+        ("place_seed", pa.int64()),
         ("decided_by", pa.string()),
         ("checksum", pa.string()),
     ]
@@ -56,6 +57,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "rewards": result.rewards.tolist(),
         "messages": dict(result.messages),
         "traceback": result.traceback,
+        "place_seed": result.place_seed,
         "decided_by": decided_by,
     }
     table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
@@ -82,6 +84,7 @@ def decode(content: bytes) -> tuple[CellResult, str]:
             np.array(row["rewards"], np.float64),
             row["messages"],
             row["traceback"],
+            row.get("place_seed"),  # older files lack it
         )
         return result, str(row["decided_by"])
     except StoreError:
