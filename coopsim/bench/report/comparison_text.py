@@ -149,8 +149,8 @@ def _method(comparison: Comparison) -> list[str]:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
     elif fewest < needed:
         lines.append(
-            f"With {fewest} {kind if fewest > 1 else kind[:-1]} no p can be below {smallest_p_value(fewest):.3g}, however large a "
-            f"difference is: it takes {seeds_needed(1)} {kind} for one comparison, {needed} for {len(rows)} of them."
+            f"With {fewest} {kind if fewest > 1 else kind[:-1]} no p can be below {smallest_p_value(fewest):.3g}, "
+            f"however large a difference is: it takes {seeds_needed(1)} {kind} for one comparison, {needed} for {len(rows)} of them."
         )
     return lines
 
