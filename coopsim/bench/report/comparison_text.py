@@ -150,7 +150,8 @@ def _method(comparison: Comparison) -> list[str]:
     elif fewest < needed:
         lines.append(
             f"With {fewest} {kind if fewest > 1 else kind[:-1]} no p can be below {smallest_p_value(fewest):.3g}, "
-            f"however large a difference is: it takes {seeds_needed(1)} {kind} for one comparison, {needed} for {len(rows)} of them."
+            f"however large a difference is: it takes {seeds_needed(1)} {kind} for one comparison, "
+            f"{needed} for {len(rows)} of them."
         )
     return lines
 
