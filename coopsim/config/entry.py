@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ class Entry(ABC):
 
     @property
     def as_read(self) -> Any:
-        """The same, but what has been read as a name is a text even if it looks like a number or a flag."""
+        """The same in dicts and lists; what has been read as a name is a text even if it looks like a number."""
         return self.value
 
     @property
@@ -159,12 +160,14 @@ def plain(value: Any) -> Any:
 
     Numpy's numbers are made Python's. All else is kept: whoever reads it says what is accepted.
     """
-    if isinstance(value, float):
+    if isinstance(value, float):  # as numpy's own are
         return float(value)
+    if type(value) in (int, str, bool, NoneType):
+        return value
+    if isinstance(value, (list, tuple)):
+        return [float(item) if isinstance(item, float) else plain(item) for item in value]
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
 
 

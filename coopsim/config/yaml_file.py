@@ -10,7 +10,7 @@ from typing import Any, Self
 import yaml
 from yaml.constructor import ConstructorError, SafeConstructor
 
-from coopsim.config.entry import ROOT, Entry
+from coopsim.config.entry import ROOT, Entry, plain
 from coopsim.errors import CoopsimError
 
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
@@ -103,8 +103,7 @@ class FileEntry(Entry):
 
     @property
     def as_read(self) -> Any:
-        """The same, but what has been read as a name is a text even if it looks like a number or a flag."""
-        return self._plain((), as_read=True)
+        return plain(self._plain((), as_read=True))
 
     def _plain(self, above: tuple[yaml.Node, ...], *, as_read: bool) -> Any:
         if self.node in above:

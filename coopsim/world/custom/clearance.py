@@ -92,13 +92,19 @@ def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple
     return worst, near_m
 
 
+@njit(cache=True, nogil=True)
 def along_outline(corners: Floats) -> Floats:
     """Return closely spaced points (N, 2) m on a closed line through corners (K, 2) m."""
-    following = np.roll(corners, -1, axis=0)
-    counts = np.maximum(np.ceil(np.linalg.norm(following - corners, axis=1) / _SAMPLE_M), 1).astype(np.int64)
-    edge = np.repeat(np.arange(len(corners)), counts)
-    share = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[edge]
-    points: Floats = corners[edge] + share[:, None] * (following - corners)[edge]
+    count = len(corners)
+    steps = np.empty(count, np.int64)
+    for k in range(count):
+        step = corners[(k + 1) % count] - corners[k]
+        steps[k] = max(np.ceil(np.hypot(step[0], step[1]) / _SAMPLE_M), 1.0)
+    points, n = np.empty((steps.sum(), 2)), 0
+    for k in range(count):
+        for part in range(steps[k]):
+            points[n] = corners[k] + part / steps[k] * (corners[(k + 1) % count] - corners[k])
+            n += 1
     return points
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from coopsim.config.entry import Entry
 from coopsim.geometry.se3 import Floats
 
+_TWICE, _OTHER = 2, 3
 _ROUNDING_M = 2e-3  # that a corner may lie inwards of its neighbours: coordinates are often whole millimetres
 
 
@@ -22,22 +24,29 @@ def read_convex(entry: Entry, advice: str = "write another shape as several") ->
             of a convex shape.
     """
     corners = entry.points(3)
-    edges = np.concatenate([corners[1:], corners[:1]]) - corners
-    following = np.concatenate([edges[1:], edges[:1]])
-    length_m = np.hypot(edges[:, 0], edges[:, 1])
-    if not length_m.all():
+    way = _way_round(corners)
+    if way == _TWICE:
         raise entry.error("outline must have every corner once; the last is joined to the first anyway")
-    turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    way = 1.0 if turns.sum() > 0 else -1.0
-    across_m = np.hypot(*(edges + following).T)
-    inwards_m = -way * turns / np.maximum(across_m, length_m)
-    if abs(_turned_rad(edges) - way * 2 * np.pi) > 1e-6 or inwards_m.max() > _ROUNDING_M or not (turns * way > 0).any():
+    if way == _OTHER:
         raise entry.error(f"outline must be convex: {advice}")
     return corners if way > 0 else corners[::-1]
 
 
-def _turned_rad(edges: Floats) -> float:
-    """Return the total turn along closed edges (K, 2)."""
-    heading = np.arctan2(edges[:, 1], edges[:, 0])
-    turn = np.concatenate([heading[1:], heading[:1]]) - heading
-    return float(((turn + np.pi) % (2 * np.pi) - np.pi).sum())
+@njit(cache=True, nogil=True)
+def _way_round(corners: Floats) -> int:
+    """Return the way round of a convex outline (K, 2) m: 1 counter-clockwise, -1 clockwise, else `_TWICE`, `_OTHER`."""
+    count = len(corners)
+    turns, inwards_m, turned_rad = np.empty(count), np.empty(count), 0.0
+    for k in range(count):
+        here, there, beyond = corners[k], corners[(k + 1) % count], corners[(k + 2) % count]
+        ax, ay, bx, by = there[0] - here[0], there[1] - here[1], beyond[0] - there[0], beyond[1] - there[1]
+        if (ax == 0 and ay == 0) or (bx == 0 and by == 0):
+            return _TWICE
+        turns[k] = ax * by - ay * bx
+        inwards_m[k] = -turns[k] / max(np.hypot(ax + bx, ay + by), np.hypot(ax, ay))
+        turned_rad += np.arctan2(turns[k], ax * bx + ay * by)
+    way = 1 if turns.sum() > 0 else -1
+    once_round = abs(turned_rad - way * 2 * np.pi) < 1e-6
+    if not once_round or (way * inwards_m).max() > _ROUNDING_M or (way * turns).max() <= 0:
+        return _OTHER
+    return way

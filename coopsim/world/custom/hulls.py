@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
@@ -19,21 +20,25 @@ def prism(outline: Floats, low_m: float, high_m: float) -> tuple[Floats, Ints]:
     return vertices, _prism_faces(count)
 
 
+@njit(cache=True, nogil=True)
 def box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
     """Return the box (7,) over the smallest rectangle around a convex outline (K, 2) m, from one height to another.
 
     One side of that rectangle lies along one of the outline (Freeman and Shapira 1975).
     """
-    edges = np.concatenate([outline[1:], outline[:1]]) - outline
-    edges = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
-    along = edges @ outline.T  # (K, K)
-    aside = np.column_stack([-edges[:, 1], edges[:, 0]]) @ outline.T
-    low, high = (np.column_stack([end(along, axis=1), end(aside, axis=1)]) for end in (np.min, np.max))
-    best = (high - low).prod(axis=1).argmin()
-    (cos, sin), (x, y) = edges[best], (low + high)[best] / 2
-    size = (high - low)[best]
-    middle = [x * cos - y * sin, x * sin + y * cos, (low_m + high_m) / 2]
-    return np.array([*middle, *size, high_m - low_m, np.arctan2(sin, cos)])
+    best, least_m2 = np.zeros(7), np.inf
+    for k in range(len(outline)):
+        edge = outline[(k + 1) % len(outline)] - outline[k]
+        cos, sin = edge / np.hypot(edge[0], edge[1])
+        along, aside = outline[:, 0] * cos + outline[:, 1] * sin, outline[:, 1] * cos - outline[:, 0] * sin
+        x, y = (along.min() + along.max()) / 2, (aside.min() + aside.max()) / 2
+        length_m, width_m = along.max() - along.min(), aside.max() - aside.min()
+        if length_m * width_m < least_m2:
+            least_m2 = length_m * width_m
+            best[0], best[1], best[2] = x * cos - y * sin, x * sin + y * cos, (low_m + high_m) / 2
+            best[3], best[4], best[5] = length_m, width_m, high_m - low_m
+            best[6] = np.arctan2(sin, cos)
+    return best
 
 
 @lru_cache(maxsize=32)

@@ -150,7 +150,7 @@ def read_place(entry: Entry, name: str) -> Place:
     layout = read_ground(fields, roads.network).applied(layout, turning_loops(roads))
     if "furniture" in fields:
         layout = with_furniture(layout, read_furniture(fields["furniture"], kerbs))
-    return Place(name, lambda: layout, _usual_population(layout), plain(entry.as_read))
+    return Place(name, lambda: layout, _usual_population(layout), entry.as_read)
 
 
 def _each(fields: Mapping[str, Entry], name: str, read: Callable[[Entry, int], T]) -> list[T]:

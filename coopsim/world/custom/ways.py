@@ -22,6 +22,7 @@ _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
 _STRIPE_M, _GAP_M = 0.5, 0.5
 _BEYOND_M = 5.0  # the ends of a lane, where a place still is on it
+_CORNER = _PAVEMENT_M / 2 * np.array([[np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)] for k in range(8)])  # an octagon
 
 _Link = tuple[str, str]
 
@@ -66,7 +67,7 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
     for name, row in zip(nodes, footways.neighbours, strict=True):
         if not (row >= 0).any():
             raise named[name].error(f"no way leads on from {name!r}")
-    corners = [nodes[name] + _PAVEMENT_M / 2 * _octagon() for name in nodes]
+    corners = [place + _CORNER for place in nodes.values()]
     return Ways(
         footways,
         [_strip(nodes[a], nodes[b], _PAVEMENT_M / 2) for a, b in plain] + corners,
@@ -90,12 +91,13 @@ def _graph(nodes: Mapping[str, Floats], plain: list[_Link], across: list[_Link],
     number = {name: k for k, name in enumerate(nodes)}
     onward: list[list[int]] = [[] for _ in nodes]
     crossing = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    crosswalks = set(across)
     for link in [*plain, *across]:
         a, b = (number[name] for name in link)
         for start, end in ((a, b),) if one_way else ((a, b), (b, a)):
             if end not in onward[start]:
                 onward[start].append(end)
-            crossing[start, end] |= link in across
+            crossing[start, end] |= link in crosswalks
     neighbours = np.full((len(nodes), max(map(len, onward))), -1, dtype=np.int64)
     for row, ends in zip(neighbours, onward, strict=True):
         row[: len(ends)] = ends
@@ -107,11 +109,6 @@ def _strip(a: Floats, b: Floats, half_m: float) -> Floats:
     along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
     aside = half_m * np.array([-along[1], along[0]])
     return np.array([a - aside, b - aside, b + aside, a + aside])
-
-
-def _octagon() -> Floats:
-    angle = np.arange(8) * np.pi / 4
-    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _stripes(a: Floats, b: Floats, lanes: NDArray[Any]) -> list[Floats]:
