@@ -16,7 +16,7 @@ from coopsim.world.towns.plan import Junction, Plan, Street
 
 _INWARDS_M = 4.0  # from the stop line to a junction's crosswalk
 _BEFORE_BEND_M = 0.5
-_STRAIGHT_M = 0.12  # a way through fewer points stays this close to the line beside the kerb
+_STRAIGHT_M = 0.2  # a way through fewer points stays this close to the line beside the kerb
 _POINTS_OUT = 8  # along the street beyond the corner, that a crosswalk may be at
 _MERGE = 0.3  # places this close by number of points are one node
 _LONG_M = 75.0  # streets with a crosswalk between junctions

@@ -16,8 +16,8 @@ from coopsim.world.towns.site import Site
 BULGE_M = 4.0
 """On both sides of a crosswalk's middle the pavement reaches over the parking strip."""
 
-_STRAIGHT_M = 0.1  # surfaces through fewer points stay this close to the kerb
-_UNDER_LANE_M = 0.06  # that pavements reach under the lanes' edge: no slits
+_STRAIGHT_M = 0.15  # surfaces through fewer points stay this close to the kerb
+_UNDER_LANE_M = 0.1  # that pavements reach under the lanes' edge: no slits
 _COARSE_M, _BEYOND_M = 0.4, 0.25  # of the surface below a junction's lanes
 _STRIP_M = 0.05
 
