@@ -12,6 +12,7 @@ from coopsim.types import Ints
 from coopsim.world.towns.building_shapes import Part
 from coopsim.world.towns.kerb_sides import CORNER, Round
 from coopsim.world.towns.line_kernels import keep_corners
+from coopsim.world.towns.lot_kinds import KINDS, draw_style
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.site import Frame, Site
 
@@ -74,11 +75,16 @@ def _build_corner(site: Site, border: Floats, out: Floats, openness: float, rng:
     walled, wall_m = rng.random() < 0.75 - openness, rng.uniform(1.7, 2.4)
     if walled and setback_m > 2.0:
         _wall_around(site, border, rng.uniform(8.0, 25.0, 2), out, wall_m)
+    style = draw_style(KINDS["closed"], rng)
     if draw > 1.25 - openness:
+        if openness < 0.7:  # a square
+            for outline in _corner_parts(border, out, sides_m, None, 0.05):
+                if site.room.is_free(outline):
+                    site.pave(outline, "yard")
         return
     for share in _SHRINK:
         parts = _corner_parts(border, out, share * sides_m, depth_m if bent else None, setback_m)
-        if parts and site.build(_CORNER, [Part(outline) for outline in parts], height_m):
+        if parts and site.build(_CORNER, [Part(outline) for outline in parts], height_m, style=style):
             return
 
 

@@ -9,7 +9,7 @@ from coopsim.support.rng import stream
 from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.corner_lots import WIDEST_RAD
 from coopsim.world.towns.kerb_sides import CORNER, Round
-from coopsim.world.towns.lot_kinds import CHURCH, KINDS, LotKind, draw_height_m, draw_kind, draw_setback_m
+from coopsim.world.towns.lot_kinds import CHURCH, KINDS, LotKind, draw_height_m, draw_kind, draw_setback_m, draw_style
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.site import Frame, Site, frame_between
 
@@ -94,7 +94,7 @@ def _build(
 ) -> float | None:
     """Build on a lot if there is room; return the distance from the border, None without."""
     setback_m, depth_m = draw_setback_m(kind, openness, rng), rng.uniform(*kind.depth_m)
-    height_m = draw_height_m(kind, rng)
+    height_m, style = draw_height_m(kind, rng), draw_style(kind, rng)
     if not kind.shapes:
         return setback_m
     if width_m < kind.width_m[0] * 0.6:
@@ -103,7 +103,7 @@ def _build(
     for more_m, less in zip(_MORE_M, _LESS, strict=True):
         parts = shape(width_m, less * depth_m, rng)
         parts = [part._replace(outline=part.outline + np.array([0.0, setback_m + more_m])) for part in parts]
-        if site.build(frame, parts, height_m, 0.04):
+        if site.build(frame, parts, height_m, 0.04, style):
             return setback_m + more_m
     return None
 
@@ -131,8 +131,9 @@ def _finish(
     frame, beside = frames
     width_m, setback_m, gap_m = size_m
     draws, wall_m = rng.random(4), rng.choice([0.6, 0.9, 1.2, 1.8, 2.0])
-    if kind.front == "yard" and setback_m > 0.4:
-        _pave_if_clear(site, frame.place(rectangle((0.0, width_m), (0.02, setback_m - 0.02))), "yard")
+    if setback_m > 0.4:
+        before = frame.place(rectangle((0.0, width_m), (0.02, setback_m - 0.02)))
+        _pave_if_clear(site, before, "yard" if kind.front == "yard" else "grass")
     if kind.front != "garden":
         return
     if driveway:

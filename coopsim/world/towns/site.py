@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,30 @@ class Site:
         """Add an item to a list of the description."""
         self.items.setdefault(key, []).append(item)
 
-    def build(self, frame: Frame, parts: Sequence[Part], height_m: float, gap_m: float = 0.4) -> bool:
-        """Add a building if there is room for all parts of it; return whether there is."""
+    def build(
+        self,
+        frame: Frame,
+        parts: Sequence[Part],
+        height_m: float,
+        gap_m: float = 0.4,
+        style: Mapping[str, Any] = MappingProxyType({}),
+    ) -> bool:
+        """Add a building if there is room for all parts of it; return whether there is.
+
+        Args:
+            frame: its ground.
+            parts: outlines on that ground.
+            height_m: of the highest parts.
+            gap_m: to all others.
+            style: further keys of its description; only parts of four corners have gables.
+        """
         outlines = [frame.place(part.outline) for part in parts]
         if not self.room.try_take(outlines, gap_m):
             return False
         for outline, part in zip(outlines, parts, strict=True):
-            self.add("buildings", outline=outline.tolist(), height_m=max(_LOWEST_M, height_m * part.height))
+            looks = style if len(outline) == 4 else {key: value for key, value in style.items() if key != "roof"}
+            up_m = round(max(_LOWEST_M, height_m * part.height), 2)
+            self.add("buildings", outline=outline.tolist(), height_m=up_m, **looks)
         return True
 
     def wall(self, start: Floats, end: Floats, height_m: float) -> bool:
