@@ -158,5 +158,5 @@ def _footprint(bay: Bay) -> list[float]:
 
 def _largest_m(labels: tuple[ObjectClass, ...]) -> tuple[float, float]:
     """Return the length and width that hold all models of some classes."""
-    sizes = np.array([model.size_m for model in make_models() if model.label in labels])
+    sizes = np.array([model.size_m for model in make_models(varied=True) if model.label in labels])
     return float(sizes[:, 0].max()), float(sizes[:, 1].max())

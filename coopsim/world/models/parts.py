@@ -152,9 +152,15 @@ def _outwards(built: _Faces) -> Part:
     """Return the solid, turned inside out if its faces look inwards."""
     vertices, faces = np.array(built.vertices), np.array(built.faces, dtype=np.int64)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    if np.einsum("ij,ij->", a, np.cross(b, c)) < 0:
+    if np.einsum("ij,ij->", a, _cross(b, c)) < 0:
         faces = faces[:, ::-1]
     return Part(vertices, faces, tuple(built.surfaces))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return cross products (N, 3), as `np.cross` does, which takes ten times as long for few."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.column_stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def across(x: float, levels: Sequence[tuple[float, float]]) -> Floats:
@@ -207,7 +213,7 @@ def tube(
     start = np.array([0.0, 1.0, 0.0]) if np.abs(along[:, 1]).max() < 0.9 else np.array([1.0, 0.0, 0.0])
     aside = start - along * (along @ start)[:, None]
     aside /= np.linalg.norm(aside, axis=1, keepdims=True)
-    fore = np.cross(along, aside)
+    fore = _cross(along, aside)
     turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
     spokes = aside[:, None] * np.cos(turn)[:, None] + fore[:, None] * np.sin(turn)[:, None]
     return loft(points[:, None] + np.asarray(radius)[:, None, None] * spokes, surface)
