@@ -1,4 +1,4 @@
-"""Draw every model of vehicles and people, in colours of actors, to actors.png (or the path given)."""
+"""Draw the plain models of vehicles and people, or with `varied` the variants, in colours of actors, to a picture."""
 
 import sys
 
@@ -8,13 +8,14 @@ from coopsim.viz.portrait import contact_sheet, portrait
 from coopsim.world.models import make_models
 from coopsim.world.models.paint import draw_colors
 
-models = make_models()
+path, *which = sys.argv[1:] or ["actors.png"]
+plain = make_models()
+models = make_models(varied=True)[len(plain) :] if which == ["varied"] else plain
 label = np.array([model.label for model in models])
 color, accent = draw_colors(98, 1 + np.arange(len(models)), label)
 pictures = [
     (model.name, portrait(model, *paints, size_px=(144, 108)))
     for model, *paints in zip(models, color, accent, strict=True)
 ]
-path = sys.argv[1] if len(sys.argv) > 1 else "actors.png"
 contact_sheet(pictures, columns=8).save(path, optimize=True)
 print(f"{len(models)} models in {path}")

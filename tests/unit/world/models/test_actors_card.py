@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from coopsim.support.registry import Registry
@@ -30,9 +31,25 @@ def test_the_table_has_every_model_as_it_is() -> None:
     assert rows == expected
 
 
+def test_every_variant_is_named_and_the_sizes_are_as_they_are_drawn() -> None:
+    models = make_models(varied=True)
+    lists = re.findall(r"^- \*\*(\w+)\*\*: ((?:`\w+`[,.]\s+)+)", CARD, flags=re.M)
+    names = {title: re.findall(r"`(\w+)`", text) for title, text in lists}
+    for cls in ObjectClass:
+        plain = [model.name for model in make_models()]
+        expected = [model.name for model in models if model.label == cls and model.name not in plain]
+        assert names[cls.title] == expected
+        moving = [model for model in models if model.label == cls and not model.stands]
+        share, size = np.array([model.share for model in moving]), np.array([model.size_m for model in moving])
+        mean = np.average(size, axis=0, weights=share)
+        spread = np.sqrt(np.average((size - mean) ** 2, axis=0, weights=share))
+        row = " | ".join(f"{one:.2f} ± {other:.2f}" for one, other in zip(mean, spread, strict=True))
+        assert f"| {cls.title} | {row} |" in CARD
+
+
 def test_the_range_of_triangles_is_as_said() -> None:
     counts = [len(model.faces) for model in make_models()]
-    assert f"the built-in models have {min(counts)} to {max(counts)}" in CARD
+    assert f"the plain models have {min(counts)} to {max(counts)}" in CARD
 
 
 def test_the_users_model_of_the_card_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
