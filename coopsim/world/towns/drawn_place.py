@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from coopsim.world.custom.place import place_from
+from coopsim.world.furniture.furnished import furnished
 from coopsim.world.scenario import Place
 from coopsim.world.towns.street_plan import draw_plan
 from coopsim.world.towns.town_blocks import dress_streets
@@ -25,7 +25,7 @@ _POINTS = ("at", "look_at", "centre", "drones_around")
 _LINES = ("via", "along", "outline")
 
 
-def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
+def describe_town(seed: int, options: TownOptions = _ANY) -> Mapping[str, Any]:
     """Draw a town.
 
     Args:
@@ -33,18 +33,12 @@ def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
         options: how the town shall be.
 
     Returns:
-        The description of a place, as under the key `place` of a scenario file: see `coopsim.world.custom.place`.
+        The description of a place, as under the key `place` of a scenario file: see `coopsim.world.custom.place`. It is
+        not to be changed.
     """
-    plan = draw_plan(seed, options)
-    roads = lay_roads(plan)
-    description = {
-        "nodes": roads.nodes,
-        "roads": roads.roads,
-        "starts": place_starts(plan, roads),
-        "cars_first": FIRST,
-        **dress_streets(plan, seed, options.openness),
-    }
-    return turned(description, plan.turn_rad)
+    description = draw_place(seed, options).description
+    assert description is not None, "it was made from one"
+    return description
 
 
 @lru_cache(_KEPT)
@@ -55,8 +49,23 @@ def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
         seed: see `describe_town`.
         options: see `describe_town`.
     """
-    place = place_from(describe_town(seed, options), f"town-{seed}")
-    return replace(place, population=usual_population(place.make_layout()))
+    bare = place_from(describe_streets(seed, options), f"town-{seed}")
+    layout, description = furnished(bare.make_layout(), bare.description or {}, seed)
+    return Place(bare.name, lambda: layout, usual_population(layout), description)
+
+
+def describe_streets(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
+    """Draw a town without furniture; the arguments and the result are those of `describe_town`."""
+    plan = draw_plan(seed, options)
+    roads = lay_roads(plan)
+    description = {
+        "nodes": roads.nodes,
+        "roads": roads.roads,
+        "starts": place_starts(plan, roads),
+        "cars_first": FIRST,
+        **dress_streets(plan, seed, options.openness),
+    }
+    return turned(description, plan.turn_rad)
 
 
 def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
