@@ -14,6 +14,7 @@ from coopsim.world.towns.surfaces import BULGE_M
 
 _BAY_M = 6.6
 _VEHICLE_M = (6.45, 2.45)  # the room that the largest van needs
+_ASIDE_M = 0.05  # from the middle of the strip to the pavement: in bends corners come close to the lane
 _LEFT_OUT = 0.08  # share of bays
 _HUMPS = 0.3  # share of streets of one lane
 _HUMP_FREE_M = 18.0  # from stop lines, loops and crosswalks
@@ -25,11 +26,13 @@ def mark_bays(site: Site, plan: Plan, rounds: tuple[Round, ...], ways: PeopleWay
     """Add bays on all parking strips, away from crosswalks and driveways."""
     for each in rounds:
         for k, side in enumerate(each.sides):
-            full = (each.side == k) & (each.strip_m > STRIP_M - 1e-6)
-            if side.kind != STREET or not full.any():
+            full = np.flatnonzero((each.side == k) & (each.strip_m > STRIP_M - 1e-6))
+            if side.kind != STREET or not len(full):
                 continue
             rng = stream(seed, "bays", str(side.number), str(side.arm))
-            along = _bays_along(each.along_m[full], each.beside(-STRIP_M / 2)[full])
+            line = each.beside(-STRIP_M / 2)
+            strips = np.split(full, np.flatnonzero(np.diff(full) > 1) + 1)  # one is interrupted where lanes split
+            along = np.concatenate([_bays_along(each.along_m[strip], line[strip]) for strip in strips])
             keep = rng.random(len(along)) > _LEFT_OUT
             for street, at_m in ways.mid_block:
                 keep &= (street != side.number) | (np.abs(along - at_m) > BULGE_M + _BAY_M / 2)
@@ -42,13 +45,13 @@ def _bays_along(along_m: Floats, line: Floats) -> Floats:
     passed_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     count = int(passed_m[-1] // _BAY_M)
     middles_m = (np.arange(count) + 0.5) * passed_m[-1] / max(count, 1)
-    return np.interp(middles_m, passed_m, along_m)
+    return np.asarray(np.interp(middles_m, passed_m, along_m))
 
 
 def _mark(site: Site, street: Street, way: int, along: Floats) -> None:
     if not len(along):
         return
-    places = street.position(along, -way * (street.half_m(along) + STRIP_M / 2))
+    places = street.position(along, -way * (street.half_m(along) + STRIP_M / 2 + _ASIDE_M))
     headings = street.heading(along) + (0.0 if way > 0 else np.pi)
     for at, heading in zip(places, headings, strict=True):
         ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])

@@ -14,6 +14,8 @@ from coopsim.world.towns.site import Site
 
 _FROM_KERB_M = (0.9, 0.7, 0.5)
 _FROM_WAY_M = 1.1  # half of a person, their way's breadth, and the mast
+_CROSSWALK_MORE_M = 1.0  # from the middle of a crosswalk, besides
+_SHARES = (0.5, 0.4, 0.6, 0.3, 0.7)  # of the length of the corner's kerb
 _ELSEWHERE = 0.6  # share of other corners that have a mast; the first ones are where connected cars meet
 
 
@@ -30,18 +32,18 @@ def place_masts(
         kerbs: see `kerb_lines_of`.
         seed: the town's.
     """
-    lines = np.concatenate(ways.lines), np.concatenate([np.roll(line, -1, axis=0) for line in ways.lines])
-    widths = np.zeros(len(lines[0]))
+    spans = np.array(ways.spans()).reshape(-1, 2, 2)
+    starts = np.concatenate([*ways.lines, spans[:, 0]])
+    ends = np.concatenate([*(np.roll(line, -1, axis=0) for line in ways.lines), spans[:, 1]])
+    widths = np.repeat([0.0, _CROSSWALK_MORE_M], [len(starts) - len(spans), len(spans)])
     found = []
     for each in rounds:
         for k, side in enumerate(each.sides):
             if side.kind != CORNER:
                 continue
-            own = np.flatnonzero(each.side == k)
-            middle = int(own[len(own) // 2])
-            spots = each.kerb[middle] + np.array(_FROM_KERB_M)[:, None] * each.right[middle]
-            clear = distances_to_lines(spots, *kerbs) > np.array(_FROM_KERB_M) - 0.2
-            clear &= distances_to_lines(spots, *lines, widths) > _FROM_WAY_M
+            spots, from_kerb_m = _spots(side.kerb)
+            clear = distances_to_lines(spots, *kerbs) > from_kerb_m - 0.2
+            clear &= distances_to_lines(spots, starts, ends, widths) > _FROM_WAY_M
             if clear.any():
                 rng = stream(seed, "mast", str(side.number), str(side.arm))
                 meets = side.number == plan.meeting
@@ -50,3 +52,16 @@ def place_masts(
         if not elsewhere or draw < _ELSEWHERE or "rsus" not in site.items:
             site.add("rsus", at=at.tolist(), look_at=plan.junctions[number].centre.tolist())
             site.kerbside.take(at + np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.2)
+
+
+def _spots(kerb: Floats) -> tuple[Floats, Floats]:
+    """Return places (N, 2) m to the right of a kerb (K, 2) m, best first, and their distances (N,) from it, m."""
+    steps = np.diff(kerb, axis=0)
+    passed_m = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    at_m = np.array(_SHARES) * passed_m[-1]
+    step = steps[np.searchsorted(passed_m, at_m, side="right").clip(1, len(steps)) - 1]
+    right = np.column_stack([step[:, 1], -step[:, 0]]) / np.hypot(step[:, 0], step[:, 1])[:, None]
+    on_kerb = np.column_stack([np.interp(at_m, passed_m, kerb[:, axis]) for axis in (0, 1)])
+    away_m = np.repeat(_FROM_KERB_M, len(at_m))
+    count = len(_FROM_KERB_M)
+    return np.tile(on_kerb, (count, 1)) + away_m[:, None] * np.tile(right, (count, 1)), away_m
