@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.attachments import RETRO_PLATE
@@ -38,8 +39,9 @@ PUBLISHED = {
 AS_GOLDEN = "efc12ac5e05e5ac7fa63965ae98d1aeffbd8ca51f1913974f3f613026d23bbac"
 
 
-def largest_m(models: tuple[Model, ...], label: ObjectClass) -> np.ndarray:
-    return np.array([model.size_m for model in models if model.label == label]).max(axis=0)
+def largest_m(models: tuple[Model, ...], label: ObjectClass) -> Floats:
+    most: Floats = np.array([model.size_m for model in models if model.label == label]).max(axis=0)
+    return most
 
 
 def test_plain_models_are_what_they_were_before_there_were_variants() -> None:
