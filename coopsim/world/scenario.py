@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from typing import Any
 
@@ -46,7 +46,7 @@ class Scenario:
     layout: Layout
     population: Population
     detail: str = "plain"
-    description: Mapping[str, Any] | None = None
+    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
     place_seed: int | None = None
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class Place:
     name: str
     make_layout: Callable[[], Layout]
     population: Population
-    description: Mapping[str, Any] | None = None
+    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
 
 
 NUMBERS = ("density", *(field.name for field in fields(Population)))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import trimesh
 
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.relief.relief import Relief
@@ -179,7 +181,7 @@ def box_part(
 ) -> StaticPart:
     """Build an upright block between two corners, m."""
     mesh = trimesh.creation.box(bounds=(low, high))
-    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4)
+    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4, closed=True)
 
 
 def flat_part(
@@ -198,8 +200,14 @@ def flat_part(
 
 def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
     """Build a round post at `foot` (2,) m."""
-    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[*foot, 0.0], [*foot, height_m]]), sections=8)
-    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL, 0.5)
+    vertices, faces = _mast(height_m)
+    return StaticPart(name, vertices + np.array([*foot, 0.0]), faces, STEEL, 0.5, closed=True)
+
+
+@lru_cache(maxsize=16)
+def _mast(height_m: float) -> tuple[Floats, Ints]:
+    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]), sections=8)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:

@@ -14,7 +14,7 @@ from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.population import Population
 from coopsim.world.traffic.engine.array_engine import closest_speed
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
-from coopsim.world.traffic.engine.lanes import NumberedNetwork
+from coopsim.world.traffic.engine.lanes import NumberedNetwork, closest_lane
 from coopsim.world.traffic.rules.driving import PARKED_ASIDE_M
 
 _BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
@@ -110,8 +110,8 @@ class Spawner:
             row["y"], row["heading"] = bay.y_m, bay.heading_rad
             row["length"], row["width"] = self._models[row["model"]].size_m[:2]
             row["axle_m"] = row["length"] / 2
-            lane = self._layout.network.closest_lane(np.array([bay.x_m, bay.y_m]), bay.heading_rad)
-            row["lane"] = row["target_lane"] = self._network.lane_number[lane]
+            lane = closest_lane(self._network.arrays.lanes, bay.x_m, bay.y_m, bay.heading_rad, 0)
+            row["lane"] = row["target_lane"] = lane
             row["movement"] = row["ticket"] = -1
 
     def _new_id(self) -> int:
