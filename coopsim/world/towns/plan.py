@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from coopsim.geometry.se3 import Floats
 
-LANE_M = 4.0
-"""Width of every lane."""
+LANE_M = 4.25
+"""Width of every lane: ways over a junction from neighbouring lanes, bent ones too, do not conflict (`CLEARANCE_M`)."""
 
 ROUNDABOUT_MEDIAN_M = 2.0
 """Width between the two directions of a roundabout's arm at its stop line: leaving buses swing out."""
@@ -23,7 +23,7 @@ ROUNDABOUT_MEDIAN_M = 2.0
 LOOP_RADIUS_M = 10.0
 """Radius of a turning loop's middle line; the lane is `LANE_M` wide."""
 
-LOOP_REACH_M = float(np.sqrt(30.0**2 - 22.0**2))
+LOOP_REACH_M = float(np.sqrt(30.0**2 - (20.0 + LANE_M / 2) ** 2))
 """Distance from the end of a street to the middle of its turning loop, on the line that goes straight on there."""
 
 

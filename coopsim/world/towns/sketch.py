@@ -68,7 +68,9 @@ class Sketch:
         return sorted(found)
 
 
-def draw_sketch(rng: np.random.Generator, junctions: int, spacing_m: tuple[float, float], outer_m: float) -> Sketch:
+def draw_sketch(
+    rng: np.random.Generator, junctions: int, spacing_m: tuple[float, float], outer_m: float, least_rad: float
+) -> Sketch:
     """Draw junctions and streets; some arms of a junction may be too close together, which the caller must find.
 
     Args:
@@ -76,9 +78,10 @@ def draw_sketch(rng: np.random.Generator, junctions: int, spacing_m: tuple[float
         junctions: their number.
         spacing_m: least and largest distance between neighbours in the lattice.
         outer_m: least length of streets that lead out.
+        least_rad: angle between these and others.
     """
     cells = _cells(rng, junctions)
-    sketch = Sketch(_centres(rng, cells, spacing_m))
+    sketch = Sketch(_centres(rng, cells, spacing_m, _SHEAR if least_rad == LEAST_ANGLE_RAD else _SHEAR / 3))
     for a, b in _linked(rng, cells):
         sketch.links.append(Link(_bent(rng, sketch.centres[a], sketch.centres[b]), a, b))
     if junctions == 1:
@@ -86,7 +89,7 @@ def draw_sketch(rng: np.random.Generator, junctions: int, spacing_m: tuple[float
         sketch.links += [Link(_outer(rng, sketch.centres[0], heading, outer_m), 0, None) for heading in headings]
         return sketch
     for number in rng.permutation(junctions).tolist():
-        _lead_out(rng, sketch, number, outer_m)
+        _lead_out(rng, sketch, number, (outer_m, least_rad))
     return sketch
 
 
@@ -104,11 +107,13 @@ def _cells(rng: np.random.Generator, count: int) -> list[tuple[int, int]]:
     return cells
 
 
-def _centres(rng: np.random.Generator, cells: list[tuple[int, int]], spacing_m: tuple[float, float]) -> Floats:
+def _centres(
+    rng: np.random.Generator, cells: list[tuple[int, int]], spacing_m: tuple[float, float], most_shear: float
+) -> Floats:
     places = np.concatenate([np.zeros((1, 2)), rng.uniform(*spacing_m, (_SIDE - 1, 2)).cumsum(axis=0)])
     number = np.array(cells)
     centres = np.column_stack([places[number[:, 0], 0], places[number[:, 1], 1]])
-    shear = rng.uniform(-_SHEAR, _SHEAR)
+    shear = rng.uniform(-most_shear, most_shear)
     centres = centres + shear * centres[:, ::-1] * ([1, 0] if rng.random() < 0.5 else [0, 1])
     moved: Floats = centres + rng.uniform(-_JITTER, _JITTER, centres.shape) * spacing_m[0]
     return moved
@@ -158,7 +163,7 @@ def _star(rng: np.random.Generator) -> list[float]:
     return [float(heading) for heading in headings + moved]
 
 
-def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, outer_m: float) -> None:
+def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, least: tuple[float, float]) -> None:
     """Add streets that lead out of a junction, so that it has three arms or more, where there is room."""
     wanted = int(rng.choice([3, 4, 5], p=[0.5, 0.42, 0.08]))
     for trial in range(_TRIALS):
@@ -169,9 +174,9 @@ def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, outer_m: fl
         drawn = headings[rng.integers(len(headings))] + np.pi + rng.uniform(-0.1, 0.1)
         heading = drawn if onward else rng.uniform(0, 2 * np.pi)
         apart = [abs(math.remainder(heading - other, 2 * math.pi)) for other in headings]
-        if min(apart) < LEAST_ANGLE_RAD + 0.05:
+        if min(apart) < least[1] + 0.05:
             continue
-        points = _outer(rng, sketch.centres[number], heading, outer_m)
+        points = _outer(rng, sketch.centres[number], heading, least[0])
         if _has_room(sketch, points, number):
             sketch.links.append(Link(points, number, None))
 

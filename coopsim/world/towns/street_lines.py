@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.towns.plan import Stretch
+from coopsim.world.towns.plan import LANE_M, Stretch
 
 _SHARPEST_M = 20.0  # least radius of a centre line: the lane inside still has room for a bus
 _SHORTEST_M = 6.0  # length of an arc, and of a straight piece that is not of length 0
@@ -44,8 +44,8 @@ def rounded(points: Floats, straight_m: tuple[float, float], lanes: int) -> tupl
         ahead_m = free[k + 1] if k + 1 == len(headings) - 1 else free[k + 1] / 2
         room_m = min(share_m, ahead_m) - _SHORTEST_M
         radius = min(room_m / math.tan(abs(turn) / 2), _WIDEST_M) if turn else 0.0
-        inside_m = 4.0 * lanes
-        if radius < _SHARPEST_M + inside_m - 4.0 or (radius - inside_m) * abs(turn) < _SHORTEST_M:
+        inside_m = LANE_M * lanes
+        if radius < _SHARPEST_M + inside_m - LANE_M or (radius - inside_m) * abs(turn) < _SHORTEST_M:
             return None
         tangent_m = radius * math.tan(abs(turn) / 2)
         straight = lengths[k] - spare - tangent_m

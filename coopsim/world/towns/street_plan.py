@@ -30,16 +30,18 @@ MERGE_M = 28.0
 
 _COUNTS = (0.08, 0.2, 0.24, 0.2, 0.13, 0.07, 0.04, 0.02, 0.02)  # shares of towns with 1, 2 ... junctions
 _LANES = (0.5, 0.35, 0.15)  # shares of towns with at most 1, 2, 3 lanes
+_COUNT_BY_LANES = {1: 9, 2: 7, 3: 4}  # most junctions, where their number is not given
 _SPACING_M = {1: (78.0, 108.0), 2: (92.0, 122.0), 3: (100.0, 130.0)}  # by most lanes
 _OUTER_M = (50.0, 64.0, 96.0)  # least length of streets that lead out: of six junctions or more, of fewer, of one
 _ROUNDABOUTS, _PRIORITIES = 0.25, 0.6  # shares of junctions that could be
 _STRAIGHT_ON_RAD = math.radians(25.0)
-_TURN_M = (12.0, 15.0)  # least radius of right turns
-_LEAST_STOP_M = 15.0
-_LEAST_RAD = {1: LEAST_ANGLE_RAD, 2: math.radians(68.0), 3: math.radians(76.0)}  # between arms, by lanes
+_TURN_M = (11.0, 14.0)  # least radius of right turns
+_LEAST_STOP_M = 14.0
+_LEAST_RAD = {1: LEAST_ANGLE_RAD, 2: math.radians(72.0), 3: math.radians(76.0)}  # between arms, by lanes
 _RINGS = ((20.0, 22.0), (18.0, 18.0), (22.0, 18.0), (25.0, 17.0))  # of roundabouts: radius, and that of the bends
 _RING_PIECE_M = 6.0  # least distance from a way in to the next way out
-_STORAGE_M, _BETWEEN_M, _MARGIN_M = 20.0, 20.0, 6.0  # before the first change of lanes, between two, behind the last
+_BRAKING_M = 28.0  # before a stop line
+_STORAGE_M, _BETWEEN_M, _MARGIN_M = 24.0, 20.0, 6.0  # before the first change of lanes, between two, behind the last
 _MEDIAN_END_M = 20.0  # length over which a roundabout's median ends
 _SPEEDS_M_S = (8.3, 9.7, 11.1)
 _MAIN_SPEED_M_S = 12.5  # with two lanes or more
@@ -94,10 +96,11 @@ class _Node:
     ring: tuple[float, float] = (0.0, 0.0)
     stop_m: float = 0.0
 
-    @property
-    def gaps(self) -> list[float]:
-        headings = [heading for heading, _, _ in self.arms]
-        return [(b - a) % (2 * math.pi) for a, b in zip(headings, headings[1:] + headings[:1], strict=True)]
+
+def _gaps(arms: list[tuple[float, int, bool]]) -> list[float]:
+    """Return the angles between arms and the next ones, counter-clockwise."""
+    headings = [heading for heading, _, _ in arms]
+    return [(b - a) % (2 * math.pi) for a, b in zip(headings, headings[1:] + headings[:1], strict=True)]
 
 
 def draw_plan(seed: int, options: TownOptions) -> Plan:
@@ -111,7 +114,8 @@ def draw_plan(seed: int, options: TownOptions) -> Plan:
     count = int(rng.choice(len(_COUNTS), p=_COUNTS)) + 1
     most = int(rng.choice(len(_LANES), p=_LANES)) + 1
     turn_rad = float(rng.uniform(-np.pi, np.pi))
-    count, most = options.junctions or count, options.lanes or most
+    count = options.junctions or min(count, _COUNT_BY_LANES[options.lanes or most])
+    most = options.lanes or most
     for attempt in range(_ATTEMPTS):
         plan = _attempt(stream(seed, "streets", str(attempt)), count, most)
         if plan is not None:
@@ -122,9 +126,14 @@ def draw_plan(seed: int, options: TownOptions) -> Plan:
 def _attempt(rng: np.random.Generator, count: int, most: int) -> Plan | None:
     """Draw a town; None where streets came too close, or a junction got too few arms."""
     low, high = _SPACING_M[most]
-    sketch = draw_sketch(rng, count, (low, high if count > 4 else high + 20.0), _OUTER_M[(count < 6) + (count == 1)])
+    sketch = draw_sketch(
+        rng, count, (low, high if count > 4 else high + 20.0), _OUTER_M[(count < 6) + (count == 1)], _LEAST_RAD[most]
+    )
+    arms = [sketch.arms(number) for number in range(count)]
+    if any(not 3 <= len(each) <= 5 or min(_gaps(each)) < LEAST_ANGLE_RAD for each in arms):
+        return None
     away_m = np.linalg.norm(sketch.centres - sketch.centres.mean(axis=0), axis=1) + rng.uniform(0, 30, count)
-    meeting = int(away_m.argmin())
+    meeting = int(np.where([min(_gaps(each)) < _LEAST_RAD[most] for each in arms], np.inf, away_m).argmin())
     sketch.links = [replace(link, points=link.points - sketch.centres[meeting]) for link in sketch.links]
     sketch.centres = sketch.centres - sketch.centres[meeting]
     wishes = [_Wish.draw(rng, most) for _ in range(count)]
@@ -132,9 +141,7 @@ def _attempt(rng: np.random.Generator, count: int, most: int) -> Plan | None:
     looks = [_Look.draw(rng) for _ in sketch.links]
     for _ in range(_REPAIRS):
         arms = [sketch.arms(number) for number in range(count)]
-        if any(not 3 <= len(each) <= 5 or min(_Node(each, 1).gaps) < LEAST_ANGLE_RAD for each in arms):
-            return None
-        if min(_Node(arms[meeting], most).gaps) < _LEAST_RAD[most]:
+        if min(min(_gaps(each)) for each in arms) < LEAST_ANGLE_RAD or min(_gaps(arms[meeting])) < _LEAST_RAD[most]:
             return None
         nodes = [_node(each, wish) for each, wish in zip(arms, wishes, strict=True)]
         streets = [_street(number, link, nodes, looks[number]) for number, link in enumerate(sketch.links)]
@@ -171,7 +178,7 @@ def _repair(link: Link, nodes: list[_Node], wishes: list[_Wish], meeting: int) -
 def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
     """Decide a junction's kind, its lanes and its stop lines: as wished where that is possible."""
     node = _Node(arms, wish.lanes)
-    least = min(node.gaps)
+    least = min(_gaps(arms))
     while node.lanes > 1 and least < _LEAST_RAD[node.lanes]:
         node.lanes -= 1
     if wish.round_about and len(arms) <= 4 and node.lanes == 1:
@@ -186,7 +193,7 @@ def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
     if wish.priority and bend < _STRAIGHT_ON_RAD:
         node.kind, node.main = "priority", main
     outer_m = (node.lanes - 0.5) * LANE_M
-    node.stop_m = max(_LEAST_STOP_M, *((wish.turn_m + outer_m) / math.tan(min(gap, 3.0) / 2) for gap in node.gaps))
+    node.stop_m = max(_LEAST_STOP_M, *((wish.turn_m + outer_m) / math.tan(min(gap, 3.0) / 2) for gap in _gaps(arms)))
     return node
 
 
@@ -210,7 +217,9 @@ def _street(number: int, link: Link, nodes: list[_Node], look: _Look) -> Street 
         return None
     length_m = sum(stretch.length_m for stretch in line)
     stations = _stations(ends[0], core, 0.0, 1) + _stations(ends[1], core, length_m, -1)[::-1]
-    if any(after.along_m - station.along_m < _MARGIN_M for station, after in pairwise(stations)):
+    if any(after.along_m - station.along_m < _MARGIN_M for station, after in pairwise(stations)) or not _can_stop(
+        stations, loops=link.end is None
+    ):
         return None
     begin, end = (
         StreetEnd(None)
@@ -220,6 +229,19 @@ def _street(number: int, link: Link, nodes: list[_Node], look: _Look) -> Street 
     )
     speed = _MAIN_SPEED_M_S if core > 1 else look.speed_m_s
     return Street(number, line, begin, end, stations, speed, *look.parking)
+
+
+def _can_stop(stations: tuple[Station, ...], *, loops: bool) -> bool:
+    """Return whether a street is long enough between a junction or a place where lanes join, and the next stop line.
+
+    A vehicle asks for its way over a junction when it has passed the one before.
+    """
+    free_m = stations[-1].along_m - stations[0].along_m
+    for order, leads_on in ((1, loops), (-1, False)):
+        joined = [after.along_m for before, after in pairwise(stations[::order]) if before.lanes > after.lanes]
+        if joined and not leads_on:
+            free_m = min(free_m, abs(stations[::order][-1].along_m - joined[-1]))
+    return free_m > _BRAKING_M
 
 
 def _straight_m(node: _Node | None, core: int) -> float:

@@ -15,10 +15,10 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.carriageway import Carriageway, LanePiece, LanePlace
 from coopsim.world.towns.kerb_lines import touch_rad
-from coopsim.world.towns.plan import Junction, Plan, Street
+from coopsim.world.towns.plan import LANE_M, Junction, Plan, Street
 
 _LOOP_SPEED_M_S = 5.5
-_ACROSS_M_S = 8.0  # straight over a junction without priority
+_ACROSS_M_S = 9.0  # straight over a junction without priority
 _LATERAL_M_S2 = 2.6  # in bends
 _GENTLE_RAD = math.radians(10.0)  # a way over a junction that bends by less is straight, with kinks of half of it
 
@@ -80,7 +80,7 @@ class TownRoads:
 
     def add_road(self, road: tuple[str, str], speed_m_s: float, **more: Any) -> None:
         """Add a road: straight, if `more` says nothing else."""
-        self.roads.append({"from": road[0], "to": road[1], "speed_m_s": round(speed_m_s, 1), **more})
+        self.roads.append({"from": road[0], "to": road[1], "width_m": LANE_M, "speed_m_s": round(speed_m_s, 1), **more})
 
 
 def lay_roads(plan: Plan) -> TownRoads:

@@ -38,7 +38,10 @@ def place_starts(plan: Plan, roads: TownRoads) -> list[dict[str, Any]]:
     }
     ways = dict[tuple[int, bool, int], list[TownLane]]()
     for lane in roads.lanes:
-        ways.setdefault((lane.way.street.number, lane.way.forwards, lane.piece.begin[0]), []).append(lane)
+        number = max(lane.piece.begin[0], lane.piece.end[0])
+        ways.setdefault((lane.way.street.number, lane.way.forwards, number), []).append(lane)
+    for lanes in ways.values():
+        lanes.sort(key=lambda lane: lane.piece.begin[1], reverse=not lanes[0].way.forwards)
     starts = [start for lanes in ways.values() for start in _on_lane(lanes, lines, inwards)]
     ranked = _ranked(starts, plan)
     rank = {id(start): place + 1 for place, start in enumerate(ranked)}
