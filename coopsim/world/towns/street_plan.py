@@ -29,7 +29,7 @@ MERGE_M = 28.0
 """Length over which a lane splits off or joins; its kinks have 8 degrees."""
 
 _COUNTS = (0.08, 0.2, 0.24, 0.2, 0.13, 0.07, 0.04, 0.02, 0.02)  # shares of towns with 1, 2 ... junctions
-_LANES = (0.5, 0.35, 0.15)  # shares of towns with at most 1, 2, 3 lanes
+_LANES = (0.5, 0.38, 0.12)  # shares of towns with at most 1, 2, 3 lanes
 _COUNT_BY_LANES = {1: 9, 2: 7, 3: 4}  # most junctions, where their number is not given
 _SPACING_M = {1: (78.0, 108.0), 2: (92.0, 122.0), 3: (100.0, 130.0)}  # by most lanes
 _OUTER_M = (50.0, 64.0, 96.0)  # least length of streets that lead out: of six junctions or more, of fewer, of one

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 
 MOST = Population(
-    vehicles=40,
+    vehicles=30,
     truck_share=0.1,
     vans=4,
     buses=1,
@@ -21,23 +23,26 @@ MOST = Population(
 )
 """At most so many are usual in any town."""
 
-FEWEST = Population(vehicles=12, truck_share=0.1, pedestrians=0, connected_cars=3, rsus=2, drones=4)
+FEWEST = Population(vehicles=8, truck_share=0.1, pedestrians=0, connected_cars=3, rsus=2, drones=4)
 """At least so many are usual in every town, and (roadside units and drones) have a place there."""
 
 FEWEST_STARTS = 20
 """Every town has at least so many starts for vehicles."""
 
-_PER_VEHICLE_M = 95.0  # of lanes
-_LEAST = 12  # vehicles
+_ALWAYS, _PER_JUNCTION = 5, 3.5  # vehicles: with more of them, some wait at junctions for half a minute
+_JUNCTION_M = 36.0  # around the middle of a junction: the middles of its movements
+_PER_VEHICLE_M = 80.0  # of lanes, at least
+_LEAST = 8  # vehicles
 _PER_WALKER_M = 45.0  # of pavements; footways hold one person on every two metres
 _PARKED_SHARE = 0.7  # of bays
 _FREE_SHARE = 0.6  # of starts: no more are taken
 
 
 def usual_population(layout: Layout) -> Population:
-    """Return the numbers that go with the length of a town's lanes and pavements, and its bays and masts."""
+    """Return the numbers that go with a town's junctions, the length of its pavements, and its bays and masts."""
     lanes_m = sum(lane.length for lane in layout.network.lanes.values())
-    vehicles = min(max(round(lanes_m / _PER_VEHICLE_M), _LEAST), int(_FREE_SHARE * len(layout.slots)), MOST.vehicles)
+    vehicles = round(min(_ALWAYS + _PER_JUNCTION * count_junctions(layout), lanes_m / _PER_VEHICLE_M))
+    vehicles = min(max(vehicles, _LEAST), int(_FREE_SHARE * len(layout.slots)), MOST.vehicles)
     more = vehicles // 10
     pavements_m = 0.0 if layout.footways is None else layout.footways.capacity * 2.0
     pedestrians = min(round(pavements_m / _PER_WALKER_M), MOST.pedestrians)
@@ -56,3 +61,17 @@ def usual_population(layout: Layout) -> Population:
         connected_cars=min(MOST.connected_cars, vehicles // 2),
         rsus=min(MOST.rsus, len(layout.rsus)),
     )
+
+
+def count_junctions(layout: Layout) -> int:
+    """Return the number of places where more than two ways cross or join: where lanes join, there are two."""
+    lanes = [layout.network.get_lane((*road, 0)) for road in layout.movements]
+    middles = np.array([lane.position(lane.length / 2, 0.0) for lane in lanes]).reshape(-1, 2)
+    count = 0
+    while len(middles):
+        near = np.linalg.norm(middles - middles[0], axis=1) < _JUNCTION_M
+        near = np.linalg.norm(middles - middles[near].mean(axis=0), axis=1) < _JUNCTION_M
+        near[0] = True
+        count += int(near.sum() > 2)
+        middles = middles[~near]
+    return count
