@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,14 @@ from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Roa
 from coopsim.world.relief.crown import normals_of
 
 _SAGITTA_M = 0.1  # between a bend and its chords, from which a crown is 2.5 mm off
-_SAMPLE_M = 12.0  # between the places where a carriageway's width is measured
+_SAMPLE_M = 4.0  # between the places where a carriageway's edges are measured
+_SAME_M = 0.1  # by which its edges move at most from one to the next, measured from a lane's middle
 _KINK_RAD = np.radians(20.0)  # at which lanes still lead on; places from files have no sharper ones
 _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 _ABREAST = 0.9  # cosine of the angle up to which lanes lie side by side
+_OVER_M = 1.0  # by which lanes lie on one another in forks, and nowhere else
 _MOST_LANES = 32
+_JUNCTION = 1_000_000_000  # rank of flat roads, higher than any other
 
 
 class Carriageway(NamedTuple):
@@ -36,8 +40,8 @@ class Carriageway(NamedTuple):
 def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriageway]:
     """Return the carriageways of a place.
 
-    Lanes are followed from node to node. Of those side by side the longest decides how far the carriageway goes; where
-    lanes join or leave it on the way, it is as wide as at its narrowest.
+    Lanes are followed from node to node. Of those side by side the longest decides how far the carriageway goes. Where
+    lanes join or leave it on the way it ends, and another one begins. There is none beside flat roads, nor in forks.
 
     Args:
         network: all lanes.
@@ -49,18 +53,45 @@ def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriagew
         return []
     points = dict(zip(lanes, lane_points(list(lanes.values())), strict=True))
     length_m = [sum(lanes[index].length for index in chain) for chain in chains]
-    rank = dict.fromkeys(lanes, -1)
+    rank = dict.fromkeys(lanes, _JUNCTION)
     for k, number in enumerate(np.argsort(length_m, kind="stable").tolist()):
         rank |= dict.fromkeys(chains[number], k)
-    pieces = np.concatenate([_pieces(points[index], lane.width / 2, rank[index]) for index, lane in lanes.items()])
-    found = []
+    by_lane = {index: _pieces(points[index], lane.width / 2, rank[index]) for index, lane in lanes.items()}
+    pieces = np.concatenate(list(by_lane.values()))
+    found: list[Carriageway] = []
     for chain in chains:
-        own = pieces[pieces[:, 5] == rank[chain[0]]]
-        low, high, longest = _edges(_places(own), pieces)
-        edge_m = low.max(), high.min()
-        if edge_m[0] < edge_m[1] and longest.min() <= rank[chain[0]]:
-            line = np.concatenate([*(points[index][:-1] for index in chain), points[chain[-1]][-1:]])
-            found.append(Carriageway(_shifted(line, sum(edge_m) / 2), float(edge_m[1] - edge_m[0]) / 2))
+        line = np.concatenate([*(points[index][:-1] for index in chain), points[chain[-1]][-1:]])
+        places, along_m = _places(np.concatenate([by_lane[index] for index in chain]))
+        found += _runs(line, along_m, *_edges(places, pieces), rank[chain[0]])
+    return found
+
+
+def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Ints, rank: int) -> list[Carriageway]:
+    """Return the carriageways along a line (K, 2) whose place they have, as long as their edges stay where they are.
+
+    Args:
+        line: along the middles of lanes.
+        along_m: (P,) places on it.
+        low: (P,) m, the right edge from the line to its left.
+        high: (P,) m, the left edge.
+        longest: (P,) highest rank of the lanes side by side.
+        rank: of these lanes.
+    """
+    at_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    own = longest == rank
+    moved = np.maximum(np.abs(np.diff(low)), np.abs(np.diff(high))) > _SAME_M
+    cut = np.flatnonzero(moved | (own[1:] != own[:-1])) + 1
+    found, ends = [], [0, *cut.tolist(), len(own)]
+    for first, end in pairwise(ends):
+        if not own[first]:
+            continue
+        start_m = 0.0 if first == 0 else along_m[first]
+        end_m = at_m[-1] if end == len(own) else along_m[end - 1]
+        kept_m = np.concatenate([[start_m], at_m[(at_m > start_m) & (at_m < end_m)], [end_m]])
+        right_m, left_m = float(low[first:end].max()), float(high[first:end].min())
+        if end_m > start_m and left_m > right_m:
+            part = np.stack([np.interp(kept_m, at_m, line[:, axis]) for axis in range(2)], axis=1)
+            found.append(Carriageway(_shifted(part, (right_m + left_m) / 2), (left_m - right_m) / 2))
     return found
 
 
@@ -99,8 +130,8 @@ def _pieces(points: Floats, half_m: float, rank: int) -> Floats:
     return pieces
 
 
-def _places(pieces: Floats) -> Floats:
-    """Return x, y, direction and half the width (P, 5) at places along pieces (S, 6)."""
+def _places(pieces: Floats) -> tuple[Floats, Floats]:
+    """Return x, y, direction and half the width (P, 5) at places along pieces (S, 6), and how far along (P,) m."""
     along = pieces[:, 2:4] - pieces[:, :2]
     length_m = np.hypot(along[:, 0], along[:, 1])
     counts = np.maximum(np.ceil(length_m / _SAMPLE_M), 1).astype(np.int64)
@@ -109,7 +140,8 @@ def _places(pieces: Floats) -> Floats:
     places = np.empty((len(own), 5))
     places[:, :2] = pieces[own, :2] + share[:, None] * along[own]
     places[:, 2:4], places[:, 4] = (along / length_m[:, None])[own], pieces[own, 4]
-    return places
+    along_m: Floats = (np.cumsum(length_m) - length_m)[own] + share * length_m[own]
+    return places, along_m
 
 
 def _chains(lanes: Mapping[LaneIndex, Lane]) -> list[list[LaneIndex]]:
@@ -139,7 +171,9 @@ def _turn(lane: Lane, following: Lane) -> float:
 
 @njit(cache=True, nogil=True)
 def _edges(places: Floats, pieces: Floats) -> tuple[Floats, Floats, Ints]:
-    """Return right and left edge (P,) m and the highest rank (P,) at places on lanes.
+    """Return right and left edge (P,) m and the highest rank (P,) of the lanes side by side at places on lanes.
+
+    Where lanes lie on one another, as in a fork, the rank is `_JUNCTION`.
 
     Args:
         places: (P, 5) x, y, direction, and half the lane's width.
@@ -148,27 +182,41 @@ def _edges(places: Floats, pieces: Floats) -> tuple[Floats, Floats, Ints]:
     low, high, longest = -places[:, 4], places[:, 4].copy(), np.full(len(places), -1)
     spans = np.empty((_MOST_LANES, 3))
     for n in range(len(places)):
-        x, y, ux, uy = places[n, 0], places[n, 1], places[n, 2], places[n, 3]
-        met = 0
-        for s in range(len(pieces)):
-            ahead_a = (pieces[s, 0] - x) * ux + (pieces[s, 1] - y) * uy
-            ahead_b = (pieces[s, 2] - x) * ux + (pieces[s, 3] - y) * uy
-            if ahead_a * ahead_b > 0 or ahead_a == ahead_b or met == _MOST_LANES:
-                continue
-            left_a = (pieces[s, 1] - y) * ux - (pieces[s, 0] - x) * uy
-            left_b = (pieces[s, 3] - y) * ux - (pieces[s, 2] - x) * uy
-            abreast = abs(ahead_b - ahead_a) / np.hypot(ahead_b - ahead_a, left_b - left_a)
-            if abreast > _ABREAST:
-                aside = left_a + ahead_a / (ahead_a - ahead_b) * (left_b - left_a)
-                half = pieces[s, 4] / abreast
-                spans[met] = aside - half, aside + half, pieces[s, 5]
-                met += 1
+        met = _cross_section(places[n], pieces, spans)
         for _ in range(met):
             for k in range(met):
                 if spans[k, 0] < high[n] + _TOUCH_M and spans[k, 1] > low[n] - _TOUCH_M:
                     low[n], high[n] = min(low[n], spans[k, 0]), max(high[n], spans[k, 1])
                     longest[n] = max(longest[n], int(spans[k, 2]))
+        for k in range(met):
+            for other in range(k):
+                over_m = min(spans[k, 1], spans[other, 1]) - max(spans[k, 0], spans[other, 0])
+                if over_m > _OVER_M and spans[k, 0] >= low[n] and spans[k, 1] <= high[n]:
+                    longest[n] = _JUNCTION
     return low, high, longest
+
+
+@njit(cache=True, nogil=True)
+def _cross_section(place: Floats, pieces: Floats, spans: Floats) -> int:
+    """Fill `spans` (N, 3) with right and left edge (m) and rank of lanes across a place; return their number.
+
+    Lanes that cross the place's at an angle are left out.
+    """
+    x, y, ux, uy = place[0], place[1], place[2], place[3]
+    met = 0
+    for s in range(len(pieces)):
+        ahead_a = (pieces[s, 0] - x) * ux + (pieces[s, 1] - y) * uy
+        ahead_b = (pieces[s, 2] - x) * ux + (pieces[s, 3] - y) * uy
+        if (ahead_a <= 0) == (ahead_b <= 0) or met == len(spans):
+            continue
+        left_a = (pieces[s, 1] - y) * ux - (pieces[s, 0] - x) * uy
+        left_b = (pieces[s, 3] - y) * ux - (pieces[s, 2] - x) * uy
+        abreast = abs(ahead_b - ahead_a) / np.hypot(ahead_b - ahead_a, left_b - left_a)
+        if abreast > _ABREAST:
+            aside, half = left_a + ahead_a / (ahead_a - ahead_b) * (left_b - left_a), pieces[s, 4] / abreast
+            spans[met] = aside - half, aside + half, pieces[s, 5]
+            met += 1
+    return met
 
 
 def _shifted(line: Floats, left_m: float) -> Floats:

@@ -15,7 +15,7 @@ _STRAIGHT_RAD = 1e-3  # corners of less are no corners
 def crown_triangles(line: Floats, half_m: float, slope: float) -> Floats:
     """Return a crowned surface (T, 3, 3) m over a carriageway, counter-clockwise from above.
 
-    A road that is too short to rise and fall has none. Like the roof of a house with hips, the surface is made of
+    A road that is too short to rise, stay and fall has none. Like the roof of a house with hips, the surface is made of
     planes where the road is straight, and meets the flat ground on all sides.
 
     Args:
@@ -24,7 +24,7 @@ def crown_triangles(line: Floats, half_m: float, slope: float) -> Floats:
         slope: fall from the middle to the gutters, m per m.
     """
     along_m = _along(line)
-    if along_m[-1] <= 2 * TAPER_M:
+    if along_m[-1] < 3 * TAPER_M:
         return np.zeros((0, 3, 3))
     normal = normals_of(line)
     corner = np.append(np.append(True, _turns(line) > _STRAIGHT_RAD), True)
