@@ -38,7 +38,7 @@ def place_masts(
     widths = np.repeat([0.0, _CROSSWALK_MORE_M], [len(starts) - len(spans), len(spans)])
     found = []
     for each in rounds:
-        for k, side in enumerate(each.sides):
+        for side in each.sides:
             if side.kind != CORNER:
                 continue
             spots, from_kerb_m = _spots(side.kerb)
