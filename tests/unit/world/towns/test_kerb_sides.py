@@ -35,7 +35,7 @@ def test_lines_beside_a_street_are_as_far_from_all_kerbs(seed):
     lines = kerb_lines_of(rounds)
     for each in rounds:
         distance_m = distances_to_lines(each.clear_beside(2.6, lines), *lines)
-        assert distance_m.min() > 2.0  # at the ends of parking strips the line has corners
+        assert distance_m.min() > 1.8  # at the ends of parking strips the line has corners
 
 
 @pytest.mark.parametrize("seed", SEEDS)
