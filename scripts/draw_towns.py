@@ -20,15 +20,14 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import coopsim
-from coopsim.envs import simulation_env
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.viz.overhead import draw_overhead
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet
-from coopsim.world.scenario import make_scenario
-from coopsim.world.towns.drawn_place import draw_place
+from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.world import World
 
 Picture = NDArray[np.uint8]
@@ -66,10 +65,13 @@ def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictur
     """Draw what the first agent's camera and LiDAR see, side by side."""
     width, height = EYES_PX
     lens = Intrinsics.from_fov(2 * width, 2 * height, float(np.radians(85.0)))
-    env = simulation_env(
-        draw_place(place, options),
+    env = coopsim.parallel_env(
         "town",
+        place_seed=place,
         density=density,
+        junctions=options.junctions,
+        openness=options.openness,
+        lanes=options.lanes,
         cameras={"cav_0": [Camera("front", lens)]},
         lidar="HDL-64E",
         detector="none",
@@ -89,7 +91,7 @@ def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictur
 
 
 def _world(place: int, options: TownOptions, density: float) -> World:
-    world = World(make_scenario(draw_place(place, options), density=density), place)
+    world = World(TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place), place)
     world.step(WARM_UP_S)
     return world
 

@@ -26,10 +26,8 @@ from tqdm import tqdm
 import coopsim
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.data.recording_set import RecordingSet
-from coopsim.envs import simulation_env
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.towns.drawn_place import draw_place
 
 Values = dict[str, float]
 
@@ -66,9 +64,9 @@ CREWS = (
 def measure(job: tuple[Crew, int], *, seconds: int) -> Values:
     """Measure a town; return the means over its frames."""
     crew, place = job
-    env = simulation_env(
-        draw_place(place),
+    env = coopsim.parallel_env(
         "town",
+        place_seed=place,
         lidar=crew.lidar,
         dt_s=1.0,
         max_cycles=seconds,

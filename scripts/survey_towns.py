@@ -29,10 +29,11 @@ import numpy as np
 from tabulate import tabulate
 from tqdm import tqdm
 
-from coopsim.world.scenario import make_scenario
 from coopsim.world.towns.drawn_place import describe_town, draw_place
+from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.survey import JAM_S, survey_traffic
 from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.towns.validity import find_faults, fingerprint
 
 Row = dict[str, Any]
@@ -46,8 +47,9 @@ def survey(place: int, *, options: TownOptions, density: float, seconds: float) 
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             began_s = perf_counter()
-            scenario = make_scenario(draw_place(place, options), density=density)
+            draw_place(place, options)
             row["draw_ms"] = round(1e3 * (perf_counter() - began_s), 1)
+            scenario = TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place)
             row["fingerprint"] = fingerprint(describe_town(place, options))
             row["triangles"] = sum(len(part.faces) for part in (*scenario.layout.static, *scenario.layout.furnishing))
             row["faults"] = find_faults(scenario, place)
