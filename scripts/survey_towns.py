@@ -83,8 +83,9 @@ def validity_table(rows: Sequence[Row]) -> str:
 def traffic_table(rows: Sequence[Row]) -> str:
     """Return the table of traffic, in Markdown."""
     drives = [row["drive"] for row in rows if "drive" in row]
+    all_crashes = [each for drive in drives for each in drive["crashes"]]
     hours = sum(drive["vehicle_hours"] for drive in drives)
-    crashes = sum(len(drive["crashes"]) for drive in drives)
+    crashes, touches = (sum(each["parked"] == parked for each in all_crashes) for parked in (False, True))
     waits_s = [wait_s for drive in drives for wait_s in drive["waits_s"]]
     table = [
         ["places", len(drives)],
@@ -92,6 +93,7 @@ def traffic_table(rows: Sequence[Row]) -> str:
         ["vehicle-hours", f"{hours:.1f}"],
         ["crashes", crashes],
         ["crashes in 100 vehicle-hours", f"{100 * crashes / hours:.2f}"],
+        ["parked vehicles that people walked into", touches],
         ["mean speed, m/s", f"{sum(drive['distance_km'] for drive in drives) / hours / 3.6:.2f}"],
         [f"standstills longer than {JAM_S:g} s", sum(len(drive["jams"]) for drive in drives)],
         ["places with one", sum(bool(drive["jams"]) for drive in drives)],

@@ -64,12 +64,14 @@ class Crash:
         vehicles: their ids.
         x_m: of the first of them.
         y_m: of the first of them.
+        parked: whether none of them drives: a person has walked into a parked vehicle.
     """
 
     time_s: float
     vehicles: tuple[int, ...]
     x_m: float
     y_m: float
+    parked: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,8 +187,9 @@ class Diary:
         self._wrecked = rows["crashed"].copy()
         while len(left):
             near = spread(rows[left], np.arange(len(left)) == 0, SAME_CRASH_M)
-            ids = tuple(rows["id"][left[near]].tolist())
-            self.crashes.append(Crash(round(self.time_s, 1), ids, *_rounded(rows[left[0]])))
+            these = rows[left[near]]
+            parked = bool((these["driver"] == PARKED).all())
+            self.crashes.append(Crash(round(self.time_s, 1), tuple(these["id"].tolist()), *_rounded(these[0]), parked))
             left = left[~near]
 
 
@@ -199,7 +202,7 @@ def _moves_around(rows: NDArray[Any], drives: Bools) -> Bools:
 
 def held_by_wrecks(rows: NDArray[Any]) -> Bools:
     """Return which vehicles (N,) stand near a wreck, or in a queue behind vehicles that do."""
-    wrecked = rows["crashed"]
+    wrecked = rows["crashed"] & (rows["driver"] != PARKED)
     if not wrecked.any():
         return np.zeros(len(rows), np.bool_)
     stands = (rows["driver"] != PARKED) & ~wrecked & (np.abs(rows["speed"]) < STANDING_M_S)

@@ -67,6 +67,13 @@ def test_vehicles_that_touch_each_other_are_one_crash():
     assert [(crash.time_s, crash.vehicles) for crash in survey.crashes] == [(0.5, (1, 2)), (0.5, (4,)), (1.0, (3,))]
 
 
+def test_person_who_walks_into_a_parked_vehicle_is_told_from_a_crash():
+    rows = fleet((0, 0), (100, 0), (105, 0))
+    rows["driver"][[0, 1]] = PARKED
+    survey = drive(rows, 2.0, {0: [("crashed", k, True) for k in range(3)]})
+    assert [(crash.vehicles, crash.parked) for crash in survey.crashes] == [((1,), True), ((2, 3), False)]
+
+
 def test_queue_at_a_wreck_is_held_by_it_and_others_are_not():
     rows = fleet((0, 0), (20, 0), (32, 0), (44, 0), (80, 0))
     rows["crashed"][0] = True
