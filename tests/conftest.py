@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import coopsim
-from coopsim.world.scenario import SCENARIOS
+from coopsim.world.towns.scenario_choice import scenario_names
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -26,7 +26,7 @@ SMALL: dict[str, Any] = {
 }
 """Quick to sense, and still with agents that hear each other."""
 
-SIMULATED = SCENARIOS.names()
+SIMULATED = scenario_names()
 
 
 @pytest.fixture
