@@ -77,16 +77,17 @@ def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple
     low_x, low_y, high_x, high_y = points[:, 0].min(), points[:, 1].min(), points[:, 0].max(), points[:, 1].max()
     for k in range(len(start)):
         ax, ay, bx, by, reach = start[k, 0], start[k, 1], end[k, 0], end[k, 1], least_m[k]
-        if max(ax, bx) + reach < low_x or min(ax, bx) - reach > high_x:
-            continue
-        if max(ay, by) + reach < low_y or min(ay, by) - reach > high_y:
+        left, right, lower, upper = min(ax, bx) - reach, max(ax, bx) + reach, min(ay, by) - reach, max(ay, by) + reach
+        if right < low_x or left > high_x or upper < low_y or lower > high_y:
             continue
         rx, ry = bx - ax, by - ay
         length_m2 = max(rx * rx + ry * ry, 1e-12)
         for i in range(len(points)):
-            px, py = points[i, 0] - ax, points[i, 1] - ay
-            share = min(max((px * rx + py * ry) / length_m2, 0.0), 1.0)
-            distance_m = np.hypot(px - share * rx, py - share * ry)
+            x, y = points[i, 0], points[i, 1]
+            if x < left or x > right or y < lower or y > upper:
+                continue
+            share = min(max(((x - ax) * rx + (y - ay) * ry) / length_m2, 0.0), 1.0)
+            distance_m = np.hypot(x - ax - share * rx, y - ay - share * ry)
             if distance_m - reach < worst_m:
                 worst, worst_m, near_m = k, distance_m - reach, distance_m
     return worst, near_m
