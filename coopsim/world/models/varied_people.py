@@ -2,7 +2,7 @@
 
 Adults are 1.50 to 1.95 m tall, children 0.92 to 1.50 m (see `coopsim.world.models.pedestrians` for means). A person and
 what the person pushes or leads are one object, as in data sets, which label a pushchair with its pusher or apart from
-it. How many carry what is assumed by us: about one adult in four carries or pushes something, one in a hundred uses a
+it. How many carry what is assumed by us: about one adult in five carries or pushes something, one in a hundred uses a
 wheelchair.
 """
 

@@ -1,6 +1,6 @@
 """Two-wheelers of more sizes: with plates and reflectors, boxes and bags, a passenger, a child; parked ones alone.
 
-A long cargo bicycle is about 2.5 m. Two on one scooter, and how often, are assumed by us: about one in eight.
+A long cargo bicycle is about 2.5 m. Two on one scooter, and how often, are assumed by us: about one in seven.
 """
 
 from __future__ import annotations
