@@ -187,7 +187,7 @@ class DataEntry(Entry):
     def __init__(
         self, value: Any, name: str, kind: type[CoopsimError], above: DataEntry | None = None, key: str | int = ""
     ) -> None:
-        super().__init__(name, kind)
+        self.name, self.kind = name, kind  # a town has ten thousand entries: no call of the base class
         self._value, self._above, self._key = value, above, key
 
     @property
@@ -224,6 +224,9 @@ class DataEntry(Entry):
             return list(value)
         return super().numbers(count)
 
+    def point(self) -> Floats:
+        return np.array(self._value) if _is_point(self._value) else super().point()
+
     def points(self, least: int) -> Floats:
         value = self._value
         if isinstance(value, list) and len(value) >= least and all(_is_point(item) for item in value):
@@ -233,8 +236,7 @@ class DataEntry(Entry):
 
 def _is_point(value: Any) -> bool:
     """Return whether a value is a list of two finite floats, as most are: they need no further checks."""
-    return (
-        type(value) is list
-        and len(value) == 2
-        and all(type(item) is float and -np.inf < item < np.inf for item in value)
-    )
+    if type(value) is not list or len(value) != 2:
+        return False
+    x, y = value
+    return type(x) is float and type(y) is float and abs(x) < np.inf and abs(y) < np.inf
