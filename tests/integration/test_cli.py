@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 from interruptible import interruptible
+from PIL import Image
 
 from coopsim.cli import INTERRUPTED, main
 from coopsim.world.recording.episode_file import Episode
@@ -151,6 +152,18 @@ def test_places_of_files_are_recorded_by_name(tmp_path: Path) -> None:
     assert Episode(run).header.scenario.startswith("village-")
 
 
+def test_a_town_is_drawn_as_a_file_that_is_recorded_and_demonstrated(tmp_path: Path) -> None:
+    town, picture = tmp_path / "town.yaml", tmp_path / "town.png"
+    drawn = ["--junctions", "1", "--lanes", "1", "--openness", "0.5"]
+    assert main(["town", "draw", "2", *drawn, "--out", str(town), "--picture", str(picture)]) == 0
+    with Image.open(picture) as image:
+        assert image.size == (900, 900)
+    assert main(["record", str(town), "--frames", "3", "--out", str(tmp_path / "run")]) == 0
+    shown = ["--policies", "no_fusion", "--latencies-ms", "0", "--option", "lidar=null"]
+    report = ["--report", str(tmp_path / "demo.html")]
+    assert main(["demo", "--environment", "town", "--playback", str(tmp_path / "run"), *shown, *report]) == 0
+
+
 def test_replay_and_leaderboard_take_policies_as_bench_does(
     recordings: Path, tmp_path: Path, mine: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -222,6 +235,12 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
         ),
         (["record", "crosing", "--out", "{recordings}/run"], "Did you mean 'crossing'"),
         (["record", "crossing", "--out", "/nonexistent/run"], "cannot write /nonexistent/run"),
+        (["record", "twon", "--out", "{recordings}/run"], "Did you mean 'town'"),
+        (["record", "town", "--out", "{recordings}/run", "--option", "plce_seed=2"], "Did you mean 'place_seed'"),
+        (["town", "draw", "1", "--out", "{recordings}/town.yaml", "--lanes", "4"], "lanes must be an integer in 1..3"),
+        (["town", "draw", "1", "--out", "{recordings}/town.yaml", "--openness", "2"], "openness must be in [0, 1]"),
+        (["town", "draw", "1", "--out", "{recordings}/t.yaml", "--picture", "t.gif"], "picture must end in .png"),
+        (["town", "draw", "1", "--junctions", "1", "--out", "{recordings}/town.yml2"], "must end in .yaml"),
         (["replay", "/nonexistent", "--detections", "ego"], "/nonexistent"),
         (["replay", "{recordings}", "--detections", "egoo"], "Did you mean 'ego'"),
         (["replay", "{recordings}", "--detections", "ego", "--policy", "ab3dmt"], "Did you mean 'ab3dmot'"),
@@ -249,6 +268,10 @@ def test_what_the_user_can_mend_is_said_in_one_line(
         (["replay", "x", "--detections", "ego", "--policy", "/nonexistent/mine.py:A"], "cannot read /nonexistent"),
         (["demo", "--option", "codec"], "must be name=value"),
         (["replay", "x", "--detection", "ego"], "Did you mean --detections"),
+        (["town", "draw", "1", "--out", "x.yaml", "--junction", "2"], "Did you mean --junctions"),
+        (["town", "draw", "one", "--out", "x.yaml"], "must be an integer >= 0, got 'one'"),
+        (["town", "drwa", "1"], "invalid choice: 'drwa'"),
+        (["town"], "required: COMMAND"),
         (["repaly"], "invalid choice"),
         ([], "required: COMMAND"),
     ],
@@ -263,9 +286,16 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    for name in ("late_fusion", "no_fusion (or ab3dmot)", "crossing-v1", "village.yaml", "pointpillars_v2v4real"):
+    for name in (
+        "late_fusion",
+        "no_fusion (or ab3dmot)",
+        "crossing-v1",
+        "town-v1",
+        "village.yaml",
+        "pointpillars_v2v4real",
+    ):
         assert name in out
-    for name in ("sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):
+    for name in ("town-v1", "sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):
         assert name in out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
+from coopsim.support.checks import require_choice
 from coopsim.world.episode_scenarios import EpisodeScenarios, SameScenario
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario
 from coopsim.world.towns.place_seeds import PlaceSeeds
@@ -28,6 +29,8 @@ def choose_scenarios(
     Raises:
         CoopsimError: as `make_scenario` and `TownScenarios` do.
     """
+    if not isinstance(place, Place):
+        require_choice("scenario", place, scenario_names())
     if place != TOWN:
         return SameScenario(make_scenario(place, density=density, detail=detail, **options))
     seeds, town = ({f.name: options.pop(f.name) for f in fields(kind) if f.name in options} for kind in _OF_TOWNS)

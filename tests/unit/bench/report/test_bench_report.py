@@ -98,6 +98,24 @@ def test_one_seed_has_no_interval_and_says_so() -> None:
     assert not any("±" in text for text in shown.texts("td"))
 
 
+@pytest.mark.parametrize(
+    ("seeds", "places", "said"),
+    [
+        (range(3), [0, 1, 2], "95 % intervals of the mean over 3 places, by Student's t; whiskers"),
+        (range(4), [7, 8, 7, 8], "the mean over 2 places, by Student's t; a place counts once, with the mean of its"),
+        (range(3), [5, 5, 5], "over 3 seeds in one place, by Student's t; what another place would give is not known"),
+        (range(1), [5], "There is one place, and so no interval: what another would give is not known."),
+    ],
+)
+def test_places_are_samples_and_the_report_says_so(seeds: range, places: list[int], said: str) -> None:
+    drawn = [replace(each, place_seed=places[each.cell.seed]) for each in results(seeds=seeds)]
+    table = ResultTable.of(drawn)
+    assert any(said in text for text in page(table).texts("p", "note"))
+    assert f"{table.samples.text} (Student's t)." in to_markdown(table, "towns") or len(seeds) == 1
+    assert to_csv(table).splitlines()[0].split(",").count("place_seed") == 1
+    assert "place_seed" not in to_csv(TABLE)
+
+
 @pytest.mark.parametrize("text", HOSTILE)
 def test_names_and_tracebacks_stay_text(text: str) -> None:
     def shown(name: str) -> Page:
