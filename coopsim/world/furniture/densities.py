@@ -3,7 +3,7 @@
 | kind | here, along a street | source |
 |---|---|---|
 | lamp | every 30 m, on alternate sides | 2.5 to 3 times their height of 8 to 12 m: Global Street Design Guide (NACTO) |
-| tree | in rows on 4 of 10 sides, 8 to 16 m apart | Healthy Streets for Surrey, 7.4: 8 to 16 m |
+| tree | in rows on a third of the sides, 11 m apart, give or take 1 | Healthy Streets for Surrey, 7.4: 8 to 16 m |
 | sign | every 40 m | Dutch towns: one every 55 m, 22 to 25 m in the densest (HR Groep Streetcare 2021) |
 | hydrant | every 120 m | 300 to 500 feet: codes of the USA |
 | bench | every 60 m | 30 to 60 m on busy, 90 to 120 m on quiet ways; 50 m: Inclusive Mobility (UK) |
@@ -55,7 +55,7 @@ _ROAD, _AWAY, _ONCOMING = np.pi / 2, -np.pi / 2, np.pi
 KERB = (
     Row("lamp", 60.0, 0.6, _ROAD, jitter=0.05),
     Row("sign", 80.0, 0.6, _ONCOMING),
-    Row("tree", 11.0, 0.75, share=0.4, jitter=0.1),
+    Row("tree", 11.0, 0.75, share=0.35, jitter=0.1),
     Row("hydrant", 240.0, 0.75, _ROAD),
     Row("bench", 120.0, 0.85, _AWAY),
     Row("bin", 120.0, 0.8, _AWAY),

@@ -6,10 +6,11 @@ import numpy as np
 
 from coopsim.world.furniture.materials import CONCRETE, DARK_METAL, SIGN_RED, SIGN_WHITE, WHITE, WOOD, ZINC
 from coopsim.world.furniture.piece import Piece, Shape, box_around, shape
-from coopsim.world.furniture.solids import Solid, block, joined, post, prism
+from coopsim.world.furniture.solids import Solid, block, joined, post, prism, sheet
 
-_SLATS_PER_M = 5
+_SLATS_PER_M = 4
 _SLAT_SHARE = 0.55
+_POST_M = 2.0
 
 
 def fence(length_m: float, height_m: float, variant: int) -> Piece:
@@ -17,19 +18,21 @@ def fence(length_m: float, height_m: float, variant: int) -> Piece:
     count = max(2, round(_SLATS_PER_M * length_m))
     pitch, half = length_m / count, length_m / 2
     slats = [_upright(-half + (k + 0.5) * pitch, _SLAT_SHARE * pitch / 2, (0.08, height_m)) for k in range(count)]
-    rails = [_lying(half, z, 0.04) for z in (0.25, height_m - 0.2)]
-    mesh = joined([*slats, *rails])
+    rails = [_upright(0.0, half, (z - 0.04, z + 0.04)) for z in (0.25, height_m - 0.2)]
+    places = -half + 0.05 + np.arange(max(1, round(length_m / _POST_M))) * _POST_M
+    posts = [sheet(x, (-0.05, 0.05), (0.0, height_m + 0.05)) for x in places.tolist()]
+    mesh = joined([*slats, *rails, *posts])
     around = box_around(mesh.vertices)[None]
-    around[:, 4] = 0.1
-    seen = Shape(mesh.vertices, mesh.faces, (WOOD, WHITE, WOOD)[variant % 3], False, around, _SLAT_SHARE)
-    return seen, shape(WOOD, block((-half, -half + 0.09), (-0.045, 0.045), (0.0, height_m + 0.05)))
+    return (Shape(mesh.vertices, mesh.faces, (WOOD, WHITE, WOOD)[variant % 3], False, around, _SLAT_SHARE),)
 
 
 def railing(length_m: float, height_m: float, _: int) -> Piece:
     """Build a railing of steel at a pavement's edge: two bars between posts."""
     half = length_m / 2
     bars = [block((-half, half), (-0.025, 0.025), (z - 0.03, z + 0.03)) for z in (0.55 * height_m, height_m - 0.03)]
-    return (shape(DARK_METAL, block((-half, -half + 0.06), (-0.03, 0.03), (0.0, height_m)), *bars),)
+    places = -half + 0.03 + np.arange(max(1, round(length_m / _POST_M))) * _POST_M
+    posts = [block((x - 0.03, x + 0.03), (-0.03, 0.03), (0.0, height_m)) for x in places.tolist()]
+    return (shape(DARK_METAL, *posts, *bars),)
 
 
 def crash_barrier(length_m: float, height_m: float, _: int) -> Piece:
@@ -71,7 +74,3 @@ def scaffold(length_m: float, height_m: float, _: int) -> Piece:
 def _upright(x: float, half_m: float, z: tuple[float, float]) -> Solid:
     corners = [[x - half_m, 0.0, z[0]], [x + half_m, 0.0, z[0]], [x + half_m, 0.0, z[1]], [x - half_m, 0.0, z[1]]]
     return Solid(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
-
-
-def _lying(half_m: float, z: float, half_z_m: float) -> Solid:
-    return _upright(0.0, half_m, (z - half_z_m, z + half_z_m))

@@ -8,18 +8,14 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.furniture.densities import BACK, BACK_LINES, KERB, KERB_LINES, VERGE, VERGE_LINES
-from coopsim.world.furniture.free_ground import GROUND, Obstacles, are_free
 from coopsim.world.furniture.kept_free import lanes_of, obstacles_of
 from coopsim.world.furniture.lining import Lining
 from coopsim.world.furniture.plot import Plot
-from coopsim.world.furniture.stations import Side, fronts, street_sides, way_sides
+from coopsim.world.furniture.stations import fronts, street_sides, way_sides
 from coopsim.world.places.layout import Layout
 
 _AROUND_M = 60.0  # beyond the ends of lanes and ways
 _AHEAD_M = 1_500.0  # where traffic is kept up around cars that go on and on along x
-_BEYOND_M = (0.3,)
-_BEHIND_M = (1.5, 2.5, 3.5)
-"""Distances outward from an edge at which there is no other lane."""
 
 
 def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
@@ -31,15 +27,14 @@ def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
     """
     area = _area(layout)
     lanes, plot = lanes_of(layout, area), Plot(obstacles_of(layout, area))
-    kerbs = [side for side in street_sides(layout, area) if _ends_there(side, _BEYOND_M, lanes)]
-    backs = [side for side in way_sides(layout) if _ends_there(side, _BEHIND_M, lanes)]
+    kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
     lining = Lining(seed, plot)
     lining.crosswalks(kerbs, layout.road_map.crosswalks)
     walked = layout.footways is not None
     lining.rows("kerb", [row for row in (KERB if walked else VERGE) if not row.fills], kerbs)
     lining.lines("kerb", KERB_LINES if walked else VERGE_LINES, kerbs)
     lining.rows("kerb", [row for row in (KERB if walked else VERGE) if row.fills], kerbs)
-    lining.fronts(fronts(layout))
+    lining.fronts(*fronts(layout))
     lining.rows("back", [row for row in BACK if not row.fills], backs)
     lining.lines("back", BACK_LINES, backs)
     lining.rows("back", [row for row in BACK if row.fills], backs)
@@ -57,10 +52,3 @@ def _area(layout: Layout) -> Floats:
     if layout.window_m is not None:
         area[:, 0] = area[0, 0] - layout.window_m, area[1, 0] + _AHEAD_M
     return area
-
-
-def _ends_there(side: Side, outward_m: tuple[float, ...], lanes: Obstacles) -> bool:
-    """Return whether no lane goes on beyond most of an edge, at some distances outward."""
-    edge, outward, _ = side.stands(np.arange(0.5, max(side.length_m, 1.0), 4.0))
-    spots = np.concatenate([edge + away * outward for away in outward_m])
-    return bool(are_free(spots, 0.0, GROUND, lanes).mean() > 0.5)

@@ -82,10 +82,10 @@ KINDS: dict[str, Kind] = {
     ),
     "bush": Kind(plants.bush, (1.2, 1.2), {"height_m": Size(1.2, 0.3, 4.0), "width_m": Size(1.3, 0.3, 6.0)}),
     "hedge": Kind(
-        plants.hedge, (0.0, 0.8), {"height_m": Size(1.4, 0.3, 5.0), "thickness_m": Size(0.8, 0.3, 3.0)}, step_m=2.0
+        plants.hedge, (0.0, 0.8), {"height_m": Size(1.4, 0.3, 5.0), "thickness_m": Size(0.8, 0.3, 3.0)}, step_m=4.0
     ),
-    "fence": Kind(fences.fence, (0.0, 0.1), _height(1.1, 0.4, 3.0), step_m=2.0),
-    "railing": Kind(fences.railing, (0.0, 0.1), _height(1.0, 0.4, 2.0), step_m=2.0),
+    "fence": Kind(fences.fence, (0.0, 0.1), _height(1.1, 0.4, 3.0), step_m=4.0),
+    "railing": Kind(fences.railing, (0.0, 0.1), _height(1.0, 0.4, 2.0), step_m=4.0),
     "crash_barrier": Kind(fences.crash_barrier, (0.0, 0.3), _height(0.75, 0.4, 1.5), step_m=12.0),
     "concrete_barrier": Kind(fences.concrete_barrier, (0.0, 0.6), _height(0.85, 0.4, 1.5), step_m=4.0),
     "work_fence": Kind(fences.work_fence, (0.0, 0.6), _height(1.0, 0.6, 1.5), step_m=2.0),

@@ -17,7 +17,7 @@ from coopsim.world.furniture.materials import BARK
 from coopsim.world.furniture.piece import Piece, shape
 from coopsim.world.furniture.solids import bar, post
 
-CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 96, 20, 16
+CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 84, 20, 16
 """Numbers of plates: with fewer, these are larger, and as much light passes."""
 
 

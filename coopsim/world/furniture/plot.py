@@ -68,10 +68,9 @@ class Plot:
             self.entries.append(entry)
         return fits
 
-    def count_free(self, kind: str, ends: Floats, *, bulky: bool) -> int:
-        """Return how many pieces (N, 2, 2) m of a line keep off what stays free, whatever stands there already."""
-        layers = _layers(kind, bulky=bulky)
-        return int(are_free(ends.mean(axis=1), 1.1 * _half_m(kind), layers, self._obstacles).sum())
+    def are_free(self, kind: str, ends: Floats, *, bulky: bool) -> Mask:
+        """Return which pieces (N, 2, 2) m of a line keep off what stays free, whatever stands there already."""
+        return are_free(ends.mean(axis=1), 1.1 * _half_m(kind), _layers(kind, bulky=bulky), self._obstacles)
 
     def put_lines(self, kind: str, ends: Floats, run: Ints, *, bulky: bool = False) -> None:
         """Put up the pieces of lines that fit.
