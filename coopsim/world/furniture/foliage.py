@@ -26,7 +26,7 @@ from coopsim.world.furniture.piece import Shape
 CROWN_K_PER_M, BUSH_K_PER_M, HEDGE_K_PER_M = 0.6, 2.4, 2.4
 """Share of rays that is stopped per metre, at short paths."""
 
-VARIANTS = 8
+VARIANTS = 4
 """Different arrangements of plates; pieces of furniture take them in turn."""
 
 _PLATE_RADIUS = 2 / 3**0.75  # circumradius of a regular triangle of area 1

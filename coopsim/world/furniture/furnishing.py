@@ -19,7 +19,7 @@ FurnitureEntry = Mapping[str, Any]
 Heights = Callable[[Floats], Floats]
 """Heights (N,) m of the ground at points (N, 2) m."""
 
-_VARIANTS = 24
+_VARIANTS = 12
 _ROUNDED_M = 0.05  # of lengths along lines, so that most pieces share a mesh
 
 _Key = tuple[str, tuple[float, ...], int]

@@ -15,9 +15,9 @@ from coopsim.world.furniture.foliage import (
 )
 from coopsim.world.furniture.materials import BARK
 from coopsim.world.furniture.piece import Piece, shape
-from coopsim.world.furniture.solids import bar, post
+from coopsim.world.furniture.solids import bar
 
-CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 84, 20, 16
+CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 64, 18, 14
 """Numbers of plates: with fewer, these are larger, and as much light passes."""
 
 
@@ -33,7 +33,7 @@ def tree(height_m: float, crown_m: float, stem_m: float, variant: int) -> Piece:
     ]
     plates, body = ball_of_leaves((crown_m, crown_m, height_m - stem_m), CROWN_K_PER_M, CROWN_PLATES, variant)
     crown = leaves(plates, (0.0, 0.0, middle), mean_opacity(body, CROWN_K_PER_M), variant)
-    return shape(BARK, post(0.0, 0.0, (0.0, middle), radius, 0.3 * radius), *branches), crown
+    return shape(BARK, bar((0.0, 0.0, 0.0), (0.0, 0.0, middle), radius, 0.3 * radius, sides=5), *branches), crown
 
 
 def bush(height_m: float, width_m: float, variant: int) -> Piece:
