@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.world.custom.place import place_from
-from coopsim.world.furniture.furnished import furnished
+from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
 from coopsim.world.towns.street_plan import draw_plan
 from coopsim.world.towns.town_blocks import dress_streets
@@ -49,7 +49,7 @@ def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
         seed: see `describe_town`.
         options: see `describe_town`.
     """
-    bare = place_from(describe_streets(seed, options), f"town-{seed}")
+    bare = place_from(leafy(describe_streets(seed, options)), f"town-{seed}")
     layout, description = furnished(bare.make_layout(), bare.description or {}, seed)
     return Place(bare.name, lambda: layout, usual_population(layout), description)
 
