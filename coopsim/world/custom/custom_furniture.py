@@ -25,7 +25,9 @@ def read_furniture(entry: Entry, kerbs: Kerbs) -> list[dict[str, Any]]:
     items, pieces = entry.entries(), []
     spots: list[Floats] = []
     for item in items:
-        kind = KINDS[item.named().get("kind", item).choice(KINDS, "kind of furniture")]
+        if "kind" not in (named := item.named()):
+            raise item.error(f"kind is missing in furniture. Accepted: {', '.join(KINDS)}")
+        kind = KINDS[named["kind"].choice(KINDS, "kind of furniture")]
         piece = _read_piece(item, kind)
         pieces.append(piece)
         spots.append(_ground(piece, kind))

@@ -71,5 +71,5 @@ def advertising_column(_: int) -> Piece:
 
 def skip(_: int) -> Piece:
     """Build a container of builders, full of rubble."""
-    body, load = block((-0.9, 0.9), (-1.4, 1.4), (0.1, 1.25), 1.12), block((-0.85, 0.85), (-1.4, 1.4), (1.25, 1.5), 0.6)
+    body, load = block((-0.9, 0.9), (-1.4, 1.4), (0.0, 1.25), 1.12), block((-0.85, 0.85), (-1.4, 1.4), (1.25, 1.5), 0.6)
     return shape(YELLOW, body), shape(RUBBLE, load)

@@ -28,6 +28,7 @@ _BAY_M = {ObjectClass.TRUCK: (10.0, 2.8), ObjectClass.BUS: (12.6, 2.8)}
 _USUAL_BAY_M = (6.4, 2.6)
 _UPRIGHT_M = 0.3  # parts that are higher are no surfaces
 _HEAD_M = 2.2
+_THIN_M = 0.7
 _DRIVEWAY_M, _BEFORE_DRIVEWAY_M = 4.0, 6.0  # widest driveway, and from a yard to the road
 
 
@@ -81,7 +82,7 @@ def lines_of(ways: Footways, *, crossing: bool = True) -> list[Floats]:
 
 
 def _foot(part: StaticPart) -> list[Floats]:
-    """Return the outline (4, 2) m of what a part that stands up covers below people's heads; none of a surface."""
+    """Return outlines (4 or 1, 2) m of what a part that stands up covers below people's heads; none of a surface."""
     low_m = part.vertices[:, 2].min()
     if np.ptp(part.vertices[:, 2]) < _UPRIGHT_M or low_m > _HEAD_M:
         return []
@@ -91,6 +92,8 @@ def _foot(part: StaticPart) -> list[Floats]:
             return found
     below = part.vertices[part.vertices[:, 2] < low_m + _HEAD_M]
     (x, y), (far_x, far_y) = below[:, :2].min(axis=0), below[:, :2].max(axis=0)
+    if np.hypot(far_x - x, far_y - y) < _THIN_M:  # a mast or a stem: the same from all sides
+        return [below[:, :2].mean(axis=0)[None]]
     return [np.array([[x, y], [far_x, y], [far_x, far_y], [x, far_y]])]
 
 

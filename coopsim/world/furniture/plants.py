@@ -39,7 +39,8 @@ def tree(height_m: float, crown_m: float, stem_m: float, variant: int) -> Piece:
 def bush(height_m: float, width_m: float, variant: int) -> Piece:
     """Build a bush, leaves down to the ground."""
     plates, body = ball_of_leaves((width_m, width_m, height_m), BUSH_K_PER_M, BUSH_PLATES, variant)
-    return (leaves(plates, (0.0, 0.0, height_m / 2), mean_opacity(body, BUSH_K_PER_M), variant),)
+    middle = (0.0, 0.0, 0.42 * height_m)  # its lowest leaves lie on the ground
+    return (leaves(plates, middle, mean_opacity(body, BUSH_K_PER_M), variant),)
 
 
 def hedge(length_m: float, height_m: float, thickness_m: float, variant: int) -> Piece:

@@ -59,7 +59,7 @@ def shelter(_: int) -> Piece:
 def market_stall(variant: int) -> Piece:
     """Build a stall: a counter with goods under an awning."""
     posts = [block((x - 0.03, x + 0.03), (y - 0.03, y + 0.03), (0.0, 2.2)) for x in (-0.9, 0.9) for y in (-1.4, 1.4)]
-    gable = [[0.0, -1.6, 2.75], [-1.1, -1.6, 2.2], [1.1, -1.6, 2.2]]
+    gable = [[0.0, -1.6, 2.75], [1.1, -1.6, 2.2], [-1.1, -1.6, 2.2]]
     roof = prism(gable, [[x, 1.6, z] for x, _, z in gable])
     counter = block((0.0, 0.8), (-1.3, 1.3), (0.1, 0.85))
     goods = [block((0.05, 0.75), (y - 0.28, y + 0.28), (0.85, 1.0 + 0.1 * k)) for k, y in enumerate((-0.8, 0.0, 0.8))]
