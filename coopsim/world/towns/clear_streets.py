@@ -11,7 +11,7 @@ BETWEEN_M = 14.0
 """Least width between the lanes of two streets, for pavements on both sides and something between them."""
 
 _STEP_M = 6.0
-_LARGEST_M = {1: 400.0, 2: 480.0, 3: 600.0}  # extent of the streets along either side, by most lanes
+_LARGEST_M = {1: 400.0, 2: 480.0, 3: 640.0}  # extent of the streets along either side, by most lanes
 _NEAR_M = 16.0  # this far beyond the stop lines streets of one junction may be closer
 
 

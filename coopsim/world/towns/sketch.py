@@ -60,36 +60,49 @@ class Sketch:
         """Return heading (rad, in [0, 2 pi)), link and whether it begins here, counter-clockwise."""
         found = []
         for number, link in enumerate(self.links):
-            for end, ahead, outwards in ((link.begin, link.points[1] - link.points[0], True),) + (
-                ((link.end, link.points[-2] - link.points[-1], False),) if link.end is not None else ()
-            ):
-                if end == junction:
-                    found.append((math.atan2(ahead[1], ahead[0]) % (2 * math.pi), number, outwards))
+            if link.begin == junction:
+                found.append((_heading(link.points[0], link.points[1]), number, True))
+            if link.end == junction:
+                found.append((_heading(link.points[-1], link.points[-2]), number, False))
         return sorted(found)
 
 
-def draw_sketch(
-    rng: np.random.Generator, junctions: int, spacing_m: tuple[float, float], outer_m: float, least_rad: float
-) -> Sketch:
-    """Draw junctions and streets; some arms of a junction may be too close together, which the caller must find.
+def _heading(start: Floats, end: Floats) -> float:
+    """Return the direction from one point (2,) to another, rad, in [0, 2 pi)."""
+    return math.atan2(end[1] - start[1], end[0] - start[0]) % (2 * math.pi)
 
-    Args:
-        rng: draws.
-        junctions: their number.
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """Measures of a sketch.
+
+    Attributes:
         spacing_m: least and largest distance between neighbours in the lattice.
         outer_m: least length of streets that lead out.
         least_rad: angle between these and others.
+        freedom: how far the lattice is sheared and its places are moved, and how many links bend, in [0, 1].
     """
+
+    spacing_m: tuple[float, float]
+    outer_m: float
+    least_rad: float
+    freedom: float = 1.0
+
+
+def draw_sketch(rng: np.random.Generator, junctions: int, measures: Measures) -> Sketch:
+    """Draw junctions and streets; some arms of a junction may be too close together, which the caller must find."""
     cells = _cells(rng, junctions)
-    sketch = Sketch(_centres(rng, cells, spacing_m, _SHEAR if least_rad == LEAST_ANGLE_RAD else _SHEAR / 3))
+    sketch = Sketch(_centres(rng, cells, measures))
     for a, b in _linked(rng, cells):
-        sketch.links.append(Link(_bent(rng, sketch.centres[a], sketch.centres[b]), a, b))
+        sketch.links.append(Link(_bent(rng, sketch.centres[a], sketch.centres[b], measures.freedom), a, b))
     if junctions == 1:
         headings = _star(rng)
-        sketch.links += [Link(_outer(rng, sketch.centres[0], heading, outer_m), 0, None) for heading in headings]
+        sketch.links += [
+            Link(_outer(rng, sketch.centres[0], heading, measures.outer_m), 0, None) for heading in headings
+        ]
         return sketch
     for number in rng.permutation(junctions).tolist():
-        _lead_out(rng, sketch, number, (outer_m, least_rad))
+        _lead_out(rng, sketch, number, measures)
     return sketch
 
 
@@ -107,15 +120,15 @@ def _cells(rng: np.random.Generator, count: int) -> list[tuple[int, int]]:
     return cells
 
 
-def _centres(
-    rng: np.random.Generator, cells: list[tuple[int, int]], spacing_m: tuple[float, float], most_shear: float
-) -> Floats:
-    places = np.concatenate([np.zeros((1, 2)), rng.uniform(*spacing_m, (_SIDE - 1, 2)).cumsum(axis=0)])
+def _centres(rng: np.random.Generator, cells: list[tuple[int, int]], measures: Measures) -> Floats:
+    places = np.concatenate([np.zeros((1, 2)), rng.uniform(*measures.spacing_m, (_SIDE - 1, 2)).cumsum(axis=0)])
     number = np.array(cells)
     centres = np.column_stack([places[number[:, 0], 0], places[number[:, 1], 1]])
+    most_shear = measures.freedom * (_SHEAR if measures.least_rad == LEAST_ANGLE_RAD else _SHEAR / 3)
     shear = rng.uniform(-most_shear, most_shear)
     centres = centres + shear * centres[:, ::-1] * ([1, 0] if rng.random() < 0.5 else [0, 1])
-    moved: Floats = centres + rng.uniform(-_JITTER, _JITTER, centres.shape) * spacing_m[0]
+    jitter_m = measures.freedom * _JITTER * measures.spacing_m[0]
+    moved: Floats = centres + rng.uniform(-jitter_m, jitter_m, centres.shape)
     return moved
 
 
@@ -140,9 +153,9 @@ def _is_connected(pairs: list[tuple[int, int]], count: int) -> bool:
     return len(reached) == count
 
 
-def _bent(rng: np.random.Generator, start: Floats, end: Floats) -> Floats:
+def _bent(rng: np.random.Generator, start: Floats, end: Floats, freedom: float) -> Floats:
     """Return the points of a link: straight, or aside in the middle, or to one side and then to the other."""
-    kind, aside = rng.random(), rng.uniform(*_BEND) * rng.choice([-1, 1])
+    kind, aside = rng.random() / max(freedom, 1e-9), rng.uniform(*_BEND) * rng.choice([-1, 1])
     along = end - start
     left = np.array([-along[1], along[0]])
     if kind < _BENT:
@@ -163,7 +176,7 @@ def _star(rng: np.random.Generator) -> list[float]:
     return [float(heading) for heading in headings + moved]
 
 
-def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, least: tuple[float, float]) -> None:
+def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, measures: Measures) -> None:
     """Add streets that lead out of a junction, so that it has three arms or more, where there is room."""
     wanted = int(rng.choice([3, 4, 5], p=[0.5, 0.42, 0.08]))
     for trial in range(_TRIALS):
@@ -174,9 +187,9 @@ def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, least: tupl
         drawn = headings[rng.integers(len(headings))] + np.pi + rng.uniform(-0.1, 0.1)
         heading = drawn if onward else rng.uniform(0, 2 * np.pi)
         apart = [abs(math.remainder(heading - other, 2 * math.pi)) for other in headings]
-        if min(apart) < least[1] + 0.05:
+        if min(apart) < measures.least_rad + 0.05:
             continue
-        points = _outer(rng, sketch.centres[number], heading, least[0])
+        points = _outer(rng, sketch.centres[number], heading, measures.outer_m)
         if _has_room(sketch, points, number):
             sketch.links.append(Link(points, number, None))
 

@@ -21,7 +21,7 @@ from coopsim.world.towns.plan import (
     Street,
     StreetEnd,
 )
-from coopsim.world.towns.sketch import LEAST_ANGLE_RAD, Link, Sketch, draw_sketch
+from coopsim.world.towns.sketch import LEAST_ANGLE_RAD, Link, Measures, Sketch, draw_sketch
 from coopsim.world.towns.street_lines import rounded
 from coopsim.world.towns.town_options import TownOptions
 
@@ -30,7 +30,7 @@ MERGE_M = 28.0
 
 _COUNTS = (0.08, 0.2, 0.24, 0.2, 0.13, 0.07, 0.04, 0.02, 0.02)  # shares of towns with 1, 2 ... junctions
 _LANES = (0.5, 0.38, 0.12)  # shares of towns with at most 1, 2, 3 lanes
-_COUNT_BY_LANES = {1: 9, 2: 7, 3: 4}  # most junctions, where their number is not given
+_COUNT_BY_LANES = {1: 9, 2: 5, 3: 3}  # most junctions, where their number is not given
 _SPACING_M = {1: (78.0, 108.0), 2: (92.0, 122.0), 3: (100.0, 130.0)}  # by most lanes
 _OUTER_M = (50.0, 64.0, 96.0)  # least length of streets that lead out: of six junctions or more, of fewer, of one
 _ROUNDABOUTS, _PRIORITIES = 0.25, 0.6  # shares of junctions that could be
@@ -45,7 +45,7 @@ _STORAGE_M, _BETWEEN_M, _MARGIN_M = 24.0, 20.0, 6.0  # before the first change o
 _MEDIAN_END_M = 20.0  # length over which a roundabout's median ends
 _SPEEDS_M_S = (8.3, 9.7, 11.1)
 _MAIN_SPEED_M_S = 12.5  # with two lanes or more
-_ATTEMPTS = 600
+_ATTEMPTS, _CALM = 300, 24  # tries, and from which one on streets are as regular as can be
 _REPAIRS = 24
 _PARKING = 0.45  # share of street sides
 
@@ -117,18 +117,20 @@ def draw_plan(seed: int, options: TownOptions) -> Plan:
     count = options.junctions or min(count, _COUNT_BY_LANES[options.lanes or most])
     most = options.lanes or most
     for attempt in range(_ATTEMPTS):
-        plan = _attempt(stream(seed, "streets", str(attempt)), count, most)
+        # The more often streets came too close, the more regular the next sketch is.
+        freedom = max(0.0, 1.0 - attempt / _CALM)
+        plan = _attempt(stream(seed, "streets", str(attempt)), count, most, freedom)
         if plan is not None:
             return replace(plan, turn_rad=turn_rad)
     raise RuntimeError(f"no town with {count} junctions and {most} lanes was found for seed {seed}")
 
 
-def _attempt(rng: np.random.Generator, count: int, most: int) -> Plan | None:
+def _attempt(rng: np.random.Generator, count: int, most: int, freedom: float) -> Plan | None:
     """Draw a town; None where streets came too close, or a junction got too few arms."""
     low, high = _SPACING_M[most]
-    sketch = draw_sketch(
-        rng, count, (low, high if count > 4 else high + 20.0), _OUTER_M[(count < 6) + (count == 1)], _LEAST_RAD[most]
-    )
+    spacing_m = (low, high if count > 4 else high + 20.0)
+    outer_m = _OUTER_M[(count < 6) + (count == 1)]
+    sketch = draw_sketch(rng, count, Measures(spacing_m, outer_m, _LEAST_RAD[most], freedom))
     arms = [sketch.arms(number) for number in range(count)]
     if any(not 3 <= len(each) <= 5 or min(_gaps(each)) < LEAST_ANGLE_RAD for each in arms):
         return None
@@ -137,6 +139,8 @@ def _attempt(rng: np.random.Generator, count: int, most: int) -> Plan | None:
     sketch.links = [replace(link, points=link.points - sketch.centres[meeting]) for link in sketch.links]
     sketch.centres = sketch.centres - sketch.centres[meeting]
     wishes = [_Wish.draw(rng, most) for _ in range(count)]
+    if rng.random() > freedom:
+        wishes = [replace(wish, lanes=most, round_about=False) for wish in wishes]
     wishes[meeting].lanes, wishes[meeting].round_about = most, wishes[meeting].round_about and most == 1
     looks = [_Look.draw(rng) for _ in sketch.links]
     for _ in range(_REPAIRS):
@@ -144,12 +148,16 @@ def _attempt(rng: np.random.Generator, count: int, most: int) -> Plan | None:
         if min(min(_gaps(each)) for each in arms) < LEAST_ANGLE_RAD or min(_gaps(arms[meeting])) < _LEAST_RAD[most]:
             return None
         nodes = [_node(each, wish) for each, wish in zip(arms, wishes, strict=True)]
-        streets = [_street(number, link, nodes, looks[number]) for number, link in enumerate(sketch.links)]
-        found = tuple(street for street in streets if street is not None)
-        if len(found) == len(streets):
-            plan = Plan(found, tuple(_junction(k, node, sketch) for k, node in enumerate(nodes)), meeting)
+        streets, failed = list[Street](), None
+        for number, link in enumerate(sketch.links):
+            street = _street(number, link, nodes, looks[number])
+            if street is None:
+                failed = link
+                break
+            streets.append(street)
+        if failed is None:
+            plan = Plan(tuple(streets), tuple(_junction(k, node, sketch) for k, node in enumerate(nodes)), meeting)
             return plan if are_apart(plan) else None
-        failed = sketch.links[streets.index(None)]
         if not _repair(failed, nodes, wishes, meeting):
             return None
     return None

@@ -126,15 +126,7 @@ def _add_lanes(found: TownRoads, street: Street, forwards: bool) -> None:
 
 def _add_turns(found: TownRoads, junction: Junction, plan: Plan) -> None:
     """Add the ways over a junction, from each lane inwards to the lanes of the same number outwards."""
-    count = range(len(junction.arms))
-    turns = [
-        Turn(arm, other, lane, angle)
-        for arm in count
-        for lane in range(junction.lanes)
-        for angle, other in _ways_of(
-            lane, junction.lanes, sorted((_angle(junction, arm, other), other) for other in count if other != arm)
-        )
-    ]
+    turns = _turns(junction)
     for turn in turns:
         main = junction.main is not None and {turn.arm, turn.other} == set(junction.main)
         speed = plan.streets[junction.arms[turn.arm].street].speed_m_s
@@ -150,6 +142,26 @@ class Turn:
     other: int
     lane: int
     angle: float
+
+
+def _turns(junction: Junction) -> list[Turn]:
+    """Return the ways over a junction; every lane has one, inwards and outwards."""
+    count = range(len(junction.arms))
+    turns = [
+        Turn(arm, other, lane, angle)
+        for arm in count
+        for lane in range(junction.lanes)
+        for angle, other in _ways_of(
+            lane, junction.lanes, sorted((_angle(junction, arm, other), other) for other in count if other != arm)
+        )
+    ]
+    reached = {(turn.other, turn.lane) for turn in turns}
+    for other, lane in [(other, lane) for other in count for lane in range(junction.lanes)]:
+        if (other, lane) not in reached:
+            angles = [(_angle(junction, arm, other), arm) for arm in count if arm != other]
+            angle, arm = min(angles, key=lambda each: abs(each[0] - math.pi))
+            turns.append(Turn(arm, other, lane, angle))
+    return turns
 
 
 def _meet(junction: Junction, a: Turn, b: Turn) -> bool:

@@ -64,7 +64,7 @@ def _on_lane(lanes: list[TownLane], lines: set[str], inwards: dict[str, int]) ->
         piece, street, length_m = lane.piece, lane.way.street, lane.length_m
         if lane.road[1] in lines:
             next_m, arm = max(next_m, _STOPPING_M), inwards.get(lane.road[1])
-        shifts = lane.way.aside_m(piece.begin) != lane.way.aside_m(piece.end)
+        shifts = piece.begin[0] != piece.end[0]
         # In a bend a start on the next lane would seem to be in this one.
         bends = lane.way.stretch(piece).curvature_1_m != 0.0 and min(each.lanes for each in street.stations) > 1
         if piece.joins or shifts or bends:
@@ -74,7 +74,7 @@ def _on_lane(lanes: list[TownLane], lines: set[str], inwards: dict[str, int]) ->
         while next_m < length_m - (_LEAST_M if lane is lanes[0] else 0.0):
             share = 1.0 - next_m / length_m
             along_m = piece.begin[1] + share * (piece.end[1] - piece.begin[1])
-            place = street.position(along_m, lane.way.aside_m(piece.end))[0]
+            place = street.position(along_m, lane.way.aside_m((piece.end[0], along_m)))[0]
             found.append(_Start(lane.road, round(share * length_m, 3), place, arm))
             next_m += _SPACING_M
         next_m -= length_m
