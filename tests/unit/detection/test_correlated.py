@@ -147,8 +147,10 @@ def test_phantoms_stay_in_the_world_while_the_agent_moves() -> None:
         replace(PHANTOMS, detection=DetectionModel(flat(1.0))), 0, ["cav_0"], [0.1], np.array([60.0, 40.0])
     )
     seen = []
-    for pose in (SE3.identity(), SE3.from_xyz_yaw(np.array([7.0, -3.0, 0.0]), 0.4)):
+    for pose in (SE3.identity(), SE3.from_xyz_yaw(np.array([7.0, -3.0, 0.1]), 0.4)):
         found = phantoms(clutter, pose)
+        floor_m = pose.apply(found.boxes.center)[:, 2] - found.boxes.size[:, 2] / 2
+        np.testing.assert_allclose(floor_m, 0.0, atol=1e-12)  # on a hump, too
         seen.append({tuple(place) for place in np.round(pose.apply(found.boxes.center)[:, :2], 6)})
     assert len(seen[0] & seen[1]) > 0.6 * len(seen[0]) > 10
 
