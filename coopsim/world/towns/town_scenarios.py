@@ -76,20 +76,20 @@ class TownScenarios(EpisodeScenarios):
         """Return the fields that decide the agents, which are the same in all places."""
         asked = self._asked
         for name in ("rsus", "drones"):
-            _require_room(name, asked.get(name, 0), getattr(FEWEST, name))
+            _require_room(name, asked.get(name, 0), getattr(FEWEST, name), "places for them")
         agents = {"rsus": asked.get("rsus", FEWEST.rsus), "drones": asked.get("drones", 0)}
         fewest = wanted_numbers(TOWN, FEWEST, self._density, asked) | {"connected_cars": 0, "rsus": 1}
         everybody = self._reduced(Population(**fewest), FEWEST_STARTS, _MOVING)
         cars = everybody.within(FEWEST_STARTS, *_MOVING, quietly=True).cars
         if asked.get("penetration") is None:
-            _require_room("connected_cars", asked.get("connected_cars", 0), cars)
+            _require_room("connected_cars", asked.get("connected_cars", 0), cars, "cars")
             return agents | {"connected_cars": asked.get("connected_cars", min(FEWEST.connected_cars, cars))}
         if "vehicles" not in asked:
             raise InvalidValueError(
                 f"penetration needs vehicles in {TOWN!r}: their number differs from town to town, and the agents must "
                 "be the same in all; or use connected_cars"
             )
-        _require_room("connected_cars", everybody.connected, cars)
+        _require_room("connected_cars", everybody.connected, cars, "cars")
         return agents | {"connected_cars": everybody.connected, "penetration": None}
 
     def _fitting(self, population: Population, layout: Layout) -> Population:
@@ -111,10 +111,10 @@ def _at_most(usual: Population, most: Population) -> Population:
     return replace(usual, **{name: min(getattr(usual, name), getattr(most, name)) for name in _COUNTED})
 
 
-def _require_room(name: str, number: object, most: int) -> None:
-    """Refuse agents that not all towns have room for; `Population` refuses what is no number."""
+def _require_room(name: str, number: object, most: int, room: str) -> None:
+    """Refuse more agents than every town has `room` for; `Population` refuses what is no number."""
     if isinstance(number, Integral) and int(number) > most:
         raise InvalidValueError(
-            f"{name} must be at most {most} in {TOWN!r}, as many as every town has room for next to the other numbers, "
-            f"got {number}"
+            f"{name} must be at most {most} in {TOWN!r}, where agents are the same in every town and the one with the "
+            f"fewest {room} has so many, got {number}"
         )
