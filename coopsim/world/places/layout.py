@@ -146,7 +146,7 @@ class Layout:
         flights: ways of possible drones, in order.
         cruise_m_s: speed at which possibly connected cars keep together; None: each drives for itself.
         roads_ahead: number of roads that a driver plans ahead, its present one included, to brake in time.
-        clearance_m: straight movements whose middle lines come closer than this conflict; bent ones at `CLEARANCE_M`,
+        clearance_m: straight or hardly bent movements closer than this conflict; other bent ones at `CLEARANCE_M`,
             because long vehicles swing out.
         furnishing: meshes of street furniture and plants, which stand there in full detail only.
         relief: height of the ground, on which all of the above stand; None: flat, at 0.

@@ -15,7 +15,11 @@ from numpy.typing import ArrayLike
 from coopsim.geometry.se3 import Floats
 
 LANE_M = 4.25
-"""Width of every lane: ways over a junction from neighbouring lanes, bent ones too, do not conflict (`CLEARANCE_M`)."""
+"""Width of every lane: ways over a junction side by side do not conflict, bent ones neither (`CLEARANCE_M`)."""
+
+INNER_M = 2.05
+"""Distance from a street's centre line to the middle of the lanes next to it. Opposite ways over a junction are closer
+than `CLEARANCE_M`: where they bend, they conflict, because two trucks would touch."""
 
 ROUNDABOUT_MEDIAN_M = 2.0
 """Width between the two directions of a roundabout's arm at its stop line: leaving buses swing out."""
@@ -23,7 +27,7 @@ ROUNDABOUT_MEDIAN_M = 2.0
 LOOP_RADIUS_M = 10.0
 """Radius of a turning loop's middle line; the lane is `LANE_M` wide."""
 
-LOOP_REACH_M = float(np.sqrt(30.0**2 - (20.0 + LANE_M / 2) ** 2))
+LOOP_REACH_M = float(np.sqrt(30.0**2 - (20.0 + INNER_M) ** 2))
 """Distance from the end of a street to the middle of its turning loop, on the line that goes straight on there."""
 
 
@@ -82,12 +86,12 @@ class Station:
     Attributes:
         along_m: of the place.
         lanes: number of lanes in each direction.
-        inner_m: from the centre line to the middle of the lane next to it (`LANE_M` / 2 without a median).
+        inner_m: from the centre line to the middle of the lane next to it (`INNER_M` without a median).
     """
 
     along_m: float
     lanes: int
-    inner_m: float = LANE_M / 2
+    inner_m: float = INNER_M
 
     @property
     def half_m(self) -> float:
@@ -208,7 +212,7 @@ class Junction:
     @property
     def inner_m(self) -> float:
         """The distance from the arms' centre lines to the middle of the lane next to it, at the stop line."""
-        return LANE_M / 2 + (ROUNDABOUT_MEDIAN_M / 2 if self.kind == "roundabout" else 0.0)
+        return INNER_M + (ROUNDABOUT_MEDIAN_M / 2 if self.kind == "roundabout" else 0.0)
 
     @property
     def half_m(self) -> float:

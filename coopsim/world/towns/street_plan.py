@@ -12,6 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.towns.clear_streets import are_apart
 from coopsim.world.towns.plan import (
+    INNER_M,
     LANE_M,
     ROUNDABOUT_MEDIAN_M,
     Arm,
@@ -33,7 +34,7 @@ _LANES = (0.5, 0.38, 0.12)  # shares of towns with at most 1, 2, 3 lanes
 _COUNT_BY_LANES = {1: 9, 2: 5, 3: 3}  # most junctions, where their number is not given
 _SPACING_M = {1: (78.0, 108.0), 2: (92.0, 122.0), 3: (100.0, 130.0)}  # by most lanes
 _OUTER_M = (50.0, 64.0, 96.0)  # least length of streets that lead out: of six junctions or more, of fewer, of one
-_ROUNDABOUTS, _PRIORITIES = 0.25, 0.6  # shares of junctions that could be
+_ROUNDABOUTS, _PRIORITIES = 0.28, 0.5  # shares of junctions that could be
 _STRAIGHT_ON_RAD = math.radians(25.0)
 _TURN_M = (11.0, 14.0)  # least radius of right turns
 _LEAST_STOP_M = 14.0
@@ -191,7 +192,7 @@ def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
         node.lanes -= 1
     if wish.round_about and len(arms) <= 4 and node.lanes == 1:
         for ring_m, entry_m in _RINGS:
-            aside_m = entry_m + LANE_M / 2 + ROUNDABOUT_MEDIAN_M / 2
+            aside_m = entry_m + INNER_M + ROUNDABOUT_MEDIAN_M / 2
             if least - 2 * math.asin(aside_m / (ring_m + entry_m)) > _RING_PIECE_M / ring_m:
                 node.kind, node.ring = "roundabout", (ring_m, entry_m)
                 node.stop_m = math.sqrt((ring_m + entry_m) ** 2 - aside_m**2)
@@ -275,7 +276,7 @@ def _stations(node: _Node | None, core: int, from_m: float, sign: int) -> tuple[
     """Return the cross-sections from one end of a street inwards."""
     if node is None:
         return (Station(from_m, core),)
-    inner_m = LANE_M / 2 + (ROUNDABOUT_MEDIAN_M / 2 if node.kind == "roundabout" else 0.0)
+    inner_m = INNER_M + (ROUNDABOUT_MEDIAN_M / 2 if node.kind == "roundabout" else 0.0)
     first = Station(from_m + sign * node.stop_m, node.lanes, inner_m)
     changes = _changes(node, core)
     return (first, *(replace(each, along_m=from_m + sign * (node.stop_m + each.along_m)) for each in changes))

@@ -29,7 +29,7 @@ FEWEST = Population(vehicles=8, truck_share=0.1, pedestrians=0, connected_cars=3
 FEWEST_STARTS = 20
 """Every town has at least so many starts for vehicles."""
 
-_ALWAYS, _PER_JUNCTION = 5, 3.5  # vehicles: with more of them, some wait at junctions for half a minute
+_ALWAYS, _PER_JUNCTION = 5, 3.2  # vehicles: with more of them, some wait at junctions for half a minute
 _JUNCTION_M = 36.0  # around the middle of a junction: the middles of its movements
 _PER_VEHICLE_M = 80.0  # of lanes, at least
 _LEAST = 8  # vehicles

@@ -20,7 +20,7 @@ from numba import njit
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.places.layout import CLEARANCE_M
-from coopsim.world.places.road_network import Lane, Road, RoadNetwork, StraightLane
+from coopsim.world.places.road_network import CircularLane, Lane, Road, RoadNetwork
 
 REQUEST_M = 32.0
 """Distance to the stop line from which on a vehicle asks."""
@@ -35,6 +35,9 @@ SLOW_M_S = 3.0
 
 QUEUE_GAP_M = 5.0
 """Gap between vehicles in a queue."""
+
+GENTLE_M = 60.0
+"""In bends of a larger radius long vehicles hardly swing out: they count as straight."""
 
 COMMIT_M = 10.0
 """A vehicle that must give way can still stop if it is farther than this from the line."""
@@ -63,8 +66,8 @@ def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: flo
     first = np.cumsum([0, *(len(line) for line in lines)])
     nodes: dict[str, int] = {}
     origin = np.array([nodes.setdefault(start, len(nodes)) for start, _ in movements])
-    straight = np.array([isinstance(lane, StraightLane) for lane in lanes])
-    near_m = np.where(straight[:, None] & straight, clearance_m, CLEARANCE_M)
+    gentle = np.array([not isinstance(lane, CircularLane) or lane.radius > GENTLE_M for lane in lanes])
+    near_m = np.where(gentle[:, None] & gentle, clearance_m, CLEARANCE_M)
     last = _last_near(np.concatenate(lines), first, origin, near_m)
     counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
     clear_m: Floats = np.where(last >= 0, last / (counts - 1) * length_m, -np.inf)

@@ -35,4 +35,4 @@ def test_places_beside_a_street_are_on_its_left_where_aside_is_positive() -> Non
     street = Street(0, line, *ends, stations, 10.0)
     np.testing.assert_allclose(street.position([1.0, 2.0], 3.0), [[1.0, 3.0], [2.0, 3.0]])
     np.testing.assert_allclose(street.position(street.length_m - 1.0, 3.0), [[57.0, 69.0]])
-    np.testing.assert_allclose(street.half_m([0.0, 50.0, 100.0]), [4.25, 6.375, 8.5])
+    np.testing.assert_allclose(street.half_m([0.0, 50.0, 100.0]), [4.175, 6.3, 8.425])
