@@ -3,12 +3,12 @@
 | kind | here, along a street | source |
 |---|---|---|
 | lamp | every 30 m, on alternate sides | 2.5 to 3 times their height of 8 to 12 m: Global Street Design Guide (NACTO) |
-| tree | in rows on a third of the sides, 11 m apart, give or take 1 | Healthy Streets for Surrey, 7.4: 8 to 16 m |
+| tree | 11 m apart, on 3 of 10 sides | Healthy Streets for Surrey, 7.4: 8 to 16 m |
 | sign | every 40 m | Dutch towns: one every 55 m, 22 to 25 m in the densest (HR Groep Streetcare 2021) |
 | hydrant | every 120 m | 300 to 500 feet: codes of the USA |
 | bench | every 60 m | 30 to 60 m on busy, 90 to 120 m on quiet ways; 50 m: Inclusive Mobility (UK) |
 | shelter | every 400 m on each side | stops 250 to 800 m apart: NZ Transport Agency |
-| marker (verge) | every 50 m on each side | RPS and HLB (Germany) |
+| marker (verge) | every 50 m on each side | German motorways and roads |
 | all others | see below | ours |
 
 Posts stand 0.45 m and more from the kerb: Healthy Streets for Surrey, 9.6.

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.cast.ray_grid import RayGrid
+from coopsim.sensors.lidar.expected_returns import LineOfSight
 from coopsim.sensors.lidar.patterns import PATTERNS
 from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import static_triangles
-from coopsim.world.furniture.furnishing import furnishing_parts, line_pieces
+from coopsim.world.furniture.furnishing import FurnitureEntry, furnishing_parts, line_pieces
 from coopsim.world.scenario import make_scenario
+from coopsim.world.snapshot import Actors
 
 
 def test_pieces_stand_at_their_place_and_heading() -> None:
@@ -62,3 +65,21 @@ def test_the_ray_grid_senses_furniture_as_embree_does(name: str) -> None:
     # A ray that passes within rounding of an edge may take either side of it: there are many edges among leaves.
     assert same.mean() > 0.9995
     assert (expected.face >= 0).mean() > 0.3
+
+
+def test_furniture_hides_where_no_rays_are_cast() -> None:
+    boxes = Boxes3D(np.array([[20.0, 0.0, 0.8]]), np.array([[4.0, 1.8, 1.6]]), np.array([np.pi / 2]))
+    one = np.ones(1, np.int64)
+    car = Actors(one, boxes, np.zeros((1, 2)), 0 * one, 0 * one, np.zeros((1, 3), dtype=np.uint8))
+
+    def returns(*entries: FurnitureEntry) -> int:
+        sight = LineOfSight(furnishing_parts(entries), PATTERNS.get("HDL-64E"), 1800, 100.0)
+        return int(sight.expected_returns(np.array([0.0, 0.0, 1.5]), car, None)[0])
+
+    free = returns()
+    assert free > 200
+    assert returns({"kind": "lamp", "at": [10.0, 0.0], "heading_deg": 0.0}) == free, "too thin to count"
+    hedge = {"kind": "hedge", "along": [[10.0, -9.0], [10.0, 9.0]], "height_m": 2.5}
+    assert 0.02 * free < returns(hedge) < 0.5 * free, "some rays pass between leaves"
+    trailer = [{"kind": "trailer", "at": [10.0, y], "heading_deg": 90.0} for y in (-3.0, 0.0, 3.0)]
+    assert returns(*trailer) < 0.5 * free
