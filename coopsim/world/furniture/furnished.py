@@ -11,15 +11,16 @@ from coopsim.world.furniture.densities import YARD_STEM_M
 from coopsim.world.furniture.furnish import furnish
 from coopsim.world.furniture.furnishing import FurnitureEntry, furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
+from coopsim.world.furniture.lane_paint import lane_paint
 from coopsim.world.places.layout import Layout
 
 _STEM = 0.3  # share of a tree's height without leaves, of trees that stand by themselves
 
 
 def with_furniture(layout: Layout, entries: Sequence[FurnitureEntry]) -> Layout:
-    """Return a layout with furniture, on its own ground, instead of what it had."""
+    """Return a layout with furniture and painted lines, on its own ground, instead of what it had."""
     heights = None if layout.relief is None else layout.relief.heights
-    return replace(layout, furnishing=furnishing_parts(entries, heights))
+    return replace(layout, furnishing=(*lane_paint(layout), *furnishing_parts(entries, heights)))
 
 
 def furnished(layout: Layout, description: Mapping[str, Any], seed: int) -> tuple[Layout, dict[str, Any]]:
