@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from coopsim.geometry.se3 import Floats
-
 from coopsim.world.furniture.lane_paint import lane_paint
 from coopsim.world.places.crossing import make_crossing
 from coopsim.world.places.layout import Layout
