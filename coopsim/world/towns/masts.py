@@ -12,7 +12,7 @@ from coopsim.world.towns.people_ways import PeopleWays
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.site import Site
 
-_FROM_KERB_M = (0.9, 0.7, 0.5)
+_FROM_KERB_M = (1.1, 0.9, 0.7)
 _FROM_WAY_M = 1.1  # half of a person, their way's breadth, and the mast
 _CROSSWALK_MORE_M = 1.0  # from the middle of a crosswalk, besides
 _SHARES = (0.5, 0.4, 0.6, 0.3, 0.7)  # of the length of the corner's kerb
