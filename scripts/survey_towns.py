@@ -29,7 +29,7 @@ import numpy as np
 from tabulate import tabulate
 from tqdm import tqdm
 
-from coopsim.world.towns.drawn_place import describe_town, draw_place
+from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.survey import JAM_S, survey_traffic
 from coopsim.world.towns.town_options import TownOptions
@@ -47,10 +47,10 @@ def survey(place: int, *, options: TownOptions, density: float, seconds: float) 
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             began_s = perf_counter()
-            draw_place(place, options)
+            drawn = draw_place(place, options)
             row["draw_ms"] = round(1e3 * (perf_counter() - began_s), 1)
             scenario = TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place)
-            row["fingerprint"] = fingerprint(describe_town(place, options))
+            row["fingerprint"] = fingerprint(drawn.description or {})
             row["triangles"] = sum(len(part.faces) for part in (*scenario.layout.static, *scenario.layout.furnishing))
             row["faults"] = find_faults(scenario, place)
         row["warnings"] = [str(warning.message) for warning in caught]
