@@ -35,8 +35,8 @@ Picture = NDArray[np.uint8]
 FOLDER = Path(__file__).parents[1] / "docs" / "results" / "towns"
 ANY = TownOptions()
 WARM_UP_S = 10.0
-CLOSE_M, POINTS_M = 90.0, 40.0
-TILE_PX, EYES_PX = 300, (480, 270)
+CLOSE_M, POINTS_M = 80.0, 40.0
+TILE_PX, EYES_PX = 300, (480, 300)
 MARGIN_M = 15.0
 LOW_AND_HIGH: dict[str, tuple[Any, Any]] = {
     "junctions": (1, 9),

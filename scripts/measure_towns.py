@@ -40,6 +40,9 @@ GRADES = (0.4, 0.6, 0.8)
 """Bounds of nuScenes' grades of visibility."""
 
 ABOVE_GROUND_M = 0.3
+LABELLED_FROM = 5
+"""Returns of all agents together from which an annotator would have labelled a vehicle."""
+
 FOUND_WITHIN_M = 2.0
 """Distance of centers below which an object counts as detected."""
 
@@ -108,9 +111,9 @@ def _frame(observations: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterato
     for what, count in (("one agent", seen_by == 1), ("several", seen_by > 1), ("none", seen_by == 0)):
         yield f"share of objects there with returns of {what}, %", _percent(count[near & other])
     found = np.stack([_found(truth, infos[first], observations[name], infos[name]) for name in infos], axis=1)
-    counts = found.sum(axis=1)[near & other & vehicle & (seen_by > 0)]
+    counts = found.sum(axis=1)[near & other & vehicle & (truth["returns"].sum(axis=1) >= LABELLED_FROM)]
     for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
-        yield f"share of these that are detected by {what}, %", _percent(count)
+        yield f"share of vehicles there with 5 returns or more that are detected by {what}, %", _percent(count)
     yield from _by_range(truth, infos)
     yield from _visibility(infos)
     height_m = np.concatenate([each["sweeps"]["lidar"][:, 2] for each in observations.values()])
@@ -180,7 +183,7 @@ def v2v4real(folder: Path) -> Iterator[tuple[str, float]]:
     yield "vehicles that some agent has returns of", float(np.mean(numbers))
     yield "vehicles of these within 100 x 40 m of the first agent", float(np.mean(near))
     for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
-        yield f"share of these that are detected by {what}, %", _percent(count)
+        yield f"share of vehicles there with 5 returns or more that are detected by {what}, %", _percent(count)
 
 
 def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -> str:
