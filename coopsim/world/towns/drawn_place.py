@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.world.custom.place import place_from
+from coopsim.config.entry import DataEntry
+from coopsim.errors import InvalidValueError
+from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
 from coopsim.world.towns.street_plan import draw_plan
@@ -49,7 +51,9 @@ def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
         seed: see `describe_town`.
         options: see `describe_town`.
     """
-    bare = place_from(leafy(describe_streets(seed, options)), f"town-{seed}")
+    # It is plain data already, which `place_from` would copy.
+    entry = DataEntry(leafy(describe_streets(seed, options)), "place", InvalidValueError)
+    bare = read_place(entry, f"town-{seed}")
     layout, description = furnished(bare.make_layout(), bare.description or {}, seed)
     return Place(bare.name, lambda: layout, usual_population(layout), description)
 
@@ -75,26 +79,32 @@ def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
         description: of a place, or a part of one.
         angle_rad: by which it is turned.
     """
+    points = list[list[float]]()
+    copied: dict[str, Any] = _copied("", description, float(np.degrees(angle_rad)), points)
+    x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    # Adding 0.0 makes a zero of a negative one, which a file would keep.
+    moved = np.round(np.column_stack([cos * x - sin * y, sin * x + cos * y]), _DECIMALS) + 0.0
+    for point, at in zip(points, moved.tolist(), strict=True):
+        point[:] = at
+    return copied
 
-    def point(at: Any) -> list[float]:
-        x, y = float(at[0]), float(at[1])
-        # Adding 0.0 makes a zero of a negative one, which a file would keep.
-        return [round(cos * x - sin * y, _DECIMALS) + 0.0, round(sin * x + cos * y, _DECIMALS) + 0.0]
 
-    def value(key: str, content: Any) -> Any:
-        if key in _POINTS:
-            return point(content)
-        if key in _LINES:
-            return [point(at) for at in content]
-        if key == "heading_deg":
-            return round((float(content) + np.degrees(angle_rad) + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+def _copied(key: str, content: Any, angle_deg: float, points: list[list[float]]) -> Any:
+    """Return a copy of a part of a description with turned headings; its points, still to be turned, are collected."""
+    if key in _POINTS:
+        points.append(copy := [*content])
+        return copy
+    if key in _LINES:
+        points += (copies := [[*at] for at in content])
+        return copies
+    if key == "heading_deg":
+        return round((float(content) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+    if isinstance(content, Mapping):
         if key == "nodes":
-            return {name: point(at) for name, at in content.items()}
-        if isinstance(content, Mapping):
-            return {inner: value(inner, part) for inner, part in content.items()}
-        if isinstance(content, list) and content and isinstance(content[0], Mapping):
-            return [value("", part) for part in content]
-        return content
-
-    return {key: value(key, content) for key, content in description.items()}
+            points += (named := {name: [*at] for name, at in content.items()}).values()
+            return named
+        return {inner: _copied(inner, part, angle_deg, points) for inner, part in content.items()}
+    if isinstance(content, list) and content and isinstance(content[0], Mapping):
+        return [_copied("", part, angle_deg, points) for part in content]
+    return float(content) if isinstance(content, float) else content  # numpy's numbers as Python's
