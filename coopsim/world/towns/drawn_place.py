@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.config.entry import DataEntry
 from coopsim.errors import InvalidValueError
+from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
@@ -25,6 +26,9 @@ _KEPT = 4  # places: an environment asks for the same one again when only traffi
 _DECIMALS = 3  # of lengths in m and angles in degrees: a description in a file gives the same bits
 _POINTS = ("at", "look_at", "centre", "drones_around")
 _LINES = ("via", "along", "outline")
+_Gap = tuple[dict[str, Any], str, int, int | None]
+"""A mapping and a key in it, the number of the first point that belongs there, and of the first after a list of them.
+"""
 
 
 def describe_town(seed: int, options: TownOptions = _ANY) -> Mapping[str, Any]:
@@ -51,6 +55,11 @@ def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
         seed: see `describe_town`.
         options: see `describe_town`.
     """
+    with without_collecting():
+        return _drawn(seed, options)
+
+
+def _drawn(seed: int, options: TownOptions) -> Place:
     # It is plain data already, which `place_from` would copy.
     entry = DataEntry(leafy(describe_streets(seed, options)), "place", InvalidValueError)
     bare = read_place(entry, f"town-{seed}")
@@ -79,32 +88,39 @@ def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
         description: of a place, or a part of one.
         angle_rad: by which it is turned.
     """
-    points = list[list[float]]()
-    copied: dict[str, Any] = _copied("", description, float(np.degrees(angle_rad)), points)
+    points, gaps = list[Any](), list[_Gap]()
+    copied: dict[str, Any] = _copied(description, float(np.degrees(angle_rad)), points, gaps)
     x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     # Adding 0.0 makes a zero of a negative one, which a file would keep.
     moved = np.round(np.column_stack([cos * x - sin * y, sin * x + cos * y]), _DECIMALS) + 0.0
-    for point, at in zip(points, moved.tolist(), strict=True):
-        point[:] = at
+    rows = moved.tolist()
+    for place, key, first, end in gaps:
+        place[key] = rows[first] if end is None else rows[first:end]
     return copied
 
 
-def _copied(key: str, content: Any, angle_deg: float, points: list[list[float]]) -> Any:
-    """Return a copy of a part of a description with turned headings; its points, still to be turned, are collected."""
-    if key in _POINTS:
-        points.append(copy := [*content])
-        return copy
-    if key in _LINES:
-        points += (copies := [[*at] for at in content])
-        return copies
-    if key == "heading_deg":
-        return round((float(content) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
-    if isinstance(content, Mapping):
-        if key == "nodes":
-            points += (named := {name: [*at] for name, at in content.items()}).values()
-            return named
-        return {inner: _copied(inner, part, angle_deg, points) for inner, part in content.items()}
+def _copied(content: Any, angle_deg: float, points: list[Any], gaps: list[_Gap]) -> Any:
+    """Return a copy with turned headings; its points are collected, and where they are to be put once turned."""
     if isinstance(content, list) and content and isinstance(content[0], Mapping):
-        return [_copied("", part, angle_deg, points) for part in content]
-    return float(content) if isinstance(content, float) else content  # numpy's numbers as Python's
+        return [_copied(part, angle_deg, points, gaps) for part in content]
+    if not isinstance(content, Mapping):
+        return float(content) if isinstance(content, float) else content  # numpy's numbers as Python's
+    copy: dict[str, Any] = {}
+    for key, part in content.items():
+        copy[key] = None
+        if key in _POINTS:
+            gaps.append((copy, key, len(points), None))
+            points.append(part)
+        elif key in _LINES:
+            gaps.append((copy, key, len(points), len(points) + len(part)))
+            points += part
+        elif key == "heading_deg":
+            copy[key] = round((float(part) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+        elif key == "nodes":
+            copy[key] = dict.fromkeys(part)
+            gaps += [(copy[key], name, len(points) + k, None) for k, name in enumerate(part)]
+            points += part.values()
+        else:
+            copy[key] = _copied(part, angle_deg, points, gaps)
+    return copy
