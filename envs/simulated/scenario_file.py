@@ -26,8 +26,9 @@ from coopsim.config.yaml_file import FileEntry, Section, read_yaml
 from coopsim.config.yaml_text import yaml_text
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.errors import CoopsimError, ScenarioFileError
+from coopsim.errors import CoopsimError, InvalidValueError, ScenarioFileError
 from coopsim.support.checks import require_choice
+from coopsim.support.files import write_whole
 from coopsim.world.custom.place import read_place
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
@@ -126,12 +127,10 @@ def write_scenario_file(path: str | Path, description: Mapping[str, Any], **cont
     """
     for name in content:
         require_choice("key", name, (*_TOP, *_SECTIONS))
-    text = yaml_text({"place": description, **content})
     try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ScenarioFileError(f"cannot write {path}: {error.strerror}") from error
-    return Path(path)
+        return write_whole(path, yaml_text({"place": description, **content}))
+    except InvalidValueError as error:
+        raise ScenarioFileError(str(error)) from error
 
 
 def _scenario(root: FileEntry, top: Mapping[str, Entry]) -> str | Place:

@@ -11,7 +11,11 @@ import numpy as np
 
 from coopsim.errors import InvalidValueError
 
-_ACCEPTED = "an integer >= 0, a range or a list of these, a text like '1000-1999', or None for a place in each episode"
+_END = 2**62  # all seeds are below: tables of results hold them as 64-bit integers, and ranges of them have a length
+_ACCEPTED = (
+    "an integer >= 0, a range or a list of these, a text like '1000-1999', or None for a place in each episode; "
+    "seeds below 2**62"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +53,7 @@ class PlaceSeeds:
 
 
 def _is_seed(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and int(value) >= 0
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and 0 <= int(value) < _END
 
 
 def _read(text: str) -> int | range:

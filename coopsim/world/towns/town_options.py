@@ -28,5 +28,7 @@ class TownOptions:
         for name, most in (("junctions", MOST_JUNCTIONS), ("lanes", MOST_LANES)):
             if getattr(self, name) is not None:
                 require_count(1, most, **{name: getattr(self, name)})
+                object.__setattr__(self, name, int(getattr(self, name)))  # numpy's are no indices
         if self.openness is not None:
             require_between(0, 1, openness=self.openness)
+            object.__setattr__(self, "openness", float(self.openness))

@@ -35,7 +35,26 @@ def test_a_thousand_places_are_each_taken_once() -> None:
     assert seeds.of(2**62 + 1) in range(1000, 2000)
 
 
-@pytest.mark.parametrize("wrong", [-1, 1.0, True, "", "3-1", "a", "-4", [], range(0), range(-2, 3), [1, None], {}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        -1,
+        1.0,
+        True,
+        "",
+        "3-1",
+        "a",
+        "-4",
+        [],
+        range(0),
+        range(-2, 3),
+        [1, None],
+        {},
+        2**62,
+        range(10**30),
+        "0-9999999999999999999",
+    ],
+)
 def test_a_wrong_one_is_refused(wrong: Any) -> None:
     with pytest.raises(InvalidValueError, match="place_seed must be an integer >= 0, a range or a list of these"):
         PlaceSeeds(wrong)
