@@ -23,7 +23,7 @@ MOST = Population(
 )
 """At most so many are usual in any town."""
 
-FEWEST = Population(vehicles=8, truck_share=0.1, pedestrians=0, connected_cars=3, rsus=2, drones=4)
+FEWEST = Population(vehicles=9, truck_share=0.1, pedestrians=0, connected_cars=3, rsus=2, drones=4)
 """At least so many are usual in every town, and (roadside units and drones) have a place there."""
 
 FEWEST_STARTS = 20
@@ -32,7 +32,7 @@ FEWEST_STARTS = 20
 _ALWAYS, _PER_JUNCTION = 5, 3.2  # vehicles: with more of them, some wait at junctions for half a minute
 _JUNCTION_M = 36.0  # around the middle of a junction: the middles of its movements
 _PER_VEHICLE_M = 80.0  # of lanes, at least
-_LEAST = 8  # vehicles
+_LEAST = 9  # vehicles: of every three, one starts in the order of connection, so the three usual agents do
 _PER_WALKER_M = 45.0  # of pavements; footways hold one person on every two metres
 _PARKED_SHARE = 0.7  # of bays
 _FREE_SHARE = 0.6  # of starts: no more are taken

@@ -14,6 +14,9 @@ from coopsim.world.towns.town_roads import TownLane, TownRoads
 FIRST = 6
 """Number of starts that are near each other, as far as there is room: the first to have connected cars."""
 
+NEAR = 3
+"""Number of starts that have a mast in reach: the usual number of connected cars."""
+
 _NEAR_M = 78.0  # between any two of them; vehicles start up to a metre before or behind
 _SPACING_M, _LEAST_M = 15.5, 6.0  # between starts on a lane, and from its beginning
 _STOPPING_M = 14.5  # before a stop line
@@ -29,8 +32,12 @@ class _Start:
     arm: int | None
 
 
-def place_starts(plan: Plan, roads: TownRoads) -> list[dict[str, Any]]:
-    """Return the key `starts` of a description: all that fit, those that become connected first with ranks."""
+def place_starts(plan: Plan, roads: TownRoads) -> tuple[list[dict[str, Any]], Floats]:
+    """Return the key `starts` of a description: all that fit, in the order in which their cars become connected.
+
+    Returns:
+        The key's content, and the places (N, 2) m in the same order.
+    """
     lines = {name for names in roads.stops.values() for name in names}
     lines |= {lane.road[0] for lane in roads.lanes if lane.piece.joins}
     inwards = {
@@ -44,11 +51,10 @@ def place_starts(plan: Plan, roads: TownRoads) -> list[dict[str, Any]]:
         lanes.sort(key=lambda lane: lane.piece.begin[1], reverse=not lanes[0].way.forwards)
     starts = [start for lanes in ways.values() for start in _on_lane(lanes, lines, inwards)]
     ranked = _ranked(starts, plan)
-    rank = {id(start): place + 1 for place, start in enumerate(ranked)}
-    return [
-        {"road": list(start.road), "at_m": start.at_m, "connected": rank[id(start)]}
-        for start in sorted(starts, key=lambda start: rank[id(start)])
+    entries = [
+        {"road": list(start.road), "at_m": start.at_m, "connected": place + 1} for place, start in enumerate(ranked)
     ]
+    return entries, np.array([start.place for start in ranked])
 
 
 def _on_lane(lanes: list[TownLane], lines: set[str], inwards: dict[str, int]) -> list[_Start]:

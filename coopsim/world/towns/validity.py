@@ -19,7 +19,7 @@ from coopsim.world.scenario import Scenario
 from coopsim.world.world import World
 
 AGENTS_APART_M = 80.0
-AT_JUNCTION_M = 40.0
+AT_JUNCTION_M = 45.0
 """Distance from a mast to the nearest movement over a junction, at most."""
 
 

@@ -18,7 +18,7 @@ def _layout(seed: int, options: TownOptions) -> Layout:
     """Read a town's streets, without what stands along them."""
     plan = draw_plan(seed, options)
     roads = lay_roads(plan)
-    parts = {"nodes": roads.nodes, "roads": roads.roads, "starts": place_starts(plan, roads), "cars_first": FIRST}
+    parts = {"nodes": roads.nodes, "roads": roads.roads, "starts": place_starts(plan, roads)[0], "cars_first": FIRST}
     return place_from(turned(parts, plan.turn_rad), "town").make_layout()
 
 

