@@ -88,6 +88,7 @@ class PersistentNormals:
             (M, K) standard normal numbers.
         """
         self._frame[asked] += 1
+        ids = ids.copy()  # some are read-only, for which kernels would be compiled once more
         owner = np.repeat(asked, np.diff(start))
         frames, count = self._frame[owner], self._count
         place = _find(asked, start, ids, self._known.start, self._known.ids)
@@ -142,18 +143,15 @@ def _find(asked: Ints, start: Ints, ids: Ints, known_start: Ints, known: Ints) -
     """Return the rows (N,) of objects among those `known` of their owners; -1 for objects that are not."""
     place = np.full(len(ids), -1)
     for row in range(len(asked)):
-        begin, end = start[row], start[row + 1]
-        old = known[known_start[asked[row]] : known_start[asked[row] + 1]]
-        first = known_start[asked[row]]
-        if len(old) == end - begin and np.array_equal(old, ids[begin:end]):  # as mostly
-            place[begin:end] = np.arange(first, first + len(old))
-            continue
-        order = np.argsort(old)
-        rising = old[order]
-        for n in range(begin, end):
-            slot = np.searchsorted(rising, ids[n])
-            if slot < len(rising) and rising[slot] == ids[n]:
-                place[n] = first + order[slot]
+        first, end = known_start[asked[row]], known_start[asked[row] + 1]
+        guess = first  # as the objects mostly come in the same order, each is looked for behind the one before
+        for n in range(start[row], start[row + 1]):
+            for _ in range(first, end):
+                guess = guess if guess < end else first
+                guess += 1
+                if known[guess - 1] == ids[n]:
+                    place[n] = guess - 1
+                    break
     return place
 
 

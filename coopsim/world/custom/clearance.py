@@ -93,18 +93,25 @@ def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple
     return worst, near_m
 
 
-@njit(cache=True, nogil=True)
 def along_outline(corners: Floats) -> Floats:
     """Return closely spaced points (N, 2) m on a closed line through corners (K, 2) m."""
-    count = len(corners)
-    steps = np.empty(count, np.int64)
+    return _spaced(np.ascontiguousarray(corners))
+
+
+@njit(cache=True, nogil=True)
+def _spaced(corners: Floats) -> Floats:
+    count, total = len(corners), 0
+    steps, along = np.empty(count, np.int64), np.empty((count, 2))
     for k in range(count):
-        step = corners[(k + 1) % count] - corners[k]
-        steps[k] = max(np.ceil(np.hypot(step[0], step[1]) / _SAMPLE_M), 1.0)
-    points, n = np.empty((steps.sum(), 2)), 0
+        after = (k + 1) % count
+        along[k, 0], along[k, 1] = corners[after, 0] - corners[k, 0], corners[after, 1] - corners[k, 1]
+        steps[k] = max(np.ceil(np.hypot(along[k, 0], along[k, 1]) / _SAMPLE_M), 1.0)
+        total += steps[k]
+    points, n = np.empty((total, 2)), 0
     for k in range(count):
         for part in range(steps[k]):
-            points[n] = corners[k] + part / steps[k] * (corners[(k + 1) % count] - corners[k])
+            share = part / steps[k]
+            points[n, 0], points[n, 1] = corners[k, 0] + share * along[k, 0], corners[k, 1] + share * along[k, 1]
             n += 1
     return points
 

@@ -29,7 +29,7 @@ def read_convex(entry: Entry, advice: str = "write another shape as several") ->
         raise entry.error("outline must have every corner once; the last is joined to the first anyway")
     if way == _OTHER:
         raise entry.error(f"outline must be convex: {advice}")
-    return corners if way > 0 else corners[::-1]
+    return corners if way > 0 else np.ascontiguousarray(corners[::-1])
 
 
 @njit(cache=True, nogil=True)

@@ -20,19 +20,27 @@ def prism(outline: Floats, low_m: float, high_m: float) -> tuple[Floats, Ints]:
     return vertices, _prism_faces(count)
 
 
-@njit(cache=True, nogil=True)
 def box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
     """Return the box (7,) over the smallest rectangle around a convex outline (K, 2) m, from one height to another.
 
     One side of that rectangle lies along one of the outline (Freeman and Shapira 1975).
     """
+    return _box_around(np.ascontiguousarray(outline), low_m, high_m)
+
+
+@njit(cache=True, nogil=True)
+def _box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
     best, least_m2 = np.zeros(7), np.inf
     for k in range(len(outline)):
-        edge = outline[(k + 1) % len(outline)] - outline[k]
-        cos, sin = edge / np.hypot(edge[0], edge[1])
-        along, aside = outline[:, 0] * cos + outline[:, 1] * sin, outline[:, 1] * cos - outline[:, 0] * sin
-        x, y = (along.min() + along.max()) / 2, (aside.min() + aside.max()) / 2
-        length_m, width_m = along.max() - along.min(), aside.max() - aside.min()
+        after = (k + 1) % len(outline)
+        edge_x, edge_y = outline[after, 0] - outline[k, 0], outline[after, 1] - outline[k, 1]
+        edge_m = np.hypot(edge_x, edge_y)
+        cos, sin = edge_x / edge_m, edge_y / edge_m
+        first, last, right, left = np.inf, -np.inf, np.inf, -np.inf
+        for n in range(len(outline)):
+            along, aside = outline[n, 0] * cos + outline[n, 1] * sin, outline[n, 1] * cos - outline[n, 0] * sin
+            first, last, right, left = min(first, along), max(last, along), min(right, aside), max(left, aside)
+        x, y, length_m, width_m = (first + last) / 2, (right + left) / 2, last - first, left - right
         if length_m * width_m < least_m2:
             least_m2 = length_m * width_m
             best[0], best[1], best[2] = x * cos - y * sin, x * sin + y * cos, (low_m + high_m) / 2

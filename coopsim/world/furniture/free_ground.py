@@ -103,8 +103,9 @@ def _sorted_into_cells(
         for i in range(first[k, 0], last[k, 0]):
             for j in range(first[k, 1], last[k, 1]):
                 cell_starts[i * shape[1] + j + 1] += 1
-    cell_starts = np.cumsum(cell_starts)
-    near, filled = np.empty(cell_starts[-1], np.int64), cell_starts[:-1].copy()
+    for cell in range(len(cell_starts) - 1):
+        cell_starts[cell + 1] += cell_starts[cell]
+    near, filled = np.empty(cell_starts[-1], np.int64), cell_starts.copy()
     for k in range(count):
         for i in range(first[k, 0], last[k, 0]):
             for j in range(first[k, 1], last[k, 1]):

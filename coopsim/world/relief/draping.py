@@ -71,10 +71,13 @@ def _cut(flat: Floats, surface: Floats, cut: Floats, spare: Floats) -> int:
                 spare[kept] = here
                 kept += 1
             if (p > 0 and q < 0) or (p < 0 and q > 0):
-                spare[kept] = here + p / (p - q) * (there - here)
+                share = p / (p - q)
+                spare[kept, 0] = here[0] + share * (there[0] - here[0])
+                spare[kept, 1] = here[1] + share * (there[1] - here[1])
                 kept += 1
         corners = kept
-        cut[:corners] = spare[:corners]
+        for c in range(corners):
+            cut[c] = spare[c]
     return corners if _area(cut, corners) > _LEAST_M2 else 0
 
 

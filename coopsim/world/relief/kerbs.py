@@ -72,43 +72,74 @@ def _sorted(corners: Floats, start: Ints) -> _Outlines:
     return _Outlines(corners, start[:-1][order], start[1:][order], bounds[order], widest)
 
 
-@njit(cache=True, nogil=True)
 def _exposed(outlines: _Outlines) -> Floats:
     """Return the ends (N, 2, 2) of the pieces of all outlines' edges that are inside no other outline."""
+    corners = outlines.corners
+    following = np.arange(1, len(corners) + 1)
+    following[outlines.end - 1] = outlines.start
+    low_x = np.minimum(corners[:, 0], corners[following, 0])
+    candidates = np.searchsorted(outlines.bounds[:, 0], low_x - outlines.widest)
+    edge, share = np.empty(4 * len(corners) + 64, np.int64), np.empty((4 * len(corners) + 64, 2))
+    while (count := _pieces(outlines, following, candidates, edge, share)) > len(edge):
+        edge, share = np.empty(count, np.int64), np.empty((count, 2))
+    edge, share = edge[:count], share[:count, :, None]
+    a, b = corners[edge][:, None], corners[following[edge]][:, None]
+    return a + share * (b - a)
+
+
+@njit(cache=True, nogil=True)
+def _pieces(outlines: _Outlines, following: Ints, candidates: Ints, edge: Ints, share: Floats) -> int:
+    """Find the pieces of all outlines' edges that are inside no other outline.
+
+    Args:
+        outlines: P outlines of C corners.
+        following: (C,) the corner after each.
+        candidates: (C,) of the edge that begins at each corner, the first outline that may hide it.
+        edge: filled with the first corners of the edges, as far as it reaches.
+        share: (N, 2), filled with the shares of the edges at which pieces begin and end.
+
+    Returns:
+        The number of pieces.
+    """
     corners, count = outlines.corners, 0
-    ends, hidden = np.empty((4 * len(corners) + 64, 2, 2)), np.empty((len(outlines.start), 2))
+    hidden = np.empty((len(outlines.start), 2))
     for p in range(len(outlines.start)):
         for c in range(outlines.start[p], outlines.end[p]):
-            a, b = corners[c], corners[c + 1 if c + 1 < outlines.end[p] else outlines.start[p]]
-            found = _hide(a, b, p, outlines, hidden)
-            order = np.argsort(hidden[:found, 0])
+            a, b = corners[c], corners[following[c]]
+            found = _hide(a, b, p, candidates[c], outlines, hidden)
             least = _LEAST_M / max(np.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
             at = 0.0
             for k in range(found + 1):
-                until = hidden[order[k], 0] if k < found else 1.0
+                until = hidden[k, 0] if k < found else 1.0
                 if until - at > least:
-                    if count == len(ends):
-                        ends = np.concatenate((ends, np.empty_like(ends)))
-                    ends[count, 0], ends[count, 1] = a + at * (b - a), a + until * (b - a)
+                    if count < len(edge):
+                        edge[count], share[count, 0], share[count, 1] = c, at, until
                     count += 1
                 if k < found:
-                    at = max(at, hidden[order[k], 1])
-    return ends[:count]
+                    at = max(at, hidden[k, 1])
+    return count
 
 
 @njit(cache=True, nogil=True)
-def _hide(a: Floats, b: Floats, own: int, outlines: _Outlines, hidden: Floats) -> int:
-    """Fill `hidden` (P, 2) with first and last share of an edge of one outline within others; return their number."""
+def _hide(a: Floats, b: Floats, own: int, candidate: int, outlines: _Outlines, hidden: Floats) -> int:
+    """Fill `hidden` (P, 2) with first and last share of an edge of one outline within others; return their number.
+
+    They are in the order of the first shares. Outlines before `candidate` end before the edge begins.
+    """
     found, bounds = 0, outlines.bounds
     low_x, high_x, low_y, high_y = min(a[0], b[0]), max(a[0], b[0]), min(a[1], b[1]), max(a[1], b[1])
-    for p in range(np.searchsorted(bounds[:, 0], low_x - outlines.widest), len(bounds)):
+    for p in range(candidate, len(bounds)):
         if bounds[p, 0] > high_x:
             break
         if p == own or bounds[p, 1] < low_x or bounds[p, 2] > high_y or bounds[p, 3] < low_y:
             continue
         first, last = _inside(a, b, outlines.corners[outlines.start[p] : outlines.end[p]], p < own)
         if first < last:
-            hidden[found, 0], hidden[found, 1] = first, last
+            place = found
+            while place > 0 and hidden[place - 1, 0] > first:
+                hidden[place, 0], hidden[place, 1] = hidden[place - 1, 0], hidden[place - 1, 1]
+                place -= 1
+            hidden[place, 0], hidden[place, 1] = first, last
             found += 1
     return found
 

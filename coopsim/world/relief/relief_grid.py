@@ -85,7 +85,8 @@ def _sort(triangles: Floats, low: Floats, cells: Ints) -> tuple[Ints, Ints]:
                         found[filled[cell]] = t
                     filled[cell + (not filling)] += 1
         if not filling:
-            filled[:] = np.cumsum(filled)
+            for cell in range(len(filled) - 1):
+                filled[cell + 1] += filled[cell]
             start, found = filled.copy(), np.empty(filled[-1], np.int64)
     return start, found
 

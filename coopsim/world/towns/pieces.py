@@ -28,16 +28,20 @@ def convex_pieces(surfaces: Floats) -> tuple[Floats, Ints]:
         kept = 0
         for k in range(most):
             before = surfaces[n, k - 1 if k else most - 1]
-            if np.abs(surfaces[n, k] - before).max() > _LEAST_M:
-                corners[kept] = surfaces[n, k]
+            here = surfaces[n, k]
+            if max(abs(here[0] - before[0]), abs(here[1] - before[1])) > _LEAST_M:
+                corners[kept] = here
                 kept += 1
         if kept < 3:
             continue
-        turns = np.array(
-            [_turn(corners[k - 1 if k else kept - 1], corners[k], corners[(k + 1) % kept]) for k in range(kept)]
-        )
-        if (turns > _LEAST_M2).all() or (turns < -_LEAST_M2).all():
-            pieces[size, :kept], count[size] = corners[:kept], kept
+        left, right = 0, 0
+        for k in range(kept):
+            turn = _turn(corners[k - 1 if k else kept - 1], corners[k], corners[(k + 1) % kept])
+            left, right = left + (turn > _LEAST_M2), right + (turn < -_LEAST_M2)
+        if kept in (left, right):
+            for k in range(kept):
+                pieces[size, k] = corners[k]
+            count[size] = kept
             size += 1
         elif kept == 4:
             for second in (1, 2):
@@ -51,5 +55,10 @@ def convex_pieces(surfaces: Floats) -> tuple[Floats, Ints]:
 @njit(cache=True, nogil=True)
 def _turn(before: Floats, corner: Floats, after: Floats) -> float:
     """Return twice the area of the triangle of three corners (2,), m2; positive if they turn to the left."""
-    along, on = corner - before, after - corner
-    return float(along[0] * on[1] - along[1] * on[0])
+    along_x, along_y, on_x, on_y = (
+        corner[0] - before[0],
+        corner[1] - before[1],
+        after[0] - corner[0],
+        after[1] - corner[1],
+    )
+    return float(along_x * on_y - along_y * on_x)

@@ -16,6 +16,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.cast.raster_kernel import LANES, Beams, Canvas, draw, resolve
 from coopsim.sensors.lidar.cast.triangle_setup import Corners, Scene, Shapes, set_up
 from coopsim.sensors.scene import Parts, Singles, Triangles
+from coopsim.support.arrays import sealed
 from coopsim.types import Ints
 
 _SECTOR_SLACK_RAD = 1e-3
@@ -84,7 +85,9 @@ class RayGrid:
         """Cast the rays of the blocks of columns from the first to before the last of `blocks`, into `hits`."""
         rotation = np.ascontiguousarray(world_SE3_sensor.rotation)
         parts = triangles.parts or _one_part(triangles)
-        scene = Scene(triangles.vertices, triangles.faces, parts, rotation, world_SE3_sensor.translation)
+        # Of scenes some are read-only: the kernels are compiled for those alone.
+        vertices, faces = sealed(triangles.vertices.view()), sealed(triangles.faces.view())
+        scene = Scene(vertices, faces, parts, rotation, world_SE3_sensor.translation)
         _sweep(scene, self._beams, blocks, (hits.range_m, hits.face, hits.cosine))
 
 
