@@ -21,7 +21,7 @@ _KINK_RAD = np.radians(20.0)  # at which lanes still lead on; places from files 
 _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 _ABREAST = 0.9  # cosine of the angle up to which lanes lie side by side
 _OVER_M = 1.0  # by which lanes lie on one another in forks, and nowhere else
-_MOST_LANES = 32
+_MOST_LANES, _FARTHEST_M = 32, 100.0  # side by side, and from the middle of a lane to that of one beside it
 _JUNCTION = 1_000_000_000  # rank of flat roads, higher than any other
 
 
@@ -200,7 +200,7 @@ def _edges(places: Floats, pieces: Floats) -> tuple[Floats, Floats, Ints]:
 def _cross_section(place: Floats, pieces: Floats, spans: Floats) -> int:
     """Fill `spans` (N, 3) with right and left edge (m) and rank of lanes across a place; return their number.
 
-    Lanes that cross the place's at an angle are left out.
+    Lanes that cross the place's at an angle are left out, and those of streets far away.
     """
     x, y, ux, uy = place[0], place[1], place[2], place[3]
     met = 0
@@ -214,8 +214,9 @@ def _cross_section(place: Floats, pieces: Floats, spans: Floats) -> int:
         abreast = abs(ahead_b - ahead_a) / np.hypot(ahead_b - ahead_a, left_b - left_a)
         if abreast > _ABREAST:
             aside, half = left_a + ahead_a / (ahead_a - ahead_b) * (left_b - left_a), pieces[s, 4] / abreast
-            spans[met] = aside - half, aside + half, pieces[s, 5]
-            met += 1
+            if abs(aside) < _FARTHEST_M:
+                spans[met] = aside - half, aside + half, pieces[s, 5]
+                met += 1
     return met
 
 

@@ -31,6 +31,13 @@ def test_a_median_parts_carriageways_and_flat_roads_are_left_out() -> None:
     assert carriageways(RoadNetwork(), ()) == []
 
 
+def test_however_many_streets_there_are_each_is_a_carriageway() -> None:
+    network = RoadNetwork()
+    for k in range(50):
+        network.add_lane(f"a{k}", f"b{k}", StraightLane([0, 40 * k], [100, 40 * k]))
+    assert len(carriageways(network, ())) == 50
+
+
 def test_where_a_lane_joins_another_carriageway_begins() -> None:
     network = both_ways()
     network.add_lane("f", "g", StraightLane([50, -6], [100, -6]))
