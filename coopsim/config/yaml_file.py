@@ -10,7 +10,7 @@ from typing import Any, Self
 import yaml
 from yaml.constructor import ConstructorError, SafeConstructor
 
-from coopsim.config.entry import ROOT, Entry, plain
+from coopsim.config.checked_entry import ROOT, Entry, plain
 from coopsim.errors import CoopsimError
 
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")

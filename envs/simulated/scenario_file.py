@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.config.yaml_file import FileEntry, Section, read_yaml
 from coopsim.config.yaml_text import yaml_text
 from coopsim.envs.options import CommonOptions

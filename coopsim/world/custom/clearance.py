@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.world.custom.clearance import Kerbs

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between
 from coopsim.types import Ints

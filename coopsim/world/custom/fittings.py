@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_finite_number
 from coopsim.types.taxonomy import ObjectClass

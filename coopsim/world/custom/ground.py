@@ -15,7 +15,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.world.custom.convex import read_convex
 from coopsim.world.custom.groundworks import Groundworks

@@ -35,7 +35,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from coopsim.config.entry import DataEntry, Entry, plain
+from coopsim.config.checked_entry import DataEntry, Entry, plain
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_between, require_count
 from coopsim.world.custom.clearance import Kerbs, require_space_to_park

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count
 from coopsim.world.custom.clearance import require_space_to_start

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopsim.config.entry import Entry
+from coopsim.config.checked_entry import Entry
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Mask
 from coopsim.world.places.layout import Footways

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.config.entry import DataEntry
+from coopsim.config.checked_entry import DataEntry
 from coopsim.errors import InvalidValueError
 from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place

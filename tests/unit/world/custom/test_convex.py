@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.config.entry import DataEntry
+from coopsim.config.checked_entry import DataEntry
 from coopsim.errors import InvalidValueError
 from coopsim.world.custom.convex import read_convex
 

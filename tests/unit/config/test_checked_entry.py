@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopsim.config.entry import DataEntry, plain
+from coopsim.config.checked_entry import DataEntry, plain
 from coopsim.errors import InvalidValueError
 
 
