@@ -47,7 +47,9 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     Args:
         name: `crossing` (its newest version), `crossing-v1`, the PettingZoo id `coopsim/crossing-v1`, or the path of a
             scenario file (`.yaml`).
-        **options: see `coopsim.envs.options` and the scenario's own numbers.
+        **options: of every environment (`coopsim.envs.options`), of simulated ones (`coopsim.envs.simulated.
+            simulation_options`), of the population (`coopsim.world.population`), and of drawn towns
+            (`coopsim.world.towns`: `place_seeds`, `town_options`).
 
     Raises:
         UnknownNameError: no such environment or option; the message lists the close ones.

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
     add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
-    add_options(parser, "of the environment, as detector=pointpillars_v2v4real, codec=compact or channel=FILE")
+    add_options(parser, "of the environment, as detector=pointpillars_v2v4real, channel=FILE or, of town, place_seed=7")
     add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
 

@@ -35,7 +35,7 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     """
     chosen = tuple(metrics) or _usual(table)
     parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
-    means = f"Mean over {len(table.conditions)} conditions"
+    means = f"Mean over {len(table.conditions)} condition{'s' * (len(table.conditions) != 1)}"
     interval = f", ± half of its 95 % interval over {table.samples.text} (Student's t)"
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     for k, condition in enumerate(table.conditions):

@@ -13,7 +13,7 @@ from coopsim.errors import InvalidValueError
 
 _END = 2**62  # all seeds are below: tables of results hold them as 64-bit integers, and ranges of them have a length
 _ACCEPTED = (
-    "an integer >= 0, a range or a list of these, a text like '1000-1999', or None for a place in each episode; "
+    "an integer >= 0, a range or a list of these, a text like '1000-1999', or None (another for every seed); "
     "seeds below 2**62"
 )
 

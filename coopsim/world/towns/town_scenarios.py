@@ -51,7 +51,7 @@ class TownScenarios(EpisodeScenarios):
     ) -> None:
         for name in numbers:
             if name not in NUMBERS:
-                raise UnknownNameError(f"number of scenario {TOWN!r}", name, (*NUMBERS, "detail", *TOWN_KEYS))
+                raise UnknownNameError("option of towns", name, (*NUMBERS, "detail", *TOWN_KEYS))
         self.name = TOWN
         self._seeds, self._options, self._density, self._detail = seeds, options, density, detail or "full"
         self._asked = dict(numbers)
@@ -115,6 +115,6 @@ def _require_room(name: str, number: object, most: int, room: str) -> None:
     """Refuse more agents than every town has `room` for; `Population` refuses what is no number."""
     if isinstance(number, Integral) and int(number) > most:
         raise InvalidValueError(
-            f"{name} must be at most {most} in {TOWN!r}, where agents are the same in every town and the one with the "
-            f"fewest {room} has so many, got {number}"
+            f"{name} must be at most {most} in {TOWN!r}, got {number}: all towns have the same agents, and the "
+            f"smallest has no more {room}"
         )
