@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.config.checked_entry import DataEntry
+from coopsim.config.checked_entry import DataEntry, plain
 from coopsim.errors import InvalidValueError
 from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place
@@ -32,7 +32,7 @@ _Gap = tuple[dict[str, Any], str, int, int | None]
 """
 
 
-def describe_town(seed: int, options: TownOptions = _ANY) -> Mapping[str, Any]:
+def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
     """Draw a town.
 
     Args:
@@ -41,11 +41,11 @@ def describe_town(seed: int, options: TownOptions = _ANY) -> Mapping[str, Any]:
 
     Returns:
         The description of a place, as under the key `place` of a scenario file: see `coopsim.world.custom.place`. It is
-        not to be changed.
+        the caller's own, to be changed at will.
     """
     description = draw_place(seed, options).description
     assert description is not None, "it was made from one"
-    return description
+    return dict(plain(description))
 
 
 @lru_cache(_KEPT)

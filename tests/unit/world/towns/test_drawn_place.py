@@ -7,7 +7,7 @@ import pytest
 
 from coopsim.world.custom.place import place_from
 from coopsim.world.places.layout import Layout
-from coopsim.world.towns.drawn_place import describe_streets, turned
+from coopsim.world.towns.drawn_place import describe_streets, describe_town, turned
 from coopsim.world.towns.street_plan import draw_plan
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_roads import lay_roads
@@ -58,3 +58,11 @@ def test_turning_turns_points_and_headings_and_nothing_else() -> None:
     assert found["parked"] == [{"at": [0.0, 3.0], "heading_deg": -170.0}]
     assert found["buildings"] == [{"outline": [[0.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], "height_m": 4.0}]
     assert found["kerb_m"] == 0.12
+
+
+def test_a_changed_description_changes_no_other_draw() -> None:
+    description = describe_town(5)
+    description["kerb_m"] = 0.3
+    description["roads"].clear()
+    again = describe_town(5)
+    assert again["kerb_m"] == 0.12 and again["roads"]
