@@ -12,7 +12,6 @@ _MOST_CORNERS = 9
 _LEAST_M2 = 1e-6  # of a piece
 
 
-@njit(cache=True, nogil=True)
 def drape(flat: Floats, grid: ReliefGrid) -> Floats:
     """Return flat triangles and, of each surface below them, the piece that lies on it: (M, 3, 3) m.
 
@@ -22,11 +21,20 @@ def drape(flat: Floats, grid: ReliefGrid) -> Floats:
         flat: (N, 3, 2) m, counter-clockwise from above.
         grid: surfaces of the ground.
     """
-    pieces, count = np.zeros((64 + 8 * len(flat), 3, 3)), len(flat)
+    pieces = np.zeros((64 + 8 * len(flat), 3, 3))
+    pieces[: len(flat), :, :2] = flat
+    while (count := _laid(flat, grid, pieces)) > len(pieces):
+        pieces = np.concatenate([pieces[: len(flat)], np.zeros((count - len(flat), 3, 3))])
+    return pieces[:count]
+
+
+@njit(cache=True, nogil=True)
+def _laid(flat: Floats, grid: ReliefGrid, pieces: Floats) -> int:
+    """Fill `pieces` (P, 3, 3), behind the flat ones, as far as it reaches; return the number of all."""
+    count = len(flat)
     seen = np.full(len(grid.triangles), -1, np.int64)
     cut, spare = np.empty((_MOST_CORNERS, 2)), np.empty((_MOST_CORNERS, 2))
     for n in range(len(flat)):
-        pieces[n, :, :2] = flat[n]
         first_i, last_i, first_j, last_j = span_of(flat[n], grid.low, grid.cells)
         for i in range(first_i, last_i + 1):
             for j in range(first_j, last_j + 1):
@@ -37,17 +45,19 @@ def drape(flat: Floats, grid: ReliefGrid) -> Floats:
                         continue
                     seen[below] = n
                     corners = _cut(flat[n], grid.triangles[below], cut, spare)
-                    if count + corners > len(pieces):
-                        pieces = np.concatenate((pieces, np.zeros_like(pieces)))
                     count = _add_fan(pieces, count, cut, corners, grid.triangles[below])
-    return pieces[:count]
+    return count
 
 
 @njit(cache=True, nogil=True)
 def _add_fan(pieces: Floats, count: int, corners: Floats, number: int, surface: Floats) -> int:
-    """Append the triangles of a convex polygon at the heights of a surface (3, 3); return the new number of pieces."""
+    """Append the triangles of a convex polygon at the heights of a surface (3, 3); return the new number of pieces.
+
+    Where there is no room for them they are only counted.
+    """
     for k in range(2, number):
-        for row, corner in enumerate((0, k - 1, k)):
+        for row in range(3 if count < len(pieces) else 0):
+            corner = 0 if row == 0 else k - 2 + row
             x, y = corners[corner, 0], corners[corner, 1]
             pieces[count, row, 0], pieces[count, row, 1] = x, y
             pieces[count, row, 2] = height_at(surface, x, y)

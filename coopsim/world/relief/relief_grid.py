@@ -54,7 +54,10 @@ def span_of(triangle: Floats, low: Floats, cells: Ints) -> tuple[int, int, int, 
 @njit(cache=True, nogil=True)
 def is_over(triangle: Floats, x: float, y: float) -> bool:
     """Return whether a triangle is over a place, its edges included."""
-    return _left_of(triangle, 0, x, y) >= 0 and _left_of(triangle, 1, x, y) >= 0 and _left_of(triangle, 2, x, y) >= 0
+    for k in range(3):  # noqa: SIM110  (numba takes no generators)
+        if _left_of(triangle, k, x, y) < 0:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)

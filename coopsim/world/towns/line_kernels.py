@@ -38,23 +38,35 @@ def keep_corners(points: Floats, most_m: float) -> Mask:
     """
     kept = np.zeros(len(points), np.bool_)
     kept[0] = kept[-1] = True
-    stack = [(0, len(points) - 1)]
-    while len(stack) > 0:
-        first, last = stack.pop()
-        if last - first < 2:
-            continue
-        along = points[last] - points[first]
-        length2 = max((along * along).sum(), 1e-12)
-        worst, where = most_m * most_m, -1
-        for k in range(first + 1, last):
-            offset = points[k] - points[first]
-            share = min(max((offset * along).sum() / length2, 0.0), 1.0)
-            apart = offset - share * along
-            squared = (apart * apart).sum()
-            if squared > worst:
-                worst, where = squared, k
+    stack, waiting = np.empty((len(points), 2), np.int64), 1
+    stack[0, 0], stack[0, 1] = 0, len(points) - 1
+    while waiting > 0:
+        waiting -= 1
+        first, last = stack[waiting, 0], stack[waiting, 1]
+        where = _farthest(points, first, last, most_m)
         if where >= 0:
             kept[where] = True
-            stack.append((first, where))
-            stack.append((where, last))
+            stack[waiting, 0], stack[waiting, 1] = first, where
+            stack[waiting + 1, 0], stack[waiting + 1, 1] = where, last
+            waiting += 2
     return kept
+
+
+@njit(cache=True, nogil=True)
+def _farthest(points: Floats, first: int, last: int, most_m: float) -> int:
+    """Return which point between two is farthest from the line between them; -1: none is farther than `most_m`."""
+    length2, worst, where = 0.0, most_m * most_m, -1
+    for axis in range(points.shape[1]):
+        length2 += (points[last, axis] - points[first, axis]) ** 2
+    length2 = max(length2, 1e-12)
+    for k in range(first + 1, last):
+        share, squared = 0.0, 0.0
+        for axis in range(points.shape[1]):
+            share += (points[k, axis] - points[first, axis]) * (points[last, axis] - points[first, axis])
+        share = min(max(share / length2, 0.0), 1.0)
+        for axis in range(points.shape[1]):
+            along = points[last, axis] - points[first, axis]
+            squared += (points[k, axis] - points[first, axis] - share * along) ** 2
+        if squared > worst:
+            worst, where = squared, k
+    return where

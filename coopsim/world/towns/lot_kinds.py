@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from coopsim.geometry.se3 import Floats
 from coopsim.world.towns import building_shapes as shapes
 
 COLORS = ("brick", "sand", "slate", "ochre", "white", "white", "rose", "sage", "umber", "concrete")
@@ -80,8 +82,15 @@ CHURCH = LotKind((0, 0, 0), (11, 14), (28, 36), (4, 8), (3, 9), 10, (8, 10), (sh
 
 def draw_kind(openness: float, rng: np.random.Generator) -> str:
     """Draw the name of a kind."""
+    return str(rng.choice(list(KINDS), p=_shares(openness)))
+
+
+@lru_cache(4)
+def _shares(openness: float) -> Floats:
+    """Return the shares of the kinds among lots; not to be changed."""
     weights = np.array([np.interp(openness, (0.0, 0.5, 1.0), kind.weights) for kind in KINDS.values()])
-    return str(rng.choice(list(KINDS), p=weights / weights.sum()))
+    shares: Floats = weights / weights.sum()
+    return shares
 
 
 def draw_height_m(kind: LotKind, rng: np.random.Generator) -> float:
