@@ -33,6 +33,7 @@ MOST_COLUMNS = 16384
 """Most firings per revolution. No sensor has more; a larger number is a slip that would fill the memory."""
 
 BACKENDS = ("grid", "embree")
+_SLACK_M = 0.1  # more than ranges are rounded
 _NOBODY = -2  # an instance that no face has
 
 
@@ -142,7 +143,10 @@ class Lidar:
         beams = config.beams
         self._shape = len(beams.elevation_rad), config.columns
         self._patterns = footprint_patterns(beams, config.divergence_rad)
-        self._grids = [RayGrid(rays.elevation_rad, rays.offset_rad, config.columns) for rays in self._patterns]
+        # Of several echoes in a beam the strongest counts, though it may come from too far away.
+        one_echo = not self._weather.has_clutter and config.divergence_rad == 0
+        reach_m = config.max_range_m + _SLACK_M if one_echo else np.inf
+        self._grids = [RayGrid(rays.elevation_rad, rays.offset_rad, config.columns, reach_m) for rays in self._patterns]
         self._directions = beams.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
         self._clutter: WeatherClutter | None = None
         if self._weather.has_clutter:

@@ -47,10 +47,11 @@ class RayGrid:
         elevation_rad: (B,) of the beams, in any order.
         azimuth_rad: (B,) how far each beam points to the left of its column.
         columns: firings per revolution, C.
+        reach_m: parts beyond it may be left out, which saves time.
     """
 
-    def __init__(self, elevation_rad: Floats, azimuth_rad: Floats, columns: int) -> None:
-        self._shape = len(elevation_rad), columns
+    def __init__(self, elevation_rad: Floats, azimuth_rad: Floats, columns: int, reach_m: float = math.inf) -> None:
+        self._shape, self._reach_m = (len(elevation_rad), columns), reach_m
         order = np.argsort(-elevation_rad, kind="stable")
         tangent, shift_rad = np.tan(elevation_rad[order]), azimuth_rad[order]
         azimuth = np.arange(self.blocks * LANES) * (2 * np.pi / columns)
@@ -88,7 +89,7 @@ class RayGrid:
         # Of scenes some are read-only: the kernels are compiled for those alone.
         vertices, faces = sealed(triangles.vertices.view()), sealed(triangles.faces.view())
         scene = Scene(vertices, faces, parts, rotation, world_SE3_sensor.translation)
-        _sweep(scene, self._beams, blocks, (hits.range_m, hits.face, hits.cosine))
+        _sweep(scene, self._beams, blocks, self._reach_m, (hits.range_m, hits.face, hits.cosine))
 
 
 def _one_part(triangles: Triangles) -> Parts:
@@ -96,7 +97,9 @@ def _one_part(triangles: Triangles) -> Parts:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sweep(scene: Scene, beams: Beams, blocks: tuple[int, int], hits: tuple[Singles, Ints, Singles]) -> None:
+def _sweep(
+    scene: Scene, beams: Beams, blocks: tuple[int, int], reach_m: float, hits: tuple[Singles, Ints, Singles]
+) -> None:
     """Set the scene up for the sensor, draw it, and write the hits (B, C) of the blocks' columns."""
     vertices, faces, parts = len(scene.vertices), len(scene.faces), len(scene.parts.closed)
     corners = Corners(np.empty((vertices, 3)), np.empty(vertices, np.float32), np.empty(vertices, np.float32))
@@ -111,7 +114,7 @@ def _sweep(scene: Scene, beams: Beams, blocks: tuple[int, int], hits: tuple[Sing
     )
     rays = len(beams.tangent), (blocks[1] - blocks[0]) * LANES
     canvas = Canvas(np.empty(rays, np.float32), np.empty(rays, np.int32))
-    set_up(scene, beams.tangent, _sector(beams, blocks), corners, shapes)
+    set_up(scene, beams.tangent, _sector(beams, blocks), reach_m, corners, shapes)
     draw(scene.parts.face_start, shapes, beams, blocks, canvas)
     resolve(shapes, beams, blocks, canvas.owner, hits)
 

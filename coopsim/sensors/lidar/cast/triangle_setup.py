@@ -90,38 +90,45 @@ def _azimuth(x: np.float32, y: np.float32) -> np.float32:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place(scene: Scene, corners: Corners) -> None:
-    """Write the vertices as the sensor sees them into `corners`."""
+def _place(scene: Scene, local: Floats) -> None:
+    """Write the vertices in the sensor's frame into `local` (V, 3)."""
     vertices, rotation, origin = scene.vertices, scene.rotation, scene.origin
-    local, azimuth, slope = corners.local, corners.azimuth, corners.slope
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0] - origin[0], vertices[v, 1] - origin[1], vertices[v, 2] - origin[2]
         for axis in range(3):
             local[v, axis] = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
-    for v in range(len(vertices)):
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _aim(corners: Corners, first: int, last: int) -> None:
+    """Write azimuths and slopes of vertices `first` to `last`."""
+    local, azimuth, slope = corners.local, corners.azimuth, corners.slope
+    for v in range(first, last):
         x32, y32 = np.float32(local[v, 0]), np.float32(local[v, 1])
         azimuth[v] = _azimuth(x32, y32)
         slope[v] = np.float32(local[v, 2]) / max(np.sqrt(x32 * x32 + y32 * y32), np.float32(1e-6))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _outline(local: Floats, first: int, last: int) -> tuple[bool, float, float]:
+def _outline(local: Floats, first: int, last: int) -> tuple[float, float, float]:
     """Bound vertices `first` to `last` by an upright box.
 
     Returns:
-        Whether the sensor is in the box; middle and half width (rad) of the azimuths of the cylinder around the box.
+        The distance of the sensor from the box, m, 0 inside of it; middle and half width (rad) of the azimuths of the
+        cylinder around the box.
     """
     low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for v in range(first, last):
         low_x, high_x = min(low_x, local[v, 0]), max(high_x, local[v, 0])
         low_y, high_y = min(low_y, local[v, 1]), max(high_y, local[v, 1])
         low_z, high_z = min(low_z, local[v, 2]), max(high_z, local[v, 2])
-    surrounds = low_x <= 0.0 <= high_x and low_y <= 0.0 <= high_y and low_z <= 0.0 <= high_z
+    ahead_m, aside_m, above_m = max(low_x, -high_x, 0.0), max(low_y, -high_y, 0.0), max(low_z, -high_z, 0.0)
+    away_m = math.sqrt(ahead_m * ahead_m + aside_m * aside_m + above_m * above_m)
     x, y = (low_x + high_x) / 2, (low_y + high_y) / 2
     distance, radius = math.hypot(x, y), math.hypot(high_x - low_x, high_y - low_y) / 2
     if not distance > radius:
-        return surrounds, 0.0, math.pi
-    return surrounds, math.atan2(y, x), math.asin(radius / distance)
+        return away_m, 0.0, math.pi
+    return away_m, math.atan2(y, x), math.asin(radius / distance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -196,13 +203,16 @@ def _span(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def set_up(scene: Scene, tangent: Singles, sector: tuple[float, float], corners: Corners, shapes: Shapes) -> None:
+def set_up(
+    scene: Scene, tangent: Singles, sector: tuple[float, float], reach_m: float, corners: Corners, shapes: Shapes
+) -> None:
     """Compute what `draw` needs of the triangles that may hit a ray.
 
     Args:
         scene: the triangles.
         tangent: (B,) of the beams' elevation, falling.
         sector: middle and half width (rad) of the rays' azimuths.
+        reach_m: parts beyond it are left out.
         corners: out, uninitialized.
         shapes: out, uninitialized.
     """
@@ -210,14 +220,16 @@ def set_up(scene: Scene, tangent: Singles, sector: tuple[float, float], corners:
     local, azimuth, slope = corners.local, corners.azimuth, corners.slope
     edges, plane, offset_m = shapes.edges, shapes.plane, shapes.offset_m
     bounds, rows, owner = shapes.azimuth, shapes.rows, shapes.face
-    _place(scene, corners)
+    _place(scene, local)
     for part in range(len(parts.closed)):
         n = parts.face_start[part]
         shapes.counts[part] = 0
-        surrounds, middle, half = _outline(local, parts.vertex_start[part], parts.vertex_start[part + 1])
-        if not _reaches(middle, half, sector):
+        first_vertex, last_vertex = parts.vertex_start[part], parts.vertex_start[part + 1]
+        away_m, middle, half = _outline(local, first_vertex, last_vertex)
+        if away_m > reach_m or not _reaches(middle, half, sector):
             continue
-        outer_only = parts.closed[part] and not surrounds
+        _aim(corners, first_vertex, last_vertex)
+        outer_only = parts.closed[part] and away_m > 0.0
         for f in range(parts.face_start[part], parts.face_start[part + 1]):
             i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
             p0 = (local[i, 0], local[i, 1], local[i, 2])
