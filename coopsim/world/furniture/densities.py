@@ -56,7 +56,7 @@ KERB = (
     Row("lamp", 60.0, 0.6, _ROAD, jitter=0.05),
     Row("sign", 80.0, 0.6, _ONCOMING),
     Row("tree", 11.0, 0.75, share=0.3, jitter=0.1),
-    Row("hydrant", 240.0, 0.75, _ROAD),
+    Row("hydrant", 150.0, 0.9, _ROAD),
     Row("bench", 120.0, 0.85, _AWAY),
     Row("bin", 120.0, 0.8, _AWAY),
     Row("bicycle_rack", 240.0, 0.9, _ROAD, share=0.7),

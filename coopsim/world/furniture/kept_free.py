@@ -15,7 +15,7 @@ from coopsim.world.traffic.rules.driving import cut_inside_m
 KERB_M = 0.45
 """Least distance of furniture from the edge of a lane."""
 
-WALK_M = 0.95
+WALK_M = 1.1
 """Least distance of furniture from the lines along which people walk and ride."""
 
 _BUS_M = 12.5  # of the longest vehicles

@@ -77,7 +77,7 @@ def add_humps(site: Site, plan: Plan, ways: PeopleWays, seed: int) -> None:
             heading_deg=float(np.degrees(street.heading(along_m)[0])),
             width_m=2 * LANE_M,
             length_m=3.7,
-            height_m=float(height_m),
+            height_m=round(float(height_m), 3),
         )
 
 

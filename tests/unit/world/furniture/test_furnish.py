@@ -103,7 +103,7 @@ def test_densities_are_as_stated() -> None:
     # Along both sides of a street: every 30 m a lamp, so every 60 m on each; some do not fit.
     assert 54 < apart_m["lamp"] < 90
     assert 40 < apart_m["sign"] < 110
-    assert 150 < apart_m["hydrant"] < 700
+    assert 150 < apart_m["hydrant"] < 500
     assert 60 < apart_m["bench"] < 250
     assert 80 < apart_m["bin"] < 350
 
@@ -150,4 +150,4 @@ def test_furniture_turns_with_the_place() -> None:
     spots, back = ([(each["kind"], *(each.get("at") or each["along"][0])) for each in one] for one in (entries, again))
     found = [any(kind == other and np.hypot(x - u, y - v) < 0.02 for other, u, v in back) for kind, x, y in spots]
     # Coordinates are rounded to millimetres, so that here and there a piece just fits in one of the two.
-    assert np.mean(found) > 0.95 and abs(len(spots) - len(back)) < 0.02 * len(spots)
+    assert np.mean(found) > 0.95 and abs(len(spots) - len(back)) < 0.05 * len(spots)
