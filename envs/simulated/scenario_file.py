@@ -23,13 +23,12 @@ from typing import Any
 
 from coopsim.config.checked_entry import Entry
 from coopsim.config.yaml_file import FileEntry, Section, read_yaml
-from coopsim.config.yaml_text import yaml_text
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.errors import CoopsimError, InvalidValueError, ScenarioFileError
+from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
-from coopsim.support.files import write_whole
 from coopsim.world.custom.place import read_place
+from coopsim.world.custom.place_file import write_place_file
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
 from coopsim.world.towns.place_seeds import PlaceSeeds
@@ -127,10 +126,7 @@ def write_scenario_file(path: str | Path, description: Mapping[str, Any], **cont
     """
     for name in content:
         require_choice("key", name, (*_TOP, *_SECTIONS))
-    try:
-        return write_whole(path, yaml_text({"place": description, **content}))
-    except InvalidValueError as error:
-        raise ScenarioFileError(str(error)) from error
+    return write_place_file(path, description, content)
 
 
 def _scenario(root: FileEntry, top: Mapping[str, Entry]) -> str | Place:

@@ -13,10 +13,11 @@ import pytest
 from test_environments import Make, assert_same, play
 
 import coopsim
-from coopsim.envs.simulated.town_file import draw_town, write_picture, write_town
 from coopsim.errors import InvalidValueError, RecordingError, ScenarioFileError, UnknownNameError
+from coopsim.viz.town_picture import write_picture
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import make_scenario
+from coopsim.world.towns.town_file import draw_town, write_town
 from coopsim.world.towns.town_options import TownOptions
 
 SMALL_TOWN: dict[str, Any] = {"junctions": 1, "lanes": 1}

@@ -1,4 +1,4 @@
-"""Drawn towns as scenario files and as pictures from above."""
+"""Pictures of whole towns from above."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from coopsim.envs.simulated.scenario_file import write_scenario_file
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import require_writable
 from coopsim.viz.overhead import draw_overhead
 from coopsim.world.scenario import Scenario
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.town_options import TownOptions
-from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.world import World
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -22,27 +18,6 @@ PICTURES = (".png", ".jpg", ".jpeg")
 
 _MARGIN_M = 15.0
 _PICTURE_PX = 900
-
-
-def draw_town(place_seed: int, options: TownOptions) -> Scenario:
-    """Draw a town with its usual population."""
-    return TownScenarios(PlaceSeeds(place_seed), options, 1.0, None, {}).of(place_seed)
-
-
-def write_town(path: Path, town: Scenario) -> Path:
-    """Write a drawn town as a scenario file, whose episodes are those of the drawn one, bit by bit.
-
-    Raises:
-        InvalidValueError: it is no drawn town, or the name is not that of a scenario file.
-        ScenarioFileError: the file cannot be written.
-    """
-    if town.description is None:
-        raise InvalidValueError(f"town must be a scenario with a description, got {town.name!r}, which has none")
-    if path.suffix.lower() not in (".yaml", ".yml"):
-        raise InvalidValueError(f"path of a scenario file must end in .yaml, got {str(path)!r}")
-    return write_scenario_file(
-        path, town.description, population=town.population.numbers, options={"detail": town.detail}
-    )
 
 
 def require_picture(path: Path) -> None:
