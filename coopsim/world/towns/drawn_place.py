@@ -14,13 +14,13 @@ from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
-from coopsim.world.towns.masts import near_first
+from coopsim.world.towns.first_agents import bring_near
 from coopsim.world.towns.street_plan import draw_plan
 from coopsim.world.towns.town_blocks import dress_streets
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_population import usual_population
 from coopsim.world.towns.town_roads import lay_roads
-from coopsim.world.towns.town_starts import FIRST, NEAR, place_starts
+from coopsim.world.towns.town_starts import FIRST, place_starts
 
 _ANY = TownOptions()
 _KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew
@@ -72,15 +72,16 @@ def describe_streets(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
     """Draw a town without furniture; the arguments and the result are those of `describe_town`."""
     plan = draw_plan(seed, options)
     roads = lay_roads(plan)
-    starts, spots = place_starts(plan, roads)
+    usual, spots = place_starts(plan, roads)
     beside = dress_streets(plan, seed, options.openness)
+    starts, masts = bring_near(usual, spots, beside["rsus"])
     description = {
         "nodes": roads.nodes,
         "roads": roads.roads,
+        **beside,
         "starts": starts,
         "cars_first": FIRST,
-        **beside,
-        "rsus": near_first(beside["rsus"], spots[:NEAR]),
+        "rsus": masts,
     }
     return turned(description, plan.turn_rad)
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
@@ -19,7 +16,6 @@ _FROM_KERB_M = (1.1, 0.9, 0.7)
 _FROM_WAY_M = 1.1  # half of a person, their way's breadth, and the mast
 _CROSSWALK_MORE_M = 1.0  # from the middle of a crosswalk, besides
 _SHARES = (0.5, 0.4, 0.6, 0.3, 0.7)  # of the length of the corner's kerb
-_NEAR_M = 77.0  # between agents; cars start up to a metre before or behind their places
 _ELSEWHERE = 0.6  # share of other corners that have a mast; the first ones are where connected cars meet
 
 
@@ -56,24 +52,6 @@ def place_masts(
         if not elsewhere or draw < _ELSEWHERE or "rsus" not in site.items:
             site.add("rsus", at=at.tolist(), look_at=plan.junctions[number].centre.tolist())
             site.kerbside.take(at + np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.2)
-
-
-def near_first(masts: Sequence[Mapping[str, Any]], cars: Floats) -> list[Mapping[str, Any]]:
-    """Return masts in another order: first each next one that is near the first connected cars and the masts so far.
-
-    Args:
-        masts: the key `rsus` of a description.
-        cars: (N, 2) m, where these cars start.
-    """
-    left, chosen, agents = list(masts), list[Mapping[str, Any]](), cars
-    while left:
-        far_m = [float(np.linalg.norm(agents - np.array(mast["at"]), axis=1).max()) for mast in left]
-        near = next((k for k, most_m in enumerate(far_m) if most_m < _NEAR_M), None)
-        if near is None:
-            break
-        chosen.append(left.pop(near))
-        agents = np.vstack([agents, chosen[-1]["at"]])
-    return chosen + left
 
 
 def _spots(kerb: Floats) -> tuple[Floats, Floats]:

@@ -14,9 +14,6 @@ from coopsim.world.towns.town_roads import TownLane, TownRoads
 FIRST = 6
 """Number of starts that are near each other, as far as there is room: the first to have connected cars."""
 
-NEAR = 3
-"""Number of starts that have a mast in reach: the usual number of connected cars."""
-
 _NEAR_M = 78.0  # between any two of them; vehicles start up to a metre before or behind
 _SPACING_M, _LEAST_M = 15.5, 6.0  # between starts on a lane, and from its beginning
 _STOPPING_M = 14.5  # before a stop line
