@@ -29,12 +29,16 @@ class Kerbs:
 
     Args:
         roads: of the place.
+
+    Attributes:
+        starts: (S, 2) m of the segments of all middle lines.
+        ends: (S, 2) m of the same.
     """
 
     def __init__(self, roads: Roads) -> None:
         lines = [(road, roads.lane(piece)) for road, pieces in roads.pieces.items() for piece in pieces]
         corners = [middle_line(lane) for _, lane in lines]
-        self._start, self._end = (np.vstack([each[part] for each in corners]) for part in (np.s_[:-1], np.s_[1:]))
+        self.starts, self.ends = (np.vstack([each[part] for each in corners]) for part in (np.s_[:-1], np.s_[1:]))
         counts = [len(each) - 1 for each in corners]
         self._half_m = np.repeat([lane.width / 2 for _, lane in lines], counts)
         self._road = np.repeat(np.arange(len(lines)), counts)
@@ -53,14 +57,17 @@ class Kerbs:
             ScenarioFileError: a point is on a road.
         """
         least = self._half_m if least_m is None else np.full(len(self._half_m), least_m)
-        segment, distance_m = _worst(np.ascontiguousarray(points), self._start, self._end, least)
+        segment, distance_m = _worst(np.ascontiguousarray(points), self.starts, self.ends, least)
         if segment >= 0:
             accepted_m = least[segment]
-            road = self._entries[self._road[segment]].spot
             raise entry.error(
                 f"{what} must be at least {accepted_m:g} m from the middle of every lane, got "
-                f"{distance_m:.2f} m from that of the road in {road}: it would stand in the way"
+                f"{distance_m:.2f} m from that of the road in {self.spot(segment)}: it would stand in the way"
             )
+
+    def spot(self, segment: int) -> str:
+        """Return where in the file the road of a segment is."""
+        return self._entries[self._road[segment]].spot
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,8 @@
 
 | key | value |
 |---|---|
-| `kerb_m` | height of the pavements over the road, up to 0.3; without it they are flat |
+| `kerb_m` | height of the pavements over the road, up to 0.3; without it they are flat; raised ones of the key |
+| | `paved` must be at least 0.5 m from the middle of every lane |
 | `crown` | fall of the roads to both sides, m per m, up to 0.05: between junctions, 8 m from their ends on |
 | `humps` | list of speed humps: `at`, on a road; `heading_deg`, of travel; `width_m`, across; `length_m` (usually |
 | | 3.7); `height_m` (usually 0.075) |

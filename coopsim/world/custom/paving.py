@@ -40,7 +40,10 @@ PAVINGS: Mapping[str, Paving] = {
 """Surfaces with a mesh of their own, from the lowest to the highest. Grass is bright to infrared light; the rest are
 slabs and old asphalt."""
 
-KINDS = {"road": "lanes", "pavement": "pavements"} | {name: paving.field for name, paving in PAVINGS.items()}
+PAVEMENT = "pavement"
+"""The kind that is raised with `kerb_m`."""
+
+KINDS = {"road": "lanes", PAVEMENT: "pavements"} | {name: paving.field for name, paving in PAVINGS.items()}
 """Fields of `RoadMap` by the kinds that files accept."""
 
 

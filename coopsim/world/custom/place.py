@@ -46,6 +46,7 @@ from coopsim.world.custom.custom_scenery import read_tree
 from coopsim.world.custom.fittings import read_bay, read_unit
 from coopsim.world.custom.ground import GROUND_KEYS, read_ground, turning_loops
 from coopsim.world.custom.paving import paved_parts, read_paved
+from coopsim.world.custom.raised import require_off_lanes
 from coopsim.world.custom.roads import read_roads
 from coopsim.world.custom.starts import read_speeds, read_starts
 from coopsim.world.custom.ways import read_ways
@@ -147,7 +148,10 @@ def read_place(entry: Entry, name: str) -> Place:
         roads_ahead=roads.ahead,
         clearance_m=_CLEARANCE_M,
     )
-    layout = read_ground(fields, roads.network).applied(layout, turning_loops(roads))
+    works = read_ground(fields, roads.network)
+    if works.kerb_m > 0 and paved["pavements"]:
+        require_off_lanes(paved["pavements"], fields["paved"], kerbs)
+    layout = works.applied(layout, turning_loops(roads))
     if "furniture" in fields:
         layout = with_furniture(layout, read_furniture(fields["furniture"], kerbs))
     return Place(name, lambda: layout, _usual_population(layout), entry.as_read)

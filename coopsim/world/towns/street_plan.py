@@ -8,6 +8,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.towns.clear_streets import are_apart
@@ -110,6 +111,9 @@ def draw_plan(seed: int, options: TownOptions) -> Plan:
     Args:
         seed: of the town.
         options: how it shall be.
+
+    Raises:
+        InvalidValueError: no such town was found.
     """
     rng = stream(seed, "town")
     count = int(rng.choice(len(_COUNTS), p=_COUNTS)) + 1
@@ -123,7 +127,10 @@ def draw_plan(seed: int, options: TownOptions) -> Plan:
         plan = _attempt(stream(seed, "streets", str(attempt)), count, most, freedom)
         if plan is not None:
             return replace(plan, turn_rad=turn_rad)
-    raise RuntimeError(f"no town with {count} junctions and {most} lanes was found for seed {seed}")
+    raise InvalidValueError(
+        f"no town with junctions={count} and lanes={most} was found for place_seed={seed} in {_ATTEMPTS} attempts: "
+        f"use fewer junctions or lanes, or another place_seed"
+    )
 
 
 def _attempt(rng: np.random.Generator, count: int, most: int, freedom: float) -> Plan | None:

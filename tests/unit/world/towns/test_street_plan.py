@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coopsim.errors import InvalidValueError
+from coopsim.world.towns import street_plan
 from coopsim.world.towns.clear_streets import are_apart
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.street_plan import draw_plan
@@ -62,3 +64,9 @@ def test_a_plan_with_streets_on_top_of_each_other_is_found() -> None:
     far = replace(plan, streets=(plan.streets[0], moved, *plan.streets[2:]), junctions=())
     assert are_apart(plan)
     assert not are_apart(replace(far, junctions=(plan.junctions[-1],)))
+
+
+def test_a_town_that_is_not_found_is_an_error_that_says_what_to_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(street_plan, "_attempt", lambda *_: None)
+    with pytest.raises(InvalidValueError, match=r"junctions=4 and lanes=2 was found for place_seed=3 .* use fewer"):
+        draw_plan(3, TownOptions(junctions=4, lanes=2))
