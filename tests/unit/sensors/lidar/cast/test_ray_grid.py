@@ -17,8 +17,11 @@ from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.cast.ray_grid import GridHits, RayGrid
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import Triangles, is_closed
+from coopsim.sensors.scene import SceneGeometry, Triangles, is_closed
 from coopsim.world.models import make_models
+from coopsim.world.scenario import make_scenario
+from coopsim.world.towns.drawn_place import draw_place
+from coopsim.world.world import World
 
 COLUMNS = 200
 """No multiple of `LANES`, and few enough for triangles to lie between two columns."""
@@ -209,3 +212,30 @@ def test_far_from_the_origin_is_as_exact_as_near() -> None:
 def test_nothing_to_hit() -> None:
     hits = rays_of(UNEVEN).cast(triangles(), pose())
     assert np.isinf(hits.range_m).all() and (hits.face == -1).all() and (hits.cosine == 0).all()
+
+
+def test_leaving_out_what_is_out_of_reach_changes_nothing_within() -> None:
+    rng, pattern = np.random.default_rng(5), PATTERNS.get("HDL-32E")
+    scene = triangles(actors(rng.uniform([-90, -90, 1], [90, 90, 4], (60, 3))))
+    everything, near = (
+        RayGrid(pattern.elevation_rad, pattern.offset_rad, COLUMNS, reach_m).cast(scene, pose())
+        for reach_m in (np.inf, 40.0)
+    )
+    within = everything.range_m <= 40.0
+    np.testing.assert_array_equal(near.range_m[within], everything.range_m[within])
+    np.testing.assert_array_equal(near.face[within], everything.face[within])
+    assert (near.face >= 0).sum() < (everything.face >= 0).sum()
+
+
+@pytest.mark.parametrize(("place", "detail"), [(2, "plain"), (7, "plain"), (2, "full")])
+def test_agrees_with_embree_in_drawn_towns(place: int, detail: str) -> None:
+    world = World(make_scenario(draw_place(place), detail=detail), place)
+    scene = SceneGeometry(world.models, world.static).triangles(world.actors())
+    pattern = PATTERNS.get("HDL-32E")
+    for body in world.agents().values():
+        where = body.world_SE3_base.compose(pose((0.0, 0.0, body.height_m + 0.4)))
+        got, want = rays_of(pattern, 500).cast(scene, where), by_embree(scene, where, pattern, 500)
+        require_agreement(got, want)
+        both = (got.face >= 0) & (want.face >= 0) & (want.range_m < 100.0)
+        off = np.abs(got.range_m[both] - want.range_m[both]) > 1e-3
+        assert off.mean() < 3e-4, "a ray may take either side of an edge"
