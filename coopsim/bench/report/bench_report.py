@@ -108,7 +108,7 @@ def _summary(table: ResultTable) -> str:
     )
     grid = " x ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts)
     if table.samples.are_places:
-        grid += f" in {table.samples.text}"
+        grid += f" in {'one place' if table.samples.places == 1 else f'{table.samples.places} places'}"
     faults = ((len(table.failures), "failed"), (table.missing, "not run"))
     state = "".join(f", {count} {word}" for count, word in faults if count)
     return f"{grid}, {table.frames} frames each: {int(table.finished.sum())} cells finished{state}"

@@ -138,7 +138,7 @@ def _method(comparison: Comparison) -> list[str]:
     rows = comparison.differences
     counts, samples = [row.change.count for row in rows], comparison.samples
     span = samples.counted(max(counts)) if len(set(counts)) == 1 else f"{min(counts)} to {samples.counted(max(counts))}"
-    kind = "places" if samples.are_places else "seeds"
+    kind = samples.kind
     lines = [
         f"{comparison.matched} pairs of cells, {span}, {len(rows)} comparisons. "
         f"Intervals: bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's; "

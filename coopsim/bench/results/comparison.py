@@ -78,7 +78,7 @@ class Comparison:
     Attributes:
         differences: by policy and metric; first over all conditions, then of each condition.
         matched: number of cells of which both sides have values.
-        unmatched: cells or values that a side lacks, or that failed, each with the reason.
+        unmatched: cells or values that a side lacks, that failed, or that are of two places, each with the reason.
         samples: what the seeds are samples of.
     """
 
@@ -175,11 +175,21 @@ def _match(before: Mapping[Cell, CellResult], after: Mapping[Cell, CellResult]) 
             for side, results in (("A", before), ("B", after))
             for fault in ([f"not in {side}"] if cell not in results else [f"failed in {side}"] * results[cell].failed)
         ]
+        if not faults:
+            faults = _other_place(before[cell].place_seed, after[cell].place_seed)
         if faults:
             unmatched.append(f"{name_of(cell)}: {' and '.join(faults)}")
         else:
             matched[cell] = before[cell], after[cell]
     return matched, unmatched
+
+
+def _other_place(before: int | None, after: int | None) -> list[str]:
+    """Say that the runs of a cell were in two drawn places, so that their difference would be one of places."""
+    if before == after:
+        return []
+    names = ["no drawn place" if seed is None else f"place {seed}" for seed in (before, after)]
+    return [f"in {names[0]} in A but in {names[1]} in B"]
 
 
 def _differences(

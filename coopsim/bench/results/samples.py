@@ -26,11 +26,13 @@ class Samples:
         group: (S,) number of the sample that each seed belongs to, from 0.
         are_places: whether every scenario draws places, so that a sample is a place.
         in_one_place: whether all runs are in one drawn place.
+        places: number of different drawn places of all runs.
     """
 
     group: Ints
     are_places: bool = False
     in_one_place: bool = False
+    places: int = 0
 
     @property
     def count(self) -> int:
@@ -38,14 +40,21 @@ class Samples:
         return int(self.group.max(initial=-1)) + 1
 
     @property
+    def kind(self) -> str:
+        """What the samples are: "seeds", "places", or "samples": groups of seeds, of which some share a place."""
+        if self.are_places and self.places <= self.count:
+            return "places"
+        return "seeds" if self.count == len(self.group) else "samples"
+
+    @property
     def text(self) -> str:
-        """The samples in words, as "5 seeds", "one place" or "5 seeds in one place"."""
-        return self.counted(self.count)
+        """The samples in words, as "5 seeds", "one place", "5 seeds in one place" or "5 seeds, 10 places"."""
+        return self.counted(self.count) + f", {self.places} places" * (self.places > self.count)
 
     def counted(self, count: int) -> str:
         """Describe some of the samples in words, as `text` does all."""
-        kind = "place" if self.are_places else "seed"
-        return f"{'one' if count == 1 else count} {kind}{'s' * (count != 1)}{' in one place' * self.in_one_place}"
+        kind = self.kind[: -1 if count == 1 else None]
+        return f"{'one' if count == 1 else count} {kind}{' in one place' * self.in_one_place}"
 
     def average(self, values: Floats) -> Floats:
         """Return the means (..., N) over the seeds of each sample of values (..., S); NaNs are left out."""
@@ -72,16 +81,17 @@ def samples_of(results: Iterable[CellResult], seeds: Sequence[int]) -> Samples:
     for result in results:
         if not result.failed:
             drawn[result.cell.condition.scenario][result.cell.seed] = result.place_seed
+    places = len({place for each in drawn.values() for place in each.values()} - {None})
     several = [each for each in drawn.values() if len(set(each.values()) - {None}) > 1]
     one = [each for each in drawn.values() if len(set(each.values()) - {None}) == 1]
     if not several:
         alone = len(one) == len(drawn) == 1
-        return Samples(np.arange(len(seeds)), alone and len(seeds) == 1, alone and len(seeds) > 1)
+        return Samples(np.arange(len(seeds)), alone and len(seeds) == 1, alone and len(seeds) > 1, places)
     group = {seed: k for k, seed in enumerate(seeds)}
-    for places in several:
-        _join(group, places)
+    for each in several:
+        _join(group, each)
     numbers = {each: k for k, each in enumerate(dict.fromkeys(group[seed] for seed in seeds))}
-    return Samples(np.array([numbers[group[seed]] for seed in seeds]), are_places=len(several) == len(drawn))
+    return Samples(np.array([numbers[group[seed]] for seed in seeds]), len(several) == len(drawn), places=places)
 
 
 def _join(group: dict[int, int], places: dict[int, int | None]) -> None:

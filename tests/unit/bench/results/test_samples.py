@@ -49,6 +49,23 @@ def test_towns_next_to_other_scenarios() -> None:
     assert mixed.group.tolist() == [0, 1, 0], "two seeds share a town, so they are alike"
 
 
+def test_two_sets_of_places_are_told_apart() -> None:
+    train, test = Condition("train.yaml"), Condition("test.yaml")
+    samples = of(*ran(train, 0, 1, 2), *ran(test, 10, 11, 12))
+    assert samples.text == "3 seeds, 6 places" and samples.counted(2) == "2 seeds"
+    assert of(*ran(train, 0, 1, 2), *ran(test, 0, 1, 2)).text == "3 places"
+    shared = of(*ran(train, 0, 1, 0), *ran(test, 10, 11, 12))
+    assert shared.text == "2 samples, 5 places" and shared.group.tolist() == [0, 1, 0]
+
+
+def test_runs_in_other_places_are_not_compared() -> None:
+    before, after = ran(TOWN, 4, 5, 6), ran(TOWN, 4, 7, None)
+    comparison = compare_results(before, after, ["HOTA"])
+    assert comparison.matched == 1 and len(comparison.unmatched) == 2
+    assert comparison.unmatched[0].endswith(": in place 5 in A but in place 7 in B")
+    assert comparison.unmatched[1].endswith(": in place 6 in A but in no drawn place in B")
+
+
 def test_failed_cells_tell_nothing() -> None:
     assert of(*ran(TOWN, 4, 5), failed(Cell("b", TOWN, 1))).text == "2 places"
 
