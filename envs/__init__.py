@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,8 @@ def simulation_env(
     """
     towns = (PlaceSeeds, TownOptions) if scenario == TOWN else ()
     groups = (CommonOptions, SimulationOptions, Population, *towns)
+    if not towns:
+        _refuse_town_keys(scenario, options)
     sort_options(options, *groups, also_accepted=["density", "reward"])  # refuses typos before a recording is read
     playback = options.get("playback")
     episode = None if playback is None else Episode(playback)
@@ -75,6 +77,14 @@ def simulation_env(
     asked = {key: value for group in numbers for key, value in group.items()}
     scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, **asked)
     return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+
+
+def _refuse_town_keys(scenario: str | Place, options: Mapping[str, Any]) -> None:
+    """Say whose options those of towns are, as one may give them to a file that was written from a town."""
+    why = "the place of a file is fixed" if isinstance(scenario, Place) else f"{scenario!r} is always the same place"
+    for name in options:
+        if name in TOWN_KEYS:
+            raise InvalidValueError(f"{name} is an option of 'town', which draws places, and must be left out: {why}")
 
 
 def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) -> CooperativeEnv:

@@ -31,7 +31,7 @@ from tqdm import tqdm
 
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.survey import JAM_S, survey_traffic
+from coopsim.world.towns.survey import JAM_S, Standstill, survey_traffic
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.towns.validity import find_faults, fingerprint
@@ -122,7 +122,7 @@ def list_troubles(rows: Sequence[Row]) -> list[str]:
 
 
 def _frozen(drive: Row) -> int:
-    return sum(jam["frozen_s"] > JAM_S for jam in drive["jams"])
+    return sum(Standstill(**jam).is_deadlock for jam in drive["jams"])
 
 
 def _spot(each: Row) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
@@ -169,7 +170,9 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     detail = detail or usual_detail(found)
     layout = found.make_layout()
     if detail == "full" and "furniture" not in (found.description or ()):
-        layout = furnished_for(found.name, layout)
+        # Names of described places hold those of their files, which may change.
+        described = found.description is not None
+        layout = furnished_for(json.dumps(found.description, sort_keys=True) if described else found.name, layout)
     return Scenario(found.name, layout, Population(**wanted), detail, found.description)
 
 

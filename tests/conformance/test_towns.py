@@ -142,8 +142,18 @@ def test_a_scenario_file_names_towns_and_their_options(tmp_path: Path) -> None:
     with pytest.raises(ScenarioFileError, match=r"towns.yaml:4: junctions must be an integer in 1..9, got 0"):
         coopsim.parallel_env(path)
     path.write_text("scenario: crossing\noptions:\n  place_seed: 3\n")
-    with pytest.raises(ScenarioFileError, match=r"towns.yaml:3: unknown option 'place_seed'"):
+    with pytest.raises(ScenarioFileError, match=r"towns.yaml:3: place_seed is an option of 'town'"):
         coopsim.parallel_env(path)
+
+
+@pytest.mark.parametrize("name", ["place_seed", "junctions", "openness", "lanes"])
+def test_options_of_towns_are_told_from_typos(name: str) -> None:
+    with pytest.raises(InvalidValueError, match=f"{name} is an option of 'town', .* 'crossing' is always the same"):
+        coopsim.parallel_env("crossing", **{name: 1})
+    with pytest.raises(
+        InvalidValueError, match="which draws places, and must be left out: the place of a file is fixed"
+    ):
+        coopsim.parallel_env("village.yaml", **{name: 1})
 
 
 @pytest.mark.parametrize(

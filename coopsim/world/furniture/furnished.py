@@ -38,9 +38,9 @@ def furnished(layout: Layout, description: Mapping[str, Any], seed: int) -> tupl
     return with_furniture(layout, entries), {**description, "furniture": entries}
 
 
-def furnished_for(name: str, layout: Layout) -> Layout:
-    """Return a layout with furniture that is the same for all places of one name."""
-    return with_furniture(layout, furnish(layout, zlib.crc32(name.encode())))
+def furnished_for(identity: str, layout: Layout) -> Layout:
+    """Return a layout with furniture that is the same for one identity: a name, or all of a description as text."""
+    return with_furniture(layout, furnish(layout, zlib.crc32(identity.encode())))
 
 
 def leafy(description: Mapping[str, Any]) -> dict[str, Any]:

@@ -54,6 +54,11 @@ class Standstill:
     for_s: float
     frozen_s: float
 
+    @property
+    def is_deadlock(self) -> bool:
+        """Whether nobody around moved for longer than `JAM_S`."""
+        return self.frozen_s > JAM_S
+
 
 @dataclass(frozen=True, slots=True)
 class Crash:
@@ -95,16 +100,6 @@ class TrafficSurvey:
     crashes: tuple[Crash, ...]
     waits_s: tuple[float, ...]
     jams: tuple[Standstill, ...]
-
-    @property
-    def deadlocks(self) -> tuple[Standstill, ...]:
-        """The jams around which nobody moved for longer than `JAM_S`."""
-        return tuple(jam for jam in self.jams if jam.frozen_s > JAM_S)
-
-    @property
-    def longest_wait_s(self) -> float:
-        """The longest standstill, 0 if nobody stood."""
-        return max(self.waits_s, default=0.0)
 
     @property
     def speed_m_s(self) -> float:

@@ -12,7 +12,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.custom.place import place_from
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import Lane, RoadNetwork
-from coopsim.world.scenario import Place
+from coopsim.world.scenario import Place, make_scenario
 
 VILLAGE = SHIPPED / "village.yaml"
 
@@ -87,3 +87,12 @@ def test_what_is_wrong_is_said_with_the_keys() -> None:
         place_from({"roads": []}, "wrong")
     with pytest.raises(UnknownNameError, match="unknown key 'lidar'"):
         write_scenario_file("never.yaml", description, lidar=None)
+
+
+def test_furniture_of_a_file_does_not_depend_on_its_name(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.yaml", tmp_path / "other.yaml"
+    for path in (one, other):
+        path.write_text(VILLAGE.read_text())
+    first, second = (make_scenario(place_of(path), detail="full") for path in (one, other))
+    assert first.name != second.name and len(first.layout.furnishing) > 0
+    assert bits(first.layout.furnishing) == bits(second.layout.furnishing)
