@@ -32,8 +32,8 @@ from coopsim.types.taxonomy import ObjectClass
 Values = dict[str, float]
 
 VEHICLES = (ObjectClass.CAR, ObjectClass.VAN, ObjectClass.TRUCK, ObjectClass.BUS, ObjectClass.MOTORCYCLE)
-REGION_M = (100.0, 40.0)
-"""Half the region around the first agent, ahead and aside, as V2V4Real's labels have it."""
+REGION_M, LONG_REGION_M = (100.0, 40.0), (140.0, 40.0)
+"""Half the region around the first agent, ahead and aside: of V2V4Real's labels and V2X-Real's task, of OPV2V's task."""
 
 RANGES_M = (0, 20, 40, 60, 80, 100)
 GRADES = (0.4, 0.6, 0.8)
@@ -105,15 +105,20 @@ def _frame(observations: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterato
     seen_by = truth["seen_by"].sum(axis=1)
     near = (np.abs(truth["box"][:, :2]) < REGION_M).all(axis=1)
     yield "actors in the world", len(truth["id"]) + (infos[first]["actor_id"] is not None)
-    yield "vehicles that some agent has returns of", (vehicle & (seen_by > 0)).sum()
-    yield "people and riders that some agent has returns of", (~vehicle & (seen_by > 0)).sum()
-    yield "vehicles of these within 100 x 40 m of the first agent", (vehicle & near & (seen_by > 0)).sum()
+    yield "vehicles with returns, anywhere", (vehicle & (seen_by > 0)).sum()
+    yield "people and riders with returns, anywhere", (~vehicle & (seen_by > 0)).sum()
+    labelled = near & (truth["returns"].sum(axis=1) >= LABELLED_FROM)
+    yield "vehicles with returns, in the region", (vehicle & near & (seen_by > 0)).sum()
+    yield f"vehicles with {LABELLED_FROM} returns or more, in the region", (vehicle & labelled).sum()
+    yield "people and riders with returns, in the region", (~vehicle & near & (seen_by > 0)).sum()
+    near_opv2v = (np.abs(truth["box"][:, :2]) < LONG_REGION_M).all(axis=1)
+    yield "vehicles with returns, in OPV2V's longer region", (vehicle & near_opv2v & (seen_by > 0)).sum()
     for what, count in (("one agent", seen_by == 1), ("several", seen_by > 1), ("none", seen_by == 0)):
-        yield f"share of objects there with returns of {what}, %", _percent(count[near & other])
+        yield f"objects in the region with returns of {what}, %", _percent(count[near & other])
     found = np.stack([_found(truth, infos[first], observations[name], infos[name]) for name in infos], axis=1)
-    counts = found.sum(axis=1)[near & other & vehicle & (truth["returns"].sum(axis=1) >= LABELLED_FROM)]
+    counts = found.sum(axis=1)[labelled & other & vehicle]
     for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
-        yield f"share of vehicles there with 5 returns or more that are detected by {what}, %", _percent(count)
+        yield f"vehicles in the region detected by {what}, %", _percent(count)
     yield from _by_range(truth, infos)
     yield from _visibility(infos)
     height_m = np.concatenate([each["sweeps"]["lidar"][:, 2] for each in observations.values()])
@@ -180,10 +185,10 @@ def v2v4real(folder: Path) -> Iterator[tuple[str, float]]:
             lists = [recording.detections[name][frame].boxes.center[:, :2] for name in ("ego", "1")]
             found.append(np.stack([_nearest_m(centers, each) < FOUND_WITHIN_M for each in lists], axis=1))
     counts = np.concatenate(found).sum(axis=1)
-    yield "vehicles that some agent has returns of", float(np.mean(numbers))
-    yield "vehicles of these within 100 x 40 m of the first agent", float(np.mean(near))
+    yield "vehicles labelled, anywhere", float(np.mean(numbers))
+    yield f"vehicles with {LABELLED_FROM} returns or more, in the region", float(np.mean(near))
     for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
-        yield f"share of vehicles there with 5 returns or more that are detected by {what}, %", _percent(count)
+        yield f"vehicles in the region detected by {what}, %", _percent(count)
 
 
 def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -> str:
