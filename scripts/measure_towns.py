@@ -33,7 +33,7 @@ Values = dict[str, float]
 
 VEHICLES = (ObjectClass.CAR, ObjectClass.VAN, ObjectClass.TRUCK, ObjectClass.BUS, ObjectClass.MOTORCYCLE)
 REGION_M, LONG_REGION_M = (100.0, 40.0), (140.0, 40.0)
-"""Half the region around the first agent, ahead and aside: of V2V4Real's labels and V2X-Real's task, of OPV2V's task."""
+"""Half the region around the first agent, ahead and aside: of V2V4Real's labels and V2X-Real's task; of OPV2V's."""
 
 RANGES_M = (0, 20, 40, 60, 80, 100)
 GRADES = (0.4, 0.6, 0.8)
@@ -175,17 +175,15 @@ def _visibility(infos: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
 def v2v4real(folder: Path) -> Iterator[tuple[str, float]]:
     """Yield the values that labels and detections of a split of V2V4Real give, over all its frames."""
     recordings = RecordingSet(folder, axes="v2v4real")
-    numbers, near, found = [], [], []
+    near, found = [], []
     for sequence in recordings.sequences:
         recording = recordings.load(sequence, ["ego", "1"])
         for frame, truth in enumerate(recording.truth):
             centers = truth.boxes.center[:, :2]
-            numbers.append(len(centers))
             near.append(int((np.abs(centers) < REGION_M).all(axis=1).sum()))
             lists = [recording.detections[name][frame].boxes.center[:, :2] for name in ("ego", "1")]
             found.append(np.stack([_nearest_m(centers, each) < FOUND_WITHIN_M for each in lists], axis=1))
     counts = np.concatenate(found).sum(axis=1)
-    yield "vehicles labelled, anywhere", float(np.mean(numbers))
     yield f"vehicles with {LABELLED_FROM} returns or more, in the region", float(np.mean(near))
     for what, count in (("one agent", counts == 1), ("several", counts > 1), ("none", counts == 0)):
         yield f"vehicles in the region detected by {what}, %", _percent(count)
