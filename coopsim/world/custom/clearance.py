@@ -67,7 +67,8 @@ class Kerbs:
 
     def spot(self, segment: int) -> str:
         """Return where in the file the road of a segment is."""
-        return self._entries[self._road[segment]].spot
+        spot: str = self._entries[self._road[segment]].spot
+        return spot
 
 
 @njit(cache=True, nogil=True)
