@@ -15,6 +15,7 @@ from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
 from coopsim.world.towns.first_agents import bring_near
+from coopsim.world.towns.road_clearance import off_roads
 from coopsim.world.towns.street_plan import draw_plan
 from coopsim.world.towns.town_blocks import dress_streets
 from coopsim.world.towns.town_options import TownOptions
@@ -74,7 +75,7 @@ def describe_streets(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
     roads = lay_roads(plan)
     usual, spots = place_starts(plan, roads)
     beside = dress_streets(plan, seed, options.openness)
-    starts, masts = bring_near(usual, spots, beside["rsus"])
+    starts, masts = bring_near(usual, spots, off_roads(beside["rsus"], roads.nodes, roads.roads))
     description = {
         "nodes": roads.nodes,
         "roads": roads.roads,

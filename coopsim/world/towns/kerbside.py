@@ -95,4 +95,8 @@ def add_puddles(site: Site, plan: Plan, seed: int) -> None:
         along = along_m + long_m * np.cos(angle) * reach
         aside = way * (half_m - 0.1 - wide_m + wide_m * np.sin(angle) * reach)
         outline = street.position(along, aside)
-        site.add("wet", outline=outline.tolist())
+        sides = np.roll(outline, -1, axis=0) - outline
+        after = np.roll(sides, -1, axis=0)
+        turns = way * (sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0])
+        if turns.min() > 0.0:  # in sharp bends some are not convex
+            site.add("wet", outline=outline.tolist())

@@ -14,6 +14,8 @@ from coopsim.world.towns.site import Site
 
 _FROM_KERB_M = (1.1, 0.9, 0.7)
 _FROM_WAY_M = 1.1  # half of a person, their way's breadth, and the mast
+_BARELY_M = 0.4  # the same at junctions without enough room, where agents meet
+_LEAST = 2  # masts where they meet: the usual number
 _CROSSWALK_MORE_M = 1.0  # from the middle of a crosswalk, besides
 _SHARES = (0.5, 0.4, 0.6, 0.3, 0.7)  # of the length of the corner's kerb
 _ELSEWHERE = 0.6  # share of other corners that have a mast; the first ones are where connected cars meet
@@ -36,18 +38,25 @@ def place_masts(
     starts = np.concatenate([*ways.lines, spans[:, 0]])
     ends = np.concatenate([*(np.roll(line, -1, axis=0) for line in ways.lines), spans[:, 1]])
     widths = np.repeat([0.0, _CROSSWALK_MORE_M], [len(starts) - len(spans), len(spans)])
-    found = []
+    found, spare = [], []
     for each in rounds:
         for side in each.sides:
             if side.kind != CORNER:
                 continue
             spots, from_kerb_m = _spots(side.kerb)
-            clear = distances_to_lines(spots, *kerbs) > from_kerb_m - 0.2
-            clear &= distances_to_lines(spots, starts, ends, widths) > _FROM_WAY_M
+            off_road = distances_to_lines(spots, *kerbs) > from_kerb_m - 0.2
+            from_way_m = np.where(off_road, distances_to_lines(spots, starts, ends, widths), 0.0)
+            clear = from_way_m > _FROM_WAY_M
+            best = int(from_way_m.argmax())
+            if not clear.any() and side.number == plan.meeting and from_way_m[best] > _BARELY_M:
+                spare.append((from_way_m[best], spots[best], side.number))
             if clear.any():
                 rng = stream(seed, "mast", str(side.number), str(side.arm))
                 meets = side.number == plan.meeting
                 found.append((not meets, rng.random(), spots[int(clear.argmax())], side.number))
+    at_meeting = sum(not elsewhere for elsewhere, *_ in found)
+    for _, at, number in sorted(spare, key=lambda each: -each[0])[: max(0, _LEAST - at_meeting)]:
+        found.append((False, 1.0, at, number))  # people pass close by
     for elsewhere, draw, at, number in sorted(found, key=lambda each: each[:2]):
         if not elsewhere or draw < _ELSEWHERE or "rsus" not in site.items:
             site.add("rsus", at=at.tolist(), look_at=plan.junctions[number].centre.tolist())
