@@ -12,7 +12,7 @@ from coopsim.world.places.carriageways import carriageways
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
 from coopsim.world.places.road_network import Road
 from coopsim.world.relief.crown import crown_triangles
-from coopsim.world.relief.draping import drape
+from coopsim.world.relief.draping import drape, laid_on
 from coopsim.world.relief.humps import Hump
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
 from coopsim.world.relief.relief import Relief
@@ -82,8 +82,7 @@ class Groundworks:
 def _on_ground(part: StaticPart, road: Relief, relief: Relief) -> StaticPart:
     """Return a part of flat ground as it is on this one: paint lies on the road, and masts stand where they are."""
     if part.name == "marking":
-        laid = drape(np.ascontiguousarray(part.vertices[part.faces][..., :2]), road.grid)
-        return _surface(part.name, _lifted(laid, _PAINT_M), part.color, part.reflectivity)[0]
+        return laid_on(part, road.grid, _PAINT_M)
     if part.name in _BESIDE:
         return replace(part, vertices=part.vertices * [1.0, 1.0, _CLOSER])
     if part.name == "mast":

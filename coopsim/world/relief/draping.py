@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.relief.relief_grid import ReliefGrid, height_at, span_of
+from coopsim.world.snapshot import StaticPart
 
 _MOST_CORNERS = 9
 _LEAST_M2 = 1e-6  # of a piece
+
+
+def laid_on(part: StaticPart, grid: ReliefGrid, up_m: float) -> StaticPart:
+    """Return a flat part as it lies on the ground, `up_m` over it."""
+    laid = drape(np.ascontiguousarray(part.vertices[part.faces][..., :2]), grid)
+    vertices = laid.reshape(-1, 3) + np.array([0.0, 0.0, up_m])
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return replace(part, vertices=vertices, faces=faces, closed=False)
 
 
 def drape(flat: Floats, grid: ReliefGrid) -> Floats:

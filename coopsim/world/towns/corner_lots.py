@@ -10,10 +10,10 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
 from coopsim.world.towns.building_shapes import Part
-from coopsim.world.towns.kerb_sides import CORNER, Round
+from coopsim.world.towns.kerb_sides import CORNER
 from coopsim.world.towns.line_kernels import keep_corners
 from coopsim.world.towns.lot_kinds import KINDS, draw_style
-from coopsim.world.towns.plan import Plan
+from coopsim.world.towns.private_ground import PrivateGround
 from coopsim.world.towns.site import Frame, Site
 
 WIDEST_RAD = float(np.radians(150.0))
@@ -25,30 +25,24 @@ _ROUND_M = 0.5  # the building's outline stays this close to the rounded border
 _SHRINK = (1.0, 0.7, 0.45)  # of its sides, until it fits
 
 
-def build_corners(
-    site: Site, plan: Plan, rounds: tuple[Round, ...], borders: list[Floats], seed: int, open_: float
-) -> None:
+def build_corners(site: Site, ground: PrivateGround) -> None:
     """Put a building, a wall or nothing at each corner.
 
     Args:
         site: the town, changed in place.
-        plan: its streets.
-        rounds: the edges of its streets.
-        borders: (N, 2) m of each, where private ground begins.
-        seed: the town's.
-        open_: openness, in [0, 1].
+        ground: of the town.
     """
-    for number, each in enumerate(rounds):
+    for number, each in enumerate(ground.rounds):
         for k, side in enumerate(each.sides):
             if side.kind != CORNER:
                 continue
-            junction = plan.junctions[side.number]
+            junction = ground.plan.junctions[side.number]
             if not _SHARPEST_RAD < junction.gap_rad(side.arm) < WIDEST_RAD:
                 continue
-            rng = stream(seed, "corner", str(side.number), str(side.arm))
-            border = _around(borders[number], np.flatnonzero(each.side == k))
+            rng = stream(ground.seed, "corner", str(side.number), str(side.arm))
+            border = _around(ground.borders[number], np.flatnonzero(each.side == k))
             headings = [junction.arms[(side.arm + turn) % len(junction.arms)].heading_rad for turn in (0, 1)]
-            own = float(np.clip(open_ + rng.normal(0.0, 0.12), 0.0, 1.0))
+            own = float(np.clip(ground.openness + rng.normal(0.0, 0.12), 0.0, 1.0))
             _build_corner(site, border, np.array([[np.cos(h), np.sin(h)] for h in headings]), own, rng)
 
 

@@ -8,9 +8,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.corner_lots import WIDEST_RAD
-from coopsim.world.towns.kerb_sides import CORNER, Round
+from coopsim.world.towns.kerb_sides import CORNER
 from coopsim.world.towns.lot_kinds import CHURCH, KINDS, LotKind, draw_height_m, draw_kind, draw_setback_m, draw_style
-from coopsim.world.towns.plan import Plan
+from coopsim.world.towns.private_ground import PrivateGround
 from coopsim.world.towns.site import Frame, Site, frame_between
 
 _FAITHFUL = 0.8  # share of lots that are of the street's usual kind
@@ -43,27 +43,21 @@ class Frontage:
         return frame_between(np.array([x[0], y[0]]), np.array([x[1], y[1]]))
 
 
-def build_frontages(
-    site: Site, plan: Plan, rounds: tuple[Round, ...], borders: list[Floats], seed: int, openness: float
-) -> None:
+def build_frontages(site: Site, ground: PrivateGround) -> None:
     """Build along both sides of all streets, around turning loops, and where a street goes on past a junction.
 
     Args:
         site: the town, changed in place.
-        plan: its streets.
-        rounds: the edges of its streets.
-        borders: (N, 2) m of each, where private ground begins.
-        seed: the town's.
-        openness: in [0, 1].
+        ground: of the town.
     """
-    for number, each in enumerate(rounds):
+    for number, each in enumerate(ground.rounds):
         for k, side in enumerate(each.sides):
-            wide = side.kind == CORNER and plan.junctions[side.number].gap_rad(side.arm) >= WIDEST_RAD
+            wide = side.kind == CORNER and ground.plan.junctions[side.number].gap_rad(side.arm) >= WIDEST_RAD
             if side.kind != CORNER or wide:
-                rng = stream(seed, "frontage", str(side.kind), str(side.number), str(side.arm))
+                rng = stream(ground.seed, "frontage", str(side.kind), str(side.number), str(side.arm))
                 index = np.flatnonzero(each.side == k)
                 index = np.append(index, (index[-1] + 1) % len(each.kerb))
-                _build_along(site, Frontage(borders[number][index]), openness, rng)
+                _build_along(site, Frontage(ground.borders[number][index]), ground.openness, rng)
 
 
 def _build_along(site: Site, frontage: Frontage, openness: float, rng: np.random.Generator) -> None:

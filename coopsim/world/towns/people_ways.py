@@ -53,12 +53,7 @@ class PeopleWays:
 
 def cross_at_junctions(ways: PeopleWays, rounds: tuple[Round, ...], plan: Plan) -> None:
     """Add a crosswalk over every arm, inwards of the stop line as far as the corners beside it leave room."""
-    corners = {
-        (side.number, side.arm): (number, np.flatnonzero(each.side == k))
-        for number, each in enumerate(rounds)
-        for k, side in enumerate(each.sides)
-        if side.kind == CORNER
-    }
+    corners = _sides_of(rounds, CORNER)
     for junction in plan.junctions:
         for arm in range(len(junction.arms)):
             number, own = corners[junction.number, arm]
@@ -76,12 +71,7 @@ def cross_at_junctions(ways: PeopleWays, rounds: tuple[Round, ...], plan: Plan) 
 
 def cross_between(ways: PeopleWays, rounds: tuple[Round, ...], plan: Plan, seed: int) -> None:
     """Add a crosswalk over half of the long streets, about their middle."""
-    sides = {
-        (side.number, side.arm): (number, np.flatnonzero(each.side == k))
-        for number, each in enumerate(rounds)
-        for k, side in enumerate(each.sides)
-        if side.kind == STREET
-    }
+    sides = _sides_of(rounds, STREET)
     for street in plan.streets:
         rng = stream(seed, "crosswalk between junctions", str(street.number))
         wanted, share = rng.random() < 0.5, rng.uniform(0.4, 0.6)
@@ -96,6 +86,16 @@ def cross_between(ways: PeopleWays, rounds: tuple[Round, ...], plan: Plan, seed:
             ends.append((number, float(np.interp(along_m, along, index[::way]))))
         ways.crossings.append((ends[0], ends[1]))
         ways.mid_block.append((street.number, along_m))
+
+
+def _sides_of(rounds: tuple[Round, ...], kind: int) -> dict[tuple[int, int], tuple[int, Ints]]:
+    """Return the sides of a kind by number and arm: the number of their round, and their points in it."""
+    return {
+        (side.number, side.arm): (number, np.flatnonzero(each.side == k))
+        for number, each in enumerate(rounds)
+        for k, side in enumerate(each.sides)
+        if side.kind == kind
+    }
 
 
 def describe_ways(ways: PeopleWays) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.building_shapes import Part
 from coopsim.world.towns.kerb_sides import STREET, Round
 from coopsim.world.towns.people_ways import PeopleWays
-from coopsim.world.towns.plan import LANE_M, Plan
+from coopsim.world.towns.plan import LANE_M
+from coopsim.world.towns.private_ground import PrivateGround
 from coopsim.world.towns.site import Site, frame_between
 
 _LINED = 0.4  # share of sides of streets with trees at the kerb
@@ -46,32 +47,26 @@ def line_streets(site: Site, rounds: tuple[Round, ...], ways: PeopleWays, seed: 
                     site.add("trees", at=at.tolist(), height_m=round(height_m, 2), crown_m=round(crown_m, 2))
 
 
-def plant_behind(
-    site: Site, plan: Plan, rounds: tuple[Round, ...], borders: list[Floats], seed: int, open_: float
-) -> None:
+def plant_behind(site: Site, ground: PrivateGround) -> None:
     """Plant trees on private ground and on the islands of roundabouts, and put sheds behind the buildings.
 
     Args:
         site: the town, changed in place.
-        plan: its streets.
-        rounds: the edges of its streets.
-        borders: (N, 2) m of each, where private ground begins.
-        seed: the town's.
-        open_: openness, in [0, 1].
+        ground: of the town.
     """
-    for junction in plan.junctions:
+    for junction in ground.plan.junctions:
         if junction.kind == "roundabout" and junction.ring_m - LANE_M / 2 > 5.0:
             site.add("trees", at=junction.centre.tolist(), height_m=7.5, crown_m=4.5)
-    for number, (each, border) in enumerate(zip(rounds, borders, strict=True)):
+    for number, (each, border) in enumerate(zip(ground.rounds, ground.borders, strict=True)):
         length_m = float(np.linalg.norm(np.diff(border, axis=0), axis=1).sum())
-        rng = stream(seed, "sheds", str(number))
+        rng = stream(ground.seed, "sheds", str(number))
         for at in _behind(each, border, int(length_m / _SHED_EVERY_M), _SHED_BEHIND_M, rng):
             size, angle = rng.uniform([4.0, 4.0], [12.0, 8.0]), rng.uniform(0.0, np.pi)
             frame = frame_between(at, at + np.array([np.cos(angle), np.sin(angle)]))
             if site.room.is_free(frame.place(rectangle((0.0, size[0]), (0.0, size[1]))), 3.0):
                 site.build(frame, [Part(rectangle((0.0, size[0]), (0.0, size[1])))], float(rng.uniform(2.6, 5.0)))
-        rng = stream(seed, "trees", str(number))
-        count = int(length_m / np.interp(open_, (0.0, 1.0), _EVERY_M))
+        rng = stream(ground.seed, "trees", str(number))
+        count = int(length_m / np.interp(ground.openness, (0.0, 1.0), _EVERY_M))
         for at in _behind(each, border, count, _BEHIND_M, rng):
             height_m, crown_m = rng.uniform(5.0, 13.0), rng.uniform(3.0, 6.5)
             site.plant(at, round(height_m, 2), round(crown_m, 2))

@@ -19,6 +19,7 @@ from coopsim.world.towns.masts import place_masts
 from coopsim.world.towns.people_ways import PeopleWays, cross_at_junctions, cross_between, describe_ways
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.planting import line_streets, plant_behind
+from coopsim.world.towns.private_ground import PrivateGround
 from coopsim.world.towns.site import Site
 from coopsim.world.towns.surfaces import pave_junctions, pave_sides
 
@@ -51,15 +52,16 @@ def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[
     cross_at_junctions(ways, rounds, plan)
     cross_between(ways, rounds, plan, seed)
     borders = [each.clear_beside(_BORDER_M, kerbs) for each in rounds]
+    ground = PrivateGround(plan, rounds, borders, seed, open_)
     site = Site()
     _take_streets(site, plan, ways, kerbs)
     pave_junctions(site, plan)
     pave_sides(site, rounds, ways)
     place_masts(site, plan, rounds, ways, kerbs, seed)
-    build_corners(site, plan, rounds, borders, seed, open_)
-    build_frontages(site, plan, rounds, borders, seed, open_)
+    build_corners(site, ground)
+    build_frontages(site, ground)
     line_streets(site, rounds, ways, seed)
-    plant_behind(site, plan, rounds, borders, seed, open_)
+    plant_behind(site, ground)
     mark_bays(site, plan, rounds, ways, seed)
     add_humps(site, plan, ways, seed)
     add_puddles(site, plan, seed)
