@@ -1,0 +1,1 @@
+"""Fusions of several agents' feature maps, one file each. Importing registers them."""
