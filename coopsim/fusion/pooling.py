@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.fusion.duplicates import seen_by_any, suppress, weighted_means
+from coopsim.fusion.duplicates import seen_by_any, weighted_means
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.nms import suppress
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
 from coopsim.types import Detections, Ints
