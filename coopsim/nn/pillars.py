@@ -1,0 +1,191 @@
+"""Points gathered into pillars: columns of the ground's cells (PointPillars, Lang et al., CVPR 2019, section 2.1).
+
+Unlike there, a pillar takes any number of points, so the result does not depend on their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numba import njit
+from numpy.typing import NDArray
+from torch import Tensor
+
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import require_between, require_positive
+from coopsim.types import BevGrid
+
+POINT_FEATURES = 10
+"""Length of a point's features, see `pillarize`."""
+
+_COARSE = 4
+"""Edge of a cell in which the ground is looked for, in pillars."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSettings:
+    """How points on the ground are told from others. They are dropped: half of all points lie there.
+
+    Attributes:
+        relief_m: the ground under a point is within this height of the agent's own ground. Raise it for hilly places.
+        above_m: points up to this height above the ground are dropped.
+    """
+
+    relief_m: float = 0.25
+    above_m: float = 0.15
+
+    def __post_init__(self) -> None:
+        require_positive(above_m=self.above_m)
+        require_between(0, 100, relief_m=self.relief_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pillars:
+    """The points of one cloud above ground, by pillar.
+
+    Attributes:
+        features: (P, 10) float32 of each point, those of a pillar one after another.
+        count: (M,) int64 number of points of each pillar that has any.
+        cell: (M,) int64 its number, row x W + column, rising.
+        shape: H, W of the grid.
+    """
+
+    features: NDArray[np.float32]
+    count: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    shape: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PillarBatch:
+    """The pillars of A clouds on grids of one shape, as tensors; cells are numbered through all clouds."""
+
+    features: Tensor
+    count: Tensor
+    cell: Tensor
+    clouds: int
+    shape: tuple[int, int]
+
+    def to(self, device: torch.device | str) -> PillarBatch:
+        """Return the batch on another device."""
+        moved = (each.to(device) for each in (self.features, self.count, self.cell))
+        return PillarBatch(*moved, self.clouds, self.shape)
+
+
+def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings | None = None) -> Pillars:
+    """Gather the points above ground into the pillars of a grid; those outside are dropped.
+
+    A point's features are its place relative to the pillar's middle (2, in cells) and to the mean of the pillar's
+    points (3, m), its height above the agent's ground and above the ground under it (m), its intensity, its age (s)
+    and the logarithm of the pillar's number of points. None tells where in the grid the pillar is.
+
+    Args:
+        points: (P, 5): x, y, z m in the frame of the grid, whose z = 0 is the ground under the agent; intensity; age s.
+        grid: the pillars.
+        ground: how the ground is found; None: as by default.
+
+    Raises:
+        InvalidValueError: points have another shape, or are not finite.
+    """
+    ground = ground or GroundSettings()
+    points = np.ascontiguousarray(points, dtype=np.float32)
+    if points.ndim != 2 or points.shape[1] != 5:
+        raise InvalidValueError(f"points must be (P, 5): x, y, z, intensity, age; got {points.shape}")
+    if not np.isfinite(points).all():
+        raise InvalidValueError("points must be finite, got NaN or infinity")
+    rows, columns = grid.shape
+    features, count, cell = _gather(
+        points, grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, ground.relief_m, ground.above_m
+    )
+    return Pillars(features, count, cell, (rows, columns))
+
+
+def collate(clouds: Sequence[Pillars]) -> PillarBatch:
+    """Join clouds of one shape into a batch.
+
+    Raises:
+        InvalidValueError: there is no cloud, or they have different shapes.
+    """
+    shapes = {cloud.shape for cloud in clouds}
+    if len(shapes) != 1:
+        raise InvalidValueError(f"a batch takes clouds on grids of one shape, got {sorted(shapes) or 'no cloud'}")
+    (shape,) = shapes
+    size = shape[0] * shape[1]
+    return PillarBatch(
+        torch.from_numpy(np.concatenate([cloud.features for cloud in clouds])),
+        torch.from_numpy(np.concatenate([cloud.count for cloud in clouds])),
+        torch.from_numpy(np.concatenate([cloud.cell + number * size for number, cloud in enumerate(clouds)])),
+        len(clouds),
+        shape,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _gather(points, x_low, y_low, cell_m, rows, columns, relief_m, above_m):  # type: ignore[no-untyped-def]
+    """Return features (P', 10), counts (M,) and cells (M,) of the points inside and above ground."""
+    total = len(points)
+    place = np.empty(total, np.int64)
+    low_rows, low_columns = rows // _COARSE + 3, columns // _COARSE + 3
+    lowest = np.full((low_rows, low_columns), np.float32(relief_m))
+    for k in range(total):
+        column = int(np.floor((points[k, 0] - x_low) / cell_m))
+        row = int(np.floor((points[k, 1] - y_low) / cell_m))
+        if row < 0 or column < 0 or row >= rows or column >= columns:
+            place[k] = -1
+            continue
+        place[k] = row * columns + column
+        i, j = row // _COARSE + 1, column // _COARSE + 1
+        lowest[i, j] = min(lowest[i, j], max(points[k, 2], -relief_m))
+    floor = lowest.copy()  # of each coarse cell and its eight neighbours
+    for i in range(1, low_rows - 1):
+        for j in range(1, low_columns - 1):
+            floor[i, j] = lowest[i - 1 : i + 2, j - 1 : j + 2].min()
+    number = np.zeros(rows * columns + 1, np.int64)
+    ground = np.empty(total, np.float32)
+    for k in range(total):
+        if place[k] < 0:
+            continue
+        row, column = place[k] // columns, place[k] % columns
+        ground[k] = min(floor[row // _COARSE + 1, column // _COARSE + 1], np.float32(0.0) + relief_m)
+        if points[k, 2] - ground[k] <= above_m:
+            place[k] = -1
+        else:
+            number[place[k] + 1] += 1
+    filled = np.flatnonzero(number[1:])
+    start = np.cumsum(number)
+    kept = start[-1]
+    order = np.empty(kept, np.int64)
+    for k in range(total):
+        if place[k] >= 0:
+            order[start[place[k]]] = k
+            start[place[k]] += 1
+    count = number[1:][filled]
+    features = np.empty((kept, 10), np.float32)
+    done = 0
+    for m in range(len(filled)):
+        row, column = filled[m] // columns, filled[m] % columns
+        middle_x, middle_y = x_low + (column + 0.5) * cell_m, y_low + (row + 0.5) * cell_m
+        mean_x = mean_y = mean_z = 0.0
+        for k in order[done : done + count[m]]:
+            mean_x += points[k, 0]
+            mean_y += points[k, 1]
+            mean_z += points[k, 2]
+        mean_x, mean_y, mean_z = mean_x / count[m], mean_y / count[m], mean_z / count[m]
+        dense = np.log(np.float32(count[m])) / 4
+        for at in range(done, done + count[m]):
+            k = order[at]
+            features[at, 0] = (points[k, 0] - middle_x) / cell_m
+            features[at, 1] = (points[k, 1] - middle_y) / cell_m
+            features[at, 2] = points[k, 0] - mean_x
+            features[at, 3] = points[k, 1] - mean_y
+            features[at, 4] = points[k, 2] - mean_z
+            features[at, 5] = min(points[k, 2], np.float32(8.0)) / 2
+            features[at, 6] = min(points[k, 2] - ground[k], np.float32(8.0)) / 2
+            features[at, 7] = points[k, 3]
+            features[at, 8] = points[k, 4] * 5
+            features[at, 9] = dense
+        done += count[m]
+    return features, count, filled
