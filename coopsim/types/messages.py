@@ -106,6 +106,7 @@ class Observation:
             images={name: image.without_truth() for name, image in self.cameras.items()},
             cameras=spec.cameras,
             lidars=spec.lidars,
+            pose=self.pose,
         )
 
 

@@ -196,6 +196,8 @@ class SensorView:
         images: by camera name; `instance` and `semantic` are None.
         cameras: calibration of each camera, by name.
         lidars: mounting of each LiDAR, by name.
+        pose: the agent's estimate of its pose, by whose heading an encoder may turn what it sees into the world's axes;
+            None: not known.
     """
 
     agent: str
@@ -205,6 +207,7 @@ class SensorView:
     images: Mapping[str, CameraImage] = field(default_factory=dict)
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
     lidars: Mapping[str, LidarMounting] = field(default_factory=dict)
+    pose: PoseEstimate | None = None
 
 
 def stack_xyz_yaw(pose: SE3) -> Floats:

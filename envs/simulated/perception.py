@@ -63,8 +63,9 @@ class Perception:
                 images={camera: image.without_truth() for camera, image in images.get(name, {}).items()},
                 cameras=self._specs[name].cameras,
                 lidars=self._specs[name].lidars,
+                pose=pose,
             )
-            for name, (_, odometry) in located.items()
+            for name, (pose, odometry) in located.items()
         }
         detections = self._detect(oracles, views) if sensed else dict.fromkeys(views, Detections.empty())
         return {

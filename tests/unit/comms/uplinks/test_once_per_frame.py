@@ -43,6 +43,12 @@ def test_another_frame_or_another_episode_is_encoded_anew() -> None:
     assert [encode(each) for each in (view(x=1), view(x=2), view(time_ns=5, x=2), view(x=1))] == [1, 2, 2, 1]
 
 
+def test_another_pose_is_encoded_anew() -> None:
+    encode = EncodeOnce(lambda each: None if each.pose is None else float(each.pose.xyz_yaw[3]))
+    poses = [PoseEstimate(np.array([0, 0, 0, yaw])) for yaw in (0.1, 0.2)]
+    assert [encode(replace(view(), pose=pose)) for pose in (None, *poses)] == [None, 0.1, 0.2]
+
+
 class Counter:
     """Adds up where the first box was."""
 
