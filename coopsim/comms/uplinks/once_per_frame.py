@@ -53,7 +53,8 @@ class EncodeOnce(Generic[T]):
         latest = self._latest.get(view.agent)
         if latest is None or latest[0].time_ns != view.time_ns:
             return False
-        return all(same(getattr(latest[0], name), getattr(view, name)) for name in ("odometry", "pose", "sweeps", "images"))
+        compared = ("odometry", "pose", "sweeps", "images")
+        return all(same(getattr(latest[0], name), getattr(view, name)) for name in compared)
 
 
 @dataclass
