@@ -117,7 +117,7 @@ def moved(points: NDArray[np.float32], xyz_yaw: Floats, to_xyz_yaw: Floats, age_
     """
     cos, sin = np.cos(xyz_yaw[3] - to_xyz_yaw[3]), np.sin(xyz_yaw[3] - to_xyz_yaw[3])
     out = np.empty((len(points), 5), np.float32)
-    dx, dy = _turned((xyz_yaw[:2] - to_xyz_yaw[:2])[None], -to_xyz_yaw[3])[0]
+    dx, dy = rotated((xyz_yaw[:2] - to_xyz_yaw[:2])[None], -to_xyz_yaw[3])[0]
     x, y = points[:, 0], points[:, 1]
     out[:, 0] = cos * x - sin * y + dx
     out[:, 1] = sin * x + cos * y + dy
@@ -129,10 +129,10 @@ def moved(points: NDArray[np.float32], xyz_yaw: Floats, to_xyz_yaw: Floats, age_
 def boxes_in(boxes: Floats, velocity: Floats, to_xyz_yaw: Floats) -> tuple[Floats, Floats]:
     """Return boxes (N, 7) and velocities (N, 2), given in the world, in the frame of a pose (4,)."""
     out = boxes.copy()
-    out[:, :2] = _turned(boxes[:, :2] - to_xyz_yaw[:2], -to_xyz_yaw[3])
+    out[:, :2] = rotated(boxes[:, :2] - to_xyz_yaw[:2], -to_xyz_yaw[3])
     out[:, 2] -= to_xyz_yaw[2]
     out[:, 6] -= to_xyz_yaw[3]
-    return out, _turned(velocity, -to_xyz_yaw[3])
+    return out, rotated(velocity, -to_xyz_yaw[3])
 
 
 def noisy(xyz_yaw: Floats, rng: np.random.Generator, noise_m: float, noise_rad: float) -> Floats:
@@ -208,7 +208,7 @@ def _part(boxes: Floats, rng: np.random.Generator, settings: SampleSettings, cel
     return BevGrid((low[0], high[0]), (low[1], high[1]), cell_m)
 
 
-def _turned(xy: Floats, angle_rad: float) -> Floats:
+def rotated(xy: Floats, angle_rad: float) -> Floats:
     """Return points of the plane (N, 2), turned."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     turned: Floats = xy @ np.array([[cos, sin], [-sin, cos]])

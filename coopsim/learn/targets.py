@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -51,8 +52,8 @@ class Targets:
 
     def to(self, device: torch.device | str) -> Targets:
         """Return the targets on another device."""
-        moved = [each.to(device) for each in (self.heat, self.cell, self.code, self.weight, self.label, self.yaw)]
-        return Targets(*moved, self.objects, self.cell_m)
+        tensors = {name: getattr(self, name).to(device) for name in ("heat", "cell", "code", "weight", "label", "yaw")}
+        return replace(self, **tensors)
 
 
 def make_targets(boxes: Floats, velocity: Floats, label: Ints, grid: BevGrid) -> Targets:
@@ -92,13 +93,11 @@ def join_targets(parts: Sequence[Targets]) -> Targets:
     """Return the targets of all maps, which have one shape, as of one batch."""
     size = parts[0].heat.shape[-2] * parts[0].heat.shape[-1]
     first = np.cumsum([0, *(len(part.heat) for part in parts)])
-    return Targets(
-        torch.cat([part.heat for part in parts]),
-        torch.cat([part.cell + int(start) * size for part, start in zip(parts, first, strict=False)]),
-        *(torch.cat([getattr(part, name) for part in parts]) for name in ("code", "weight", "label", "yaw")),
-        sum(part.objects for part in parts),
-        parts[0].cell_m,
-    )
+    cells = [part.cell + int(start) * size for part, start in zip(parts, first, strict=False)]
+    tensors: dict[str, Any] = {
+        name: torch.cat([getattr(part, name) for part in parts]) for name in ("heat", "code", "weight", "label", "yaw")
+    }
+    return replace(parts[0], cell=torch.cat(cells), objects=sum(part.objects for part in parts), **tensors)
 
 
 def _patches(boxes: Floats, row: Ints, column: Ints, grid: BevGrid) -> tuple[Ints, Ints, Ints, NDArray[np.float32]]:

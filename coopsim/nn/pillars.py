@@ -71,8 +71,8 @@ class PillarBatch:
 
     def to(self, device: torch.device | str) -> PillarBatch:
         """Return the batch on another device."""
-        moved = (each.to(device) for each in (self.features, self.count, self.cell))
-        return PillarBatch(*moved, self.clouds, self.shape)
+        features, count, cell = (each.to(device) for each in (self.features, self.count, self.cell))
+        return PillarBatch(features, count, cell, self.clouds, self.shape)
 
 
 def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings | None = None) -> Pillars:
