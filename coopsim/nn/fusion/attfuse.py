@@ -1,0 +1,34 @@
+"""AttFuse: attention over agents, cell by cell (Xu et al., "OPV2V: An Open Benchmark Dataset and Fusion Pipeline for
+Perception with Vehicle-to-Vehicle Communication", ICRA 2022)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
+
+
+@FUSIONS.register("attfuse")
+class AttFuse(FeatureFusion):
+    """Fuse by scaled dot-product attention of the receiver over all agents, itself among them.
+
+    In each cell, with x_0 the receiver's features and x_j those of agent j,
+
+        out = sum_j softmax_j(x_0 . x_j / sqrt(C)) x_j
+
+    over the agents valid there. Others' implementations let zeros of invalid cells take part with logit 0, which dilutes
+    what the receiver alone sees; here they have no weight. No parameters.
+
+    Args:
+        features: number of channels; any.
+    """
+
+    def __init__(self, features: int = 64) -> None:
+        super().__init__()
+
+    def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
+        """Fuse; see `FeatureFusion.forward`."""
+        likeness = torch.cat([(own * own).sum(0, keepdim=True), (own * others).sum(1)])
+        weights = masked_softmax(likeness / len(own) ** 0.5, torch.cat([own_mask[None], mask]))
+        return weighted_sum(own, others, weights)
