@@ -11,7 +11,7 @@ from coopsim.nn.box_code import CODE
 from coopsim.nn.encoder import conv
 from coopsim.types.taxonomy import CLASS_NAMES
 
-_RARE = -math.log((1 - 0.02) / 0.02)
+RARE = -math.log((1 - 0.02) / 0.02)
 """Bias of the heat: most cells are no centre."""
 
 
@@ -30,7 +30,7 @@ class CentreHead(nn.Module):
         self.channels = channels
         self.shared = conv(channels, channels)
         self.heat_of = nn.Conv2d(channels, classes, 1)
-        nn.init.constant_(self.heat_of.bias, _RARE)  # type: ignore[arg-type]
+        nn.init.constant_(self.heat_of.bias, RARE)  # type: ignore[arg-type]
         self.code_of = nn.Sequential(nn.Linear(channels, channels), nn.ReLU(), nn.Linear(channels, CODE))
 
     def heat(self, features: Tensor) -> tuple[Tensor, Tensor]:

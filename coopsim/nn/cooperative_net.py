@@ -41,8 +41,8 @@ class CooperativeConfig:
 class CooperativeNet(nn.Module):
     """Messages of an encoder's features, and the features that a receiver makes of its own map and those messages.
 
-    A sender calls `message`; a receiver warps what it gets by `coopsim.nn.warp`, calls the network, and gives the result
-    to `.head`. Until others report something, the result is the own map itself.
+    A sender calls `message`; a receiver warps what it gets by `coopsim.nn.warp`, calls the network, and gives the
+    result to `.head`. Until others report something, the result is the own map itself.
 
     Args:
         fusion: how maps become one, made for `features` channels.
@@ -79,15 +79,15 @@ class CooperativeNet(nn.Module):
         Args:
             features: (A, features, h, w), of the encoder.
         """
-        return self.compress(features).float(), self.confidence(features)
+        values: Tensor = self.compress(features).float()
+        return values, self.confidence(features)
 
     def confidence(self, features: Tensor) -> Tensor:
         """Return the largest probability of any class, (A, h, w), of features (A, features, h, w)."""
-        return self.sure(features).float().amax(1).sigmoid()
+        confidence: Tensor = self.sure(features).float().amax(1).sigmoid()
+        return confidence
 
-    def forward(
-        self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext
-    ) -> Tensor:
+    def forward(self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Return fused features (features, H, W), for `.head`.
 
         Args:
@@ -100,7 +100,7 @@ class CooperativeNet(nn.Module):
         if not len(received):
             return own
         own, others, context = self._prepare(own, received, context)
-        fused = self.fusion(own, own_mask, others, mask, context)
+        fused: Tensor = self.fusion(own, own_mask, others, mask, context)
         return fused + self.neck(fused[None])[0] * mask.any(0)
 
     def foreground(
@@ -110,9 +110,7 @@ class CooperativeNet(nn.Module):
         own, others, context = self._prepare(own, received, context)
         return self.fusion.foreground(own, own_mask, others, mask, context)
 
-    def _prepare(
-        self, own: Tensor, received: Tensor, context: FusionContext
-    ) -> tuple[Tensor, Tensor, FusionContext]:
+    def _prepare(self, own: Tensor, received: Tensor, context: FusionContext) -> tuple[Tensor, Tensor, FusionContext]:
         """Expand what was received, in the memory layout that is fastest here, and complete the context."""
         own = own[None].contiguous(memory_format=torch.channels_last)
         others = own[:0]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
+from torch.nn import functional
 
 _SCALES_S = (0.1, 0.3, 1.0)
 
@@ -39,7 +39,9 @@ class Expand(nn.Module):
         kernel, gain, bias = self.delayed(late).float().split([channels * 9, features, features], 1)
         expanded = []
         for image, by, more, plus in zip(received, kernel, gain, bias, strict=True):
-            spread = F.conv2d(image[None], self.spread + by.view_as(self.spread), padding=1, groups=channels)
+            spread = functional.conv2d(image[None], self.spread + by.view_as(self.spread), padding=1, groups=channels)
             weight = self.mix.weight * (1 + more)[:, None, None, None]
-            expanded.append(F.conv2d(spread, weight, (self.mix.bias if self.mix.bias is not None else 0) + plus))
+            expanded.append(
+                functional.conv2d(spread, weight, (self.mix.bias if self.mix.bias is not None else 0) + plus)
+            )
         return torch.cat(expanded).relu_()

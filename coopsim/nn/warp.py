@@ -15,9 +15,9 @@ import math
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from numpy.typing import ArrayLike
 from torch import Tensor
+from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.types import BevGrid
@@ -98,9 +98,11 @@ def _sampled(image: Tensor, source: BevGrid, part: BevGrid, pose: np.ndarray) ->
     theta = np.empty((2, 3))
     theta[:, :2] = turn * part_half / half[:, None]
     theta[:, 2] = (turn @ part_center + pose[:2] - center) / half
-    shape = (1, image.shape[1], *part.shape)
-    grid = F.affine_grid(torch.from_numpy(theta[None]).to(image.device, torch.float32), shape, align_corners=False)
-    values = F.grid_sample(image.float(), grid, padding_mode="zeros", align_corners=False)
+    shape = [1, image.shape[1], *part.shape]
+    grid = functional.affine_grid(
+        torch.from_numpy(theta[None]).to(image.device, torch.float32), shape, align_corners=False
+    )
+    values = functional.grid_sample(image.float(), grid, padding_mode="zeros", align_corners=False)
     rows, columns = source.shape
     most = torch.tensor([(columns - 1 + 2 * _SLACK_CELLS) / columns, (rows - 1 + 2 * _SLACK_CELLS) / rows])
     inside = (grid[0].abs() <= most.to(grid)).all(-1)

@@ -1,5 +1,6 @@
 """AttFuse: attention over agents, cell by cell (Xu et al., "OPV2V: An Open Benchmark Dataset and Fusion Pipeline for
-Perception with Vehicle-to-Vehicle Communication", ICRA 2022)."""
+Perception with Vehicle-to-Vehicle Communication", ICRA 2022).
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ class AttFuse(FeatureFusion):
 
         out = sum_j softmax_j(x_0 . x_j / sqrt(C)) x_j
 
-    over the agents valid there. Others' implementations let zeros of invalid cells take part with logit 0, which dilutes
-    what the receiver alone sees; here they have no weight. No parameters.
+    over the agents valid there. Others' implementations let zeros of invalid cells take part with logit 0, which
+    dilutes what the receiver alone sees; here they have no weight. No parameters.
 
     Args:
         features: number of channels; any.

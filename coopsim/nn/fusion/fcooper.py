@@ -1,5 +1,6 @@
 """F-Cooper: the largest value of each channel (Chen et al., "F-Cooper: Feature based Cooperative Perception for
-Autonomous Vehicle Edge Computing System Using 3D Point Clouds", SEC 2019)."""
+Autonomous Vehicle Edge Computing System Using 3D Point Clouds", SEC 2019).
+"""
 
 from __future__ import annotations
 

@@ -62,9 +62,7 @@ class FeatureFusion(nn.Module, ABC):
     A constructor takes the number of channels first, and parameters by keyword, which recipes and weights name.
     """
 
-    def forward(
-        self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext
-    ) -> Tensor:
+    def forward(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse the receiver's own map with S others, S >= 0.
 
         Args:
@@ -104,7 +102,7 @@ def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 def weighted_sum(own: Tensor, others: Tensor, weights: Tensor) -> Tensor:
-    """Return (C, H, W), the sum of maps times weights (1 + S, H, W), or (1 + S, C, H, W), of which 0 is the own map's."""
+    """Return (C, H, W), the sum of maps times weights (1 + S, H, W) or (1 + S, C, H, W), row 0 of which is the own's."""
     weights = weights.to(own.dtype)
     total = own * weights[0]
     for values, weight in zip(others, weights[1:], strict=True):
@@ -112,8 +110,6 @@ def weighted_sum(own: Tensor, others: Tensor, weights: Tensor) -> Tensor:
     return total
 
 
-FUSIONS: Registry[Callable[..., FeatureFusion]] = Registry(
-    "fusion", home="coopsim.nn.fusion", group="coopsim.fusions"
-)
+FUSIONS: Registry[Callable[..., FeatureFusion]] = Registry("fusion", home="coopsim.nn.fusion", group="coopsim.fusions")
 """Classes of fusions by name, called with the number of channels and the fusion's own parameters; packages add theirs
 through the entry-point group `coopsim.fusions`."""
