@@ -101,7 +101,8 @@ class CooperativeNet(nn.Module):
             return own
         own, others, context = self._prepare(own, received, context)
         fused: Tensor = self.fusion(own, own_mask, others, mask, context)
-        return fused + self.neck(fused[None])[0] * mask.any(0)
+        refined: Tensor = self.neck(fused[None])[0]
+        return fused + refined * mask.any(0)
 
     def foreground(
         self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext

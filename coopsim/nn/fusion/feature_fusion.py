@@ -102,7 +102,7 @@ def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 def weighted_sum(own: Tensor, others: Tensor, weights: Tensor) -> Tensor:
-    """Return (C, H, W), the sum of maps times weights (1 + S, H, W) or (1 + S, C, H, W), row 0 of which is the own's."""
+    """Return (C, H, W), the sum of maps times weights (1 + S, H, W) or (1 + S, C, H, W), row 0 the own's."""
     weights = weights.to(own.dtype)
     total = own * weights[0]
     for values, weight in zip(others, weights[1:], strict=True):
