@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -100,7 +101,7 @@ class BevGrid:
             low, high = given
             require_finite_number(**{f"{name}[0]": low, f"{name}[1]": high})
             cells = (high - low) / self.cell_m
-            if not (round(cells) >= 1 and abs(cells - round(cells)) <= 1e-3):
+            if not (math.isfinite(cells) and round(cells) >= 1 and abs(cells - round(cells)) <= 1e-3):
                 raise InvalidValueError(
                     f"{name} must be a whole number >= 1 of cells of {self.cell_m:g} m, got {low:g} to {high:g}"
                 )
@@ -143,14 +144,21 @@ class FeatureMap:
         values: (C, H, W) float32.
         grid: the place of the cells.
         confidence: (H, W) in [0, 1], how sure the sender is that something is in a cell; None: not stated.
+        sent: (H, W) the cells whose features are known, where some were left out on the way; None: all.
+        request: (H / b, W / b) in [0, 1], how much the sender asks others for features of each block of b x b cells,
+            b from 1 to 255; None: it asks for nothing.
+        space: number of the network whose features these are, which no other one understands; 0: not stated.
 
     Raises:
-        InvalidValueError: shapes differ from the grid's.
+        InvalidValueError: shapes differ from the grid's, or `space` is not of 32 bits.
     """
 
     values: NDArray[np.float32]
     grid: BevGrid
     confidence: NDArray[np.float32] | None = None
+    sent: Mask | None = None
+    request: NDArray[np.float32] | None = None
+    space: int = 0
 
     def __post_init__(self) -> None:
         if not isinstance(self.grid, BevGrid):
@@ -160,6 +168,25 @@ class FeatureMap:
         if self.confidence is not None:
             confidence = frozen(self.confidence, self.grid.shape, np.float32, "confidence")
             object.__setattr__(self, "confidence", confidence)
+        if self.sent is not None:
+            object.__setattr__(self, "sent", frozen(self.sent, self.grid.shape, np.bool_, "sent"))
+        if self.request is not None:
+            request = frozen(self.request, (None, None), np.float32, "request")
+            object.__setattr__(self, "request", request)
+            block = self.request_block
+            if not 1 <= block <= 255 or request.shape != tuple(cells // block for cells in self.grid.shape):
+                raise InvalidValueError(
+                    f"request must be of square blocks of {self.grid.shape} cells, got shape {request.shape}"
+                )
+        require_count(0, 2**32 - 1, space=self.space)
+
+    @property
+    def request_block(self) -> int:
+        """b, the edge of the request's blocks in cells; 0: there is no request, or it does not divide the grid."""
+        if self.request is None or not len(self.request) or self.grid.shape[0] % len(self.request):
+            return 0
+        block = self.grid.shape[0] // len(self.request)
+        return 0 if self.grid.shape[1] % block else block
 
     def require_grid(self, grid: BevGrid) -> None:
         """Raise `InvalidValueError` unless the features are on `grid`."""
@@ -175,7 +202,7 @@ class FeatureMap:
 
         Returns:
             The features on `grid`, and a mask (H, W) of its cells whose centre lies between centres of the sender's
-            cells. Values and confidences of the others are zero.
+            cells. Values and confidences of the others are zero. `sent` and `request` stay behind.
         """
         centers = grid.cell_centers().reshape(-1, 2)
         ground = np.column_stack([centers, np.full(len(centers), dst_SE3_src.translation[2])])
@@ -186,7 +213,8 @@ class FeatureMap:
         stated = [] if self.confidence is None else [self.confidence[None]]
         sampled = _bilinear(np.concatenate([self.values, *stated]), row, column, inside).reshape(-1, *grid.shape)
         confidence = None if self.confidence is None else sampled[-1]
-        return FeatureMap(sampled[: len(self.values)], grid, confidence), inside.reshape(grid.shape)
+        moved = FeatureMap(sampled[: len(self.values)], grid, confidence, space=self.space)
+        return moved, inside.reshape(grid.shape)
 
     def _index(self, place_m: Floats, range_m: tuple[float, float]) -> Floats:
         """Return fractional rows or columns of places; whole numbers but for rounding become whole."""

@@ -1,30 +1,28 @@
 """Sparse feature maps: only the cells in which the sender is most confident.
 
 After Where2comm (Hu et al., "Where2comm: Communication-Efficient Collaborative Perception via Spatial Confidence Maps",
-NeurIPS 2022): the cells of largest spatial confidence are sent, as many as the bandwidth allows. Its request maps, by
-which receivers ask for cells, are not part of the codec.
+NeurIPS 2022): the cells of largest spatial confidence are sent, as many as the bandwidth allows. A map may carry a
+request, by which a receiver asks for cells (`FeatureMap.request`); who is asked weighs its confidences by it.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 
 import numpy as np
 
 from coopsim.comms.codecs.codec import CODECS, unpack_head
 from coopsim.comms.codecs.feature_codec import (
-    GRID,
     pack_confidence,
-    pack_grid,
+    pack_head,
+    read_head,
     require_sendable_features,
-    require_shape,
     unpack_confidence,
-    unpack_grid,
 )
 from coopsim.comms.codecs.feature_values import (
     FeatureCodec,
     FeatureNumber,
-    feature_number,
     features_size,
     pack_features,
     unpack_features,
@@ -33,18 +31,23 @@ from coopsim.errors import CodecError
 from coopsim.support.checks import require_count, require_probability
 from coopsim.types import FeatureMap, Ints
 
-_HEAD = struct.Struct("<B3HI")
-"""Kind of number, channels, rows, columns, number of cells."""
+_COUNT = struct.Struct("<I")
+"""Number of cells."""
+
+_SMALL_MAP = 2**16
+"""Cells of a map that two bytes number."""
 
 
 @CODECS.register("sparse_features")
 class SparseFeaturesCodec(FeatureCodec[FeatureMap]):
-    """11 bytes of head (number, C, H and W as uint16, cells K as uint32), 40 of the grid, K cells as uint32 in order,
-    their confidences in one byte each, then their values channel by channel as in `FeaturesCodec`.
+    """52 bytes of head and grid as in `FeaturesCodec`, a request in one byte a block, K as uint32, the numbers of the K
+    cells, their confidences in one byte each, then their values channel by channel as in `FeaturesCodec`.
 
-    A cell's number is row x W + column. Cells that are not sent come back as zeros, with confidence 0. The error of
-    what is sent is as in `FeaturesCodec`, by the channel's largest value among the cells that are. Decoded are at most
-    16,777,216 values, of 1,048,576 cells, those that are not sent included.
+    A cell's number is row x W + column. The numbers come in order, as uint16, as uint32 where the map has more than
+    65,536 cells, or as one bit for each cell of the map where that is shorter. Cells that are not sent come back as
+    zeros with confidence 0, and `FeatureMap.sent` tells them. Cells that the sender itself does not know are not sent.
+    The error of what is sent is as in `FeaturesCodec`, by the channel's largest value among the cells that are. Decoded
+    are at most 16,777,216 values, of 1,048,576 cells, those that are not sent included.
 
     Args:
         most_cells: the most cells that are sent.
@@ -71,6 +74,8 @@ class SparseFeaturesCodec(FeatureCodec[FeatureMap]):
         if content.confidence is None:
             raise CodecError("the surest cells can be sent only of features that have confidences")
         confidence = content.confidence.ravel()
+        if content.sent is not None:
+            confidence = np.where(content.sent.ravel(), confidence, -1.0)
         surest = np.argsort(-confidence, kind="stable")[:most]
         return np.sort(surest[confidence[surest] >= self._least])
 
@@ -78,35 +83,68 @@ class SparseFeaturesCodec(FeatureCodec[FeatureMap]):
         return self._encode(content, self._most)
 
     def encode_within(self, content: FeatureMap, budget_bytes: int) -> bytes:
-        channels = len(content.values)
-        fixed = len(self._encode(content, 0))
-        per_cell = 5 + features_size((channels, 1), self._number) - features_size((channels, 0), self._number)
-        return self._encode(content, min(self._most, max(0, budget_bytes - fixed) // per_cell))
+        channels, cells = len(content.values), math.prod(content.grid.shape)
+        left = budget_bytes - len(self._encode(content, 0))
+        per_cell = 1 + features_size((channels, 1), self._number) - features_size((channels, 0), self._number)
+        by_number, by_bit = left // (per_cell + _number_bytes(cells)), (left - _bitmap_bytes(cells)) // per_cell
+        return self._encode(content, min(self._most, max(0, by_number, by_bit)))
 
     def _encode(self, content: FeatureMap, most: int) -> bytes:
         require_sendable_features(content)
         cells = self._surest(content, most)
         channels, height, width = content.values.shape
         assert content.confidence is not None
-        head = _HEAD.pack(self._first_byte, channels, height, width, len(cells)) + pack_grid(content.grid)
+        head = pack_head(content, self._first_byte) + _COUNT.pack(len(cells))
         values = content.values.reshape(channels, height * width)[:, cells]
         sure = pack_confidence(content.confidence.ravel()[cells])
-        return head + cells.astype("<u4").tobytes() + sure + pack_features(values, self._number)
+        return head + _pack_cells(cells, height * width) + sure + pack_features(values, self._number)
 
     def decode(self, payload: bytes) -> FeatureMap:
-        first_byte, channels, height, width, count = unpack_head(payload, _HEAD, "features")
-        require_shape((channels, height, width))
-        kind = feature_number(first_byte)
-        start = _HEAD.size + GRID.size
-        if len(payload) != start + 5 * count + features_size((channels, count), kind):
-            raise CodecError(f"{len(payload)} bytes are not {count} cells of {channels} {kind} features")
-        grid = unpack_grid(payload[_HEAD.size : start], (height, width))
-        cells = np.frombuffer(payload, "<u4", count, start).astype(np.int64)
-        if count and (cells[-1] >= height * width or (np.diff(cells) <= 0).any()):
-            raise CodecError(f"cells must come in order, each once, and within {height} x {width}")
-        start += 5 * count
-        values = np.zeros((channels, height * width), dtype=np.float32)
-        values[:, cells] = unpack_features(payload[start:], (channels, count), kind)
-        confidence = np.zeros(height * width, dtype=np.float32)
-        confidence[cells] = unpack_confidence(payload[start - count : start])
-        return FeatureMap(values.reshape(channels, height, width), grid, confidence.reshape(height, width))
+        head = read_head(payload)
+        channels, height, width = head.shape
+        (count,) = unpack_head(payload[head.size_bytes :], _COUNT, "cells of features")
+        first, all_cells = head.size_bytes + _COUNT.size, height * width
+        sure = first + _cells_bytes(count, all_cells)
+        start = sure + count
+        if count > all_cells or len(payload) != start + features_size((channels, count), head.number):
+            raise CodecError(f"{len(payload)} bytes are not {count} cells of {channels} {head.number} features")
+        cells = _unpack_cells(payload[first:sure], count, all_cells)
+        values = np.zeros((channels, all_cells), dtype=np.float32)
+        values[:, cells] = unpack_features(payload[start:], (channels, count), head.number)
+        confidence, sent = np.zeros(all_cells, dtype=np.float32), np.zeros(all_cells, dtype=np.bool_)
+        confidence[cells], sent[cells] = unpack_confidence(payload[sure:start]), True
+        shape = head.grid.shape
+        known = confidence.reshape(shape), sent.reshape(shape)
+        return FeatureMap(values.reshape(head.shape), head.grid, *known, head.request, head.space)
+
+
+def _number_bytes(all_cells: int) -> int:
+    return 2 if all_cells <= _SMALL_MAP else 4
+
+
+def _bitmap_bytes(all_cells: int) -> int:
+    return (all_cells + 7) // 8
+
+
+def _cells_bytes(count: int, all_cells: int) -> int:
+    """Return the length of K numbers of cells as they are packed: one by one, or as bits of all cells."""
+    return min(count * _number_bytes(all_cells), _bitmap_bytes(all_cells))
+
+
+def _pack_cells(cells: Ints, all_cells: int) -> bytes:
+    if _bitmap_bytes(all_cells) < len(cells) * _number_bytes(all_cells):
+        return np.packbits(np.bincount(cells, minlength=all_cells).astype(np.bool_)).tobytes()
+    return cells.astype(f"<u{_number_bytes(all_cells)}").tobytes()
+
+
+def _unpack_cells(block: bytes, count: int, all_cells: int) -> Ints:
+    """Return K numbers of cells, in order; raises `CodecError` unless each is there once, and within the map."""
+    if _bitmap_bytes(all_cells) < count * _number_bytes(all_cells):
+        bits = np.unpackbits(np.frombuffer(block, np.uint8))
+        if bits[all_cells:].any() or np.count_nonzero(bits) != count:
+            raise CodecError(f"the bits of {all_cells} cells are not those of {count}")
+        return np.flatnonzero(bits)
+    cells = np.frombuffer(block, f"<u{_number_bytes(all_cells)}").astype(np.int64)
+    if count and (cells[-1] >= all_cells or (np.diff(cells) <= 0).any()):
+        raise CodecError(f"cells must come in order, each once, and be less than {all_cells}")
+    return cells

@@ -69,6 +69,12 @@ def test_a_map_has_the_shape_of_its_grid() -> None:
         FeatureMap(np.zeros((2, 32, 16)), GRID)
     with pytest.raises(InvalidValueError, match="grid must be a BevGrid"):
         FeatureMap(np.zeros((2, 16, 32)), (16, 32))  # type: ignore[arg-type]
+    with pytest.raises(
+        InvalidValueError, match=r"request must be of square blocks of \(16, 32\) cells, got .* \(4, 4\)"
+    ):
+        FeatureMap(np.zeros((2, 16, 32)), GRID, request=np.zeros((4, 4)))
+    with pytest.raises(InvalidValueError, match=r"space must be .*, got -1"):
+        FeatureMap(np.zeros((2, 16, 32)), GRID, space=-1)
     with pytest.raises(InvalidValueError, match=r"features must be on the grid x -8 to 8 m, .* warp them"):
         plane(GRID.coarser(2)).require_grid(GRID)
     plane(GRID).require_grid(GRID)

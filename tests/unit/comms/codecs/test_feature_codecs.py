@@ -56,7 +56,7 @@ def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, co
     payload = FeaturesCodec(number).encode(sent)
     got = FeaturesCodec().decode(payload)
     scales = 4 * len(values) if number == "int8" else 0
-    assert len(payload) == 48 + scales + BYTES[number] * values.size + stated * confidence.size
+    assert len(payload) == 53 + scales + BYTES[number] * values.size + stated * confidence.size
     assert (np.abs(by_row(got.values) - by_row(values)) <= feature_error(by_row(values), number)).all()
     assert got.grid == sent.grid
     assert (got.confidence is not None) == stated
@@ -80,7 +80,9 @@ def test_of_sparse_maps_the_surest_cells_come_back(
     np.testing.assert_array_equal(codec.chosen(sent), cells)
     channels, rest = len(sent.values), np.setdiff1d(np.arange(sure.size), cells)
     scales = 4 * channels if number == "int8" else 0
-    assert len(payload) == 51 + len(cells) * (5 + BYTES[number] * channels) + scales
+    numbers = min(2 * len(cells), (sure.size + 7) // 8)  # one by one, or as bits
+    assert len(payload) == 56 + numbers + len(cells) * (1 + BYTES[number] * channels) + scales
+    assert got.sent is not None and np.flatnonzero(got.sent).tolist() == cells
     assert not got.values.reshape(channels, sure.size)[:, rest].any() and not got.confidence.ravel()[rest].any()
     kept = sent.values.reshape(channels, sure.size)[:, cells]
     back = got.values.reshape(channels, sure.size)[:, cells]
@@ -102,6 +104,41 @@ def test_queries_come_back_within_the_stated_errors(number: FeatureNumber, count
     np.testing.assert_array_equal(got.label, sent.label)
 
 
+@pytest.mark.parametrize("codec", [FeaturesCodec(), SparseFeaturesCodec(7)])
+def test_a_request_and_the_networks_number_go_along(codec: Any) -> None:
+    request = np.array([[0.0, 0.2, 1.0], [0.6, 0.4, 0.8]], np.float32)  # of blocks of 3 x 3 cells
+    sent = replace(some_features((4, 6, 9)), request=request, space=0xDEADBEEF)
+    plain = len(codec.encode(replace(sent, request=None)))
+    payload = codec.encode(sent)
+    assert len(payload) == plain + request.size
+    got = codec.decode(payload)
+    assert got.space == 0xDEADBEEF and got.request is not None and got.request_block == 3
+    np.testing.assert_allclose(got.request, request, atol=CONFIDENCE_ERROR)
+    for cut in range(len(payload)):
+        with pytest.raises(CodecError):
+            codec.decode(payload[:cut])
+    with pytest.raises(CodecError, match="blocks of 4 x 4 do not divide 6 x 9 cells"):
+        codec.decode(payload[:5] + b"\x04" + payload[6:])
+
+
+def test_cells_of_large_maps_have_numbers_of_four_bytes() -> None:
+    confidence = np.zeros((300, 300), np.float32)
+    confidence[299, 297:], confidence[0, 0] = 0.5, 1.0
+    sent = feature_map(np.arange(90_000.0).reshape(1, 300, 300) / 4, confidence)
+    payload = SparseFeaturesCodec(4, number="float32").encode(sent)
+    assert len(payload) == 56 + 4 * (4 + 1 + 4)
+    got = SparseFeaturesCodec().decode(payload)
+    assert got.values[0, 299, 299] == 89_999 / 4 and got.sent is not None and got.sent.sum() == 4
+
+
+def test_what_a_sender_does_not_know_it_does_not_send() -> None:
+    known = np.zeros((6, 9), np.bool_)
+    known[2, 3:5] = True
+    sent = replace(some_features((4, 6, 9)), sent=known)
+    got = SparseFeaturesCodec().decode(SparseFeaturesCodec().encode(sent))
+    np.testing.assert_array_equal(got.sent, known)
+
+
 def spoilt(values: float) -> FeatureMap:
     features = some_features()
     return replace(features, values=np.where(features.values == features.values[1, 2, 3], values, features.values))
@@ -120,6 +157,7 @@ def queries_with(**changes: Any) -> InstanceQueries:
         (FeaturesCodec(), feature_map(np.zeros((1, 1025, 1024)), None), r"no message has features \(1, 1025, 1024\)"),
         (FeaturesCodec(), feature_map(np.zeros((70_000, 1, 1))), "at most 65535"),
         (FeaturesCodec(), feature_map(np.zeros((1, 1, 1)), np.full((1, 1), 1.5)), r"confidences .* in \[0, 1\]"),
+        (FeaturesCodec(), replace(some_features(), request=np.full((2, 3), -0.1)), r"requests .* in \[0, 1\]"),
         (SparseFeaturesCodec(), feature_map(np.zeros((1, 2, 2))), "only of features that have confidences"),
         (QueriesCodec(), queries_with(score=[0.5, np.nan]), "query 1 cannot be sent"),
         (QueriesCodec(), queries_with(label=[9, 0]), "query 0 cannot be sent"),
