@@ -87,6 +87,10 @@ class StoreError(CoopsimError, ValueError):
     """A file in a benchmark's store is broken; the message names it."""
 
 
+class TrainingError(CoopsimError, RuntimeError):
+    """A training cannot go on, as when its loss is no number; the message says at which step, and what is kept."""
+
+
 class LostEnvironmentsError(CoopsimError, RuntimeError):
     """Environments of a vector are lost: they raised an error, or their worker died. The others go on.
 

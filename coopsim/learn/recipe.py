@@ -1,0 +1,147 @@
+"""Recipes of trainings: everything but the seed that decides the weights, as plain data in a YAML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from coopsim.config.checked_entry import plain
+from coopsim.config.load import load
+from coopsim.config.yaml_file import Section, read_yaml
+from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.support.checks import (
+    require_between,
+    require_choice,
+    require_count,
+    require_non_negative,
+    require_positive,
+    require_probability,
+)
+
+_FOLDER = Path(__file__).parent / "recipes"
+
+RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
+"""Names of the shipped recipes."""
+
+KINDS = ("detector", "cooperative", "together")
+"""Stage A: an encoder with its head. Stage B: a fusion on a frozen encoder. Stage C: both."""
+
+PRECISIONS = ("auto", "float32", "bfloat16")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingRecipe:
+    """A training.
+
+    Attributes:
+        name: of the weights that it makes.
+        kind: one of `KINDS`.
+        steps: of the optimizer.
+        batch: samples a step: agents' views for stage A, frames for B and C.
+        block: clips that are read together, and their samples shuffled.
+        passes: times that a block is used, each time with new random changes of its samples.
+        lr: highest learning rate of the one-cycle schedule.
+        weight_decay: of AdamW.
+        clip: longest gradient; longer ones are shortened to it.
+        average: decay of the moving average of the weights, which is what a training gives.
+        slower: factors on the learning rate of parameters, by the beginning of their names, as "head": 0.1.
+        precision: of the arithmetic; the weights themselves are float32. "auto": bfloat16 where the processor has it.
+        threads: of torch; only the same number of them gives the same bits.
+        validate_every: steps between two looks at held-out places; 0: never.
+        validation: what they are; see `coopsim.learn.validation`.
+        start: weights to begin with, by name or path; None: random ones.
+        detector: weights that stage B and C stand on, by name or path.
+        fusion: name of the fusion, for stage B and C.
+        fusion_options: of the fusion.
+        network: options of the network: of `EncoderConfig` for stage A, of `CooperativeNet` for B and C.
+        world: options of `WorldRecipe`: what the clips show.
+        samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed.
+    """
+
+    name: str
+    kind: str = "detector"
+    steps: int = 8000
+    batch: int = 2
+    block: int = 8
+    passes: int = 1
+    lr: float = 2e-3
+    weight_decay: float = 0.01
+    clip: float = 10.0
+    average: float = 0.999
+    slower: Mapping[str, float] = field(default_factory=dict)
+    precision: str = "auto"
+    threads: int = 1
+    validate_every: int = 0
+    validation: Mapping[str, Any] = field(default_factory=dict)
+    start: str | None = None
+    detector: str = "pillars"
+    fusion: str | None = None
+    fusion_options: Mapping[str, Any] = field(default_factory=dict)
+    network: Mapping[str, Any] = field(default_factory=dict)
+    world: Mapping[str, Any] = field(default_factory=dict)
+    samples: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name.replace("-", "_").isidentifier()):
+            raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
+        require_choice("kind", self.kind, KINDS)
+        require_choice("precision", self.precision, PRECISIONS)
+        require_count(1, steps=self.steps, batch=self.batch, block=self.block, passes=self.passes, threads=self.threads)
+        require_count(0, validate_every=self.validate_every)
+        require_positive(lr=self.lr, clip=self.clip)
+        require_non_negative(weight_decay=self.weight_decay)
+        require_probability(average=self.average)
+        for each in ("slower", "validation", "fusion_options", "network", "world", "samples"):
+            if not isinstance(getattr(self, each), Mapping):
+                raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")
+        for name, factor in self.slower.items():
+            require_between(0, 1, **{f"slower {name}": factor})
+        if (self.fusion is None) != (self.kind == "detector"):
+            wanted = "must not be given" if self.kind == "detector" else "must be given"
+            raise InvalidValueError(f"fusion {wanted} for kind {self.kind!r}, got {self.fusion!r}")
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the recipe as JSON has it."""
+        return {name: plain(value) for name, value in asdict(self).items()}
+
+    def changed(self, **options: Any) -> TrainingRecipe:
+        """Return the recipe with other values; "world.density" is a key of a mapping.
+
+        Raises:
+            UnknownNameError: there is no such option.
+            InvalidValueError: a value is not accepted.
+        """
+        given: dict[str, Any] = {}
+        for name, value in options.items():
+            outer, dot, inner = name.partition(".")
+            if dot and isinstance(getattr(self, outer, None), Mapping):
+                value = {**given.get(outer, getattr(self, outer)), inner: value}
+            require_choice("recipe option", outer if dot else name, [each.name for each in fields(self)])
+            given[outer] = value
+        return replace(self, **given)
+
+
+def find_recipe(recipe: TrainingRecipe | str | Path) -> TrainingRecipe:
+    """Return a recipe by the name of a shipped one or the path of a YAML file.
+
+    Raises:
+        UnknownNameError: there is no such recipe, or a key is unknown.
+        InvalidValueError: the file is missing or broken, or a value is not accepted; names the line.
+    """
+    if isinstance(recipe, TrainingRecipe):
+        return recipe
+    path = Path(recipe)
+    if path.suffix not in (".yaml", ".yml"):
+        require_choice("recipe", str(recipe), RECIPES)
+        path = _FOLDER / f"{recipe}.yaml"
+    content = read_yaml(path, InvalidValueError).value
+    if not isinstance(content, Section):
+        raise InvalidValueError(f"{path}: a recipe must be names and values, got {content!r}")
+    try:
+        made = load(TrainingRecipe, Section({"name": path.stem, **content}, path, 1), "recipe")
+    except CoopsimError as error:
+        raise error.at(content.blame(error) or str(path)) from error
+    assert isinstance(made, TrainingRecipe)
+    return made

@@ -1,0 +1,97 @@
+"""Files of tensors and texts (safetensors), read with suspicion: nothing is unpickled, and sizes are checked first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from coopsim.errors import InvalidValueError, MissingDependencyError
+from coopsim.support.files import write_durably
+
+MOST_BYTES = 64 * 2**20
+"""Largest file of weights that is read."""
+
+_MOST_HEADER_BYTES = 2**20
+_DTYPES = {"F16": torch.float16, "BF16": torch.bfloat16, "F32": torch.float32, "I64": torch.int64}
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], texts: Mapping[str, str]) -> None:
+    """Write tensors and texts by name, whole or not at all.
+
+    Raises:
+        InvalidValueError: the file cannot be written.
+    """
+    save = _safetensors().save
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
+    write_durably(path, save(plain, dict(texts)))
+
+
+def read_header(path: Path, most_bytes: int = MOST_BYTES) -> tuple[dict[str, tuple[str, tuple[int, ...]]], dict[str, str]]:
+    """Read what a file says of its content: type and shape of each tensor, and the texts.
+
+    Raises:
+        InvalidValueError: the file is missing, too large, or no safetensors file.
+    """
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            length = int.from_bytes(file.read(8), "little")
+            if size > most_bytes:
+                raise InvalidValueError(f"{path}: must have at most {most_bytes} bytes, has {size}")
+            if size < 8 or length > min(size - 8, _MOST_HEADER_BYTES):
+                raise InvalidValueError(f"{path}: is no safetensors file")
+            header = json.loads(file.read(length))
+        texts = {str(key): str(value) for key, value in header.pop("__metadata__", {}).items()}
+        return {name: (str(each["dtype"]), tuple(map(int, each["shape"]))) for name, each in header.items()}, texts
+    except OSError as error:
+        raise InvalidValueError(f"cannot read {path}: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        if isinstance(error, InvalidValueError):
+            raise
+        raise InvalidValueError(f"{path}: is no safetensors file") from error
+
+
+def read_tensors(path: Path, wanted: Mapping[str, Tensor], most_bytes: int = MOST_BYTES) -> dict[str, Tensor]:
+    """Read tensors by name, as float32 where they are of another floating type.
+
+    Args:
+        path: of the file.
+        wanted: tensors of the names and shapes that the file must have, all and no other.
+        most_bytes: see `read_header`.
+
+    Raises:
+        InvalidValueError: a tensor is missing, unknown, of another shape or type, or not finite; or see `read_header`.
+    """
+    found, _ = read_header(path, most_bytes)
+    for problem, names in (("lacks", wanted.keys() - found.keys()), ("has unknown", found.keys() - wanted.keys())):
+        if names:
+            raise InvalidValueError(f"{path}: {problem} tensors: {', '.join(sorted(names)[:5])} ({len(names)} in all)")
+    for name, (dtype, shape) in found.items():
+        kind = _DTYPES.get(dtype)
+        if kind is None or kind.is_floating_point != wanted[name].is_floating_point():
+            raise InvalidValueError(f"{path}: {name} must not be of type {dtype}")
+        if shape != tuple(wanted[name].shape):
+            raise InvalidValueError(f"{path}: {name} must be of shape {tuple(wanted[name].shape)}, is of {shape}")
+    try:
+        tensors: dict[str, Tensor] = _safetensors().load_file(path)
+    except Exception as error:  # of safetensors' own class, which is not public in all versions
+        raise InvalidValueError(f"{path}: is no safetensors file: {error}") from error
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point():
+            tensors[name] = tensor = tensor.float()
+            if not bool(torch.isfinite(tensor).all()):
+                raise InvalidValueError(f"{path}: {name} must be finite, and is not")
+    return tensors
+
+
+def _safetensors() -> Any:
+    try:
+        import safetensors.torch
+    except ImportError as error:
+        raise MissingDependencyError("files of weights need safetensors: pip install 'coopsim[learn]'") from error
+    return safetensors.torch

@@ -1,0 +1,66 @@
+"""The losses of a training, in `log.jsonl`: a line for every few steps, and one for each look at held-out places."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from coopsim.errors import InvalidValueError
+from coopsim.support.files import write_whole
+
+LOG = "log.jsonl"
+"""Name of the file in a training's folder."""
+
+_STEPS = 10
+
+
+class TrainingLog:
+    """Means of losses over ten steps each, and values of held-out places.
+
+    Args:
+        folder: of the training.
+        step: steps taken; later lines, of before an interruption, are left out: they come again.
+        writes: whether this process writes files.
+    """
+
+    def __init__(self, folder: Path, step: int, *, writes: bool = True) -> None:
+        self._path, self._writes = folder / LOG, writes
+        self._lines = [line for line in read_log(folder) if line["step"] <= step] if step else []
+        self._recent: list[Mapping[str, float]] = []
+
+    def add(self, step: int, values: Mapping[str, float], kind: str = "losses") -> None:
+        """Add values after a step, from 1; of the kind "losses" or "validation"."""
+        if kind != "losses":
+            self._lines.append({"step": step, "kind": kind, **values})
+            return
+        self._recent.append(values)
+        if step % _STEPS == 0:
+            names = dict.fromkeys(name for each in self._recent for name in each)
+            means = {name: sum(each.get(name, 0.0) for each in self._recent) / len(self._recent) for name in names}
+            self._lines.append({"step": step, "kind": kind, **{name: round(mean, 6) for name, mean in means.items()}})
+            self._recent = []
+
+    def write(self) -> None:
+        """Write the file."""
+        if self._writes:
+            write_whole(self._path, "".join(f"{json.dumps(line)}\n" for line in self._lines))
+
+
+def read_log(folder: Path) -> list[dict[str, Any]]:
+    """Read the log of a training; empty if there is none.
+
+    Raises:
+        InvalidValueError: the file is broken; names the line.
+    """
+    path = folder / LOG
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    found: list[dict[str, Any]] = []
+    for number, line in enumerate(lines, 1):
+        try:
+            found.append({**json.loads(line)})
+            found[-1]["step"] = int(found[-1]["step"])
+        except (ValueError, TypeError, KeyError) as error:
+            raise InvalidValueError("this is no line of a training's log").at(f"{path}:{number}") from error
+    return found

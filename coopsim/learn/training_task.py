@@ -1,0 +1,46 @@
+"""What a training trains: a network, how its samples are drawn, and the losses on a batch of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from torch import Tensor, nn
+
+from coopsim.learn.scene import Clip
+
+LOSS = "loss"
+"""Name of the total among the losses: what is made smaller."""
+
+
+class TrainingTask(nn.Module, ABC):
+    """A network in training; calling it with a batch gives the losses.
+
+    Attributes:
+        net: the network whose parameters are trained, and which is stored.
+        metadata: what a file of its weights says: see `coopsim.learn.weights`.
+    """
+
+    net: nn.Module
+    metadata: Mapping[str, Any]
+
+    @abstractmethod
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        """Draw samples from a clip; none is accepted."""
+
+    def collate(self, samples: Sequence[Any]) -> Any:
+        """Return samples as a batch: their list, unless overridden."""
+        return list(samples)
+
+    @abstractmethod
+    def forward(self, batch: Any) -> dict[str, Tensor]:
+        """Return losses by name, each a scalar; `LOSS` is their total."""
+
+
+def mean_losses(losses: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Return the means of losses by name; a name that some lack counts as zero there."""
+    names = dict.fromkeys(name for each in losses for name in each)
+    found = {name: [each[name] for each in losses if name in each] for name in names}
+    return {name: sum(values[1:], values[0]) / len(losses) for name, values in found.items()}
