@@ -1,0 +1,146 @@
+"""Training from a recipe: makes the parts, runs the loop, and writes what it gives."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import coopsim
+from coopsim.learn.curves import write_curves
+from coopsim.learn.precision import autocast_type, find_device
+from coopsim.learn.ranks import Ranks, joined
+from coopsim.learn.recipe import TrainingRecipe, find_recipe
+from coopsim.learn.sample_order import ClipSource, SampleOrder
+from coopsim.learn.train_loop import TrainingProgress, TrainLoop, Validate
+from coopsim.learn.training_log import read_log
+from coopsim.learn.training_task import TrainingTask
+from coopsim.learn.weights import SUFFIX, digest, save_weights
+from coopsim.support.files import make_folder, write_whole
+from coopsim.support.rng import require_seed
+
+CARD = "card.json"
+"""Name of the file in a training's folder."""
+
+_KINDS = ("losses", "validation")
+
+
+def train(
+    recipe: TrainingRecipe | str | Path,
+    out: str | Path,
+    seed: int = 0,
+    *,
+    source: ClipSource | None = None,
+    device: str | None = None,
+    cache: Path | None = None,
+    workers: int | str = 1,
+    validate: Validate | None = None,
+    show: Callable[[TrainingProgress], object] | None = None,
+    command: str = "",
+) -> Path:
+    """Train a network. Return the path of its weights, in `out`.
+
+    If `out` holds an interrupted training of the same recipe and seed, it goes on, and ends in the same bytes as without
+    the interruption (on the same machine, with the same number of threads).
+
+    Args:
+        recipe: a recipe, the name of a shipped one, or the path of a YAML file.
+        out: folder for checkpoint, weights, card, log and curves.
+        seed: of first weights, clips and samples.
+        source: of the clips; None: the simulator, in the recipe's world.
+        device: as "cuda"; None: a GPU if there is one.
+        cache: folder of clips: those in it are read, others are made and stored.
+        workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
+        validate: looks at held-out places every `validate_every` steps of the recipe.
+        show: called after each step.
+        command: for the card.
+
+    Raises:
+        InvalidValueError, UnknownNameError: of the recipe, or `out` holds another training.
+        TrainingError: the losses are no numbers, or diverge; the last checkpoint is kept.
+    """
+    recipe, folder = find_recipe(recipe), Path(out)
+    require_seed(seed)
+    make_folder(folder)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(recipe.threads)
+    try:
+        with joined(find_device(device)) as ranks:
+            task = make_task(recipe, seed).to(ranks.device)
+            with _clips(recipe, seed, source, cache, workers, ranks) as clips:
+                order = SampleOrder(
+                    clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, ranks.rank, ranks.ranks
+                )
+                run = {"recipe": recipe.as_data(), "seed": seed, "processes": ranks.ranks}
+                loop = TrainLoop(task, recipe, order, ranks, folder, run, validate, show)
+                loop.train()
+            if ranks.writes:
+                _conclude(loop, folder, seed, command)
+    finally:
+        torch.set_num_threads(threads)
+    return folder / f"{recipe.name}{SUFFIX}"
+
+
+def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
+    """Return what a recipe trains, with its first weights."""
+    if recipe.kind == "detector":
+        from coopsim.learn.detector_task import DetectorTask
+
+        return DetectorTask(recipe, seed)
+    from coopsim.learn.cooperative_task import CooperativeTask
+
+    return CooperativeTask(recipe, seed)
+
+
+def _clips(
+    recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int | str, ranks: Ranks
+) -> AbstractContextManager[ClipSource]:
+    if source is not None:
+        return nullcontext(source)
+    from coopsim.learn.clip_source import open_clips
+
+    return open_clips(recipe, seed, cache, workers, ranks)
+
+
+def _conclude(loop: TrainLoop, folder: Path, seed: int, command: str) -> None:
+    """Write weights, card and curves of a training that has ended."""
+    recipe, task = loop.recipe, loop.task
+    path = folder / f"{recipe.name}{SUFFIX}"
+    save_weights(path, loop.average.net, {**task.metadata, "recipe": recipe.as_data(), "seed": seed})
+    log = read_log(folder)
+    last = {kind: next((line for line in reversed(log) if line["kind"] == kind), {}) for kind in _KINDS}
+    said = {
+        "name": recipe.name,
+        "command": command,
+        "recipe": recipe.as_data(),
+        "seed": seed,
+        "digest": digest(path),
+        "bytes": path.stat().st_size,
+        "parameters": sum(each.numel() for each in task.net.parameters()),
+        "steps": recipe.steps,
+        **last,
+        "precision": str(autocast_type(recipe.precision, loop.ranks.device) or torch.float32).removeprefix("torch."),
+        "threads": recipe.threads,
+        "processes": loop.ranks.ranks,
+        "device": str(loop.ranks.device),
+        "processor": _processor(),
+        "versions": {"coopsim": coopsim.__version__, "torch": torch.__version__, "numpy": np.__version__},
+    }
+    write_whole(folder / CARD, json.dumps(said, indent=2) + "\n")
+    write_curves(folder)
+
+
+def _processor() -> str:
+    """Return the processor's name, as far as the system says it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor() or platform.machine()

@@ -1,0 +1,224 @@
+"""Weights of networks in files: written small, found by name or path, and checked before they are used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+import coopsim
+from coopsim.config.checked_entry import plain
+from coopsim.config.load import load
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
+from coopsim.nn.detector_net import DetectorNet
+from coopsim.nn.encoder import EncoderConfig
+from coopsim.types.taxonomy import CLASS_NAMES
+
+SUFFIX = ".safetensors"
+
+_SHIPPED = Path(coopsim.__file__).parent / "weights"
+_LOADED = 8
+_DECIDES = ("kind", "config", "classes", "encoder_digest")
+"""Texts of a file that are part of its digest."""
+
+
+def shipped_weights() -> tuple[str, ...]:
+    """Return the names of the weights that come along."""
+    return tuple(sorted(path.stem for path in _SHIPPED.glob(f"*{SUFFIX}")))
+
+
+def find_weights(name_or_path: str | Path) -> Path:
+    """Return the file of weights that come along, by name, or of others, by path.
+
+    Raises:
+        UnknownNameError: there is neither.
+    """
+    path = Path(name_or_path)
+    if path.suffix == SUFFIX:
+        return path
+    if str(name_or_path) not in shipped_weights():
+        raise UnknownNameError("weights", str(name_or_path), shipped_weights(), f"(or the path of a file *{SUFFIX})")
+    return _SHIPPED / f"{name_or_path}{SUFFIX}"
+
+
+def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
+    """Return the network of one agent with weights, ready to be used; shared by all who ask, so not to be changed.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, or holds something else.
+    """
+    path = find_weights(name_or_path)
+    return _loaded_detector(path, digest(path))
+
+
+def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> Any:
+    """Return a `CooperativeNet` with weights, ready to be used; shared by all who ask, so not to be changed.
+
+    Args:
+        name_or_path: of the weights.
+        detector: whose features it will get; it must have the encoder that the weights were trained on.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, or was trained on another encoder.
+    """
+    path = find_weights(name_or_path)
+    texts = read_texts(path)
+    _require_kind(path, texts, "cooperative")
+    if detector is not None and texts.get("encoder_digest") != encoder_digest(detector):
+        raise InvalidValueError(
+            f"{path}: the fusion was trained on another encoder (digest {texts.get('encoder_digest', '?')[:8]}, not "
+            f"{encoder_digest(detector)[:8]}): take that one, {texts.get('detector', '?')!r}, or train the fusion anew"
+        )
+    return _loaded_cooperative(path, digest(path))
+
+
+def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
+    """Write a network's weights as 16 bit floats.
+
+    Args:
+        path: of the file.
+        net: the network.
+        metadata: plain data; `kind` ("detector" or "cooperative") and `config`, from which the network is made again,
+            must be there. Classes and coopsim's version are added.
+
+    Raises:
+        InvalidValueError: the weights are not finite, or too large for 16 bits, or the file cannot be written.
+    """
+    tensors = {name: _small(value) for name, value in net.state_dict().items()}
+    for name, tensor in tensors.items():
+        if not bool(torch.isfinite(tensor).all()):
+            raise InvalidValueError(f"{name} must be finite and fit into 16 bits, and does not")
+    said = {"classes": list(CLASS_NAMES), "version": coopsim.__version__, **metadata}
+    texts = {key: value if isinstance(value, str) else _json(value) for key, value in said.items()}
+    write_tensors(path, tensors, texts)
+
+
+def read_texts(name_or_path: str | Path) -> dict[str, str]:
+    """Return what a file says of its weights, by key; all but names are JSON."""
+    return read_header(find_weights(name_or_path))[1]
+
+
+def card(name_or_path: str | Path) -> dict[str, Any]:
+    """Return the card of weights: how they were made, and what was measured with them; empty if there is none."""
+    path = find_weights(name_or_path).with_suffix(".json")
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def digest(name_or_path: str | Path) -> str:
+    """Return 64 hexadecimal digits that differ for any other weights or network."""
+    path = find_weights(name_or_path)
+    read_header(path)  # refuses what is missing, too large or something else
+    state = path.stat()
+    return _digest_of_file(path, state.st_mtime_ns, state.st_size)
+
+
+def encoder_digest(detector: DetectorNet) -> str:
+    """Return 64 hexadecimal digits that differ for any other encoder, as it is in a file."""
+    found = hashlib.sha256(_json(asdict(detector.config)).encode())
+    for name, value in sorted(detector.encoder.state_dict().items()):
+        found.update(f"\0{name}\0{tuple(value.shape)}\0".encode())
+        found.update(np.ascontiguousarray(_small(value).cpu().numpy()).tobytes())
+    return found.hexdigest()
+
+
+def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
+    """Return a network as a file describes it, with weights of no meaning.
+
+    Raises:
+        InvalidValueError: the description is broken, or for other classes.
+    """
+    try:
+        config, classes = json.loads(texts["config"]), json.loads(texts["classes"])
+    except (KeyError, ValueError) as error:
+        raise InvalidValueError(f"{path}: does not say which network its weights are for") from error
+    if classes != list(CLASS_NAMES):
+        other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
+        raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
+    return make_detector(config) if texts["kind"] == "detector" else make_cooperative(config)
+
+
+def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
+    """Return a network of one agent with random weights, the same for the same seed."""
+    checked = load(EncoderConfig, config, "network")
+    with _seeded(seed):
+        return DetectorNet(checked)
+
+
+def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> Any:
+    """Return a `CooperativeNet` with random weights, the same for the same seed.
+
+    Args:
+        config: `fusion`, its name; `fusion_options`; and all else for `CooperativeNet`.
+        seed: of the weights.
+    """
+    from coopsim.nn.cooperative_net import CooperativeNet
+    from coopsim.nn.fusion.feature_fusion import FUSIONS
+
+    rest = {name: value for name, value in config.items() if name not in ("fusion", "fusion_options")}
+    with _seeded(seed):
+        return CooperativeNet(FUSIONS.get(config["fusion"])(**config.get("fusion_options", {})), **rest)
+
+
+@contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """Let modules draw their first weights from a seed; afterwards torch's global generator is as before."""
+    with torch.random.fork_rng(devices=[]):
+        torch.random.manual_seed(seed)
+        yield
+
+
+@lru_cache(_LOADED)
+def _loaded_detector(path: Path, _digest: str) -> DetectorNet:
+    _require_kind(path, read_texts(path), "detector")
+    net = _loaded(path)
+    assert isinstance(net, DetectorNet)
+    return net
+
+
+@lru_cache(_LOADED)
+def _loaded_cooperative(path: Path, _digest: str) -> Any:
+    return _loaded(path)
+
+
+def _loaded(path: Path) -> nn.Module:
+    net = network_of(path, read_texts(path))
+    net.load_state_dict(read_tensors(path, net.state_dict()))
+    return net.eval().requires_grad_(False)
+
+
+def _require_kind(path: Path, texts: Mapping[str, str], kind: str) -> None:
+    if texts.get("kind") != kind:
+        raise InvalidValueError(f"{path}: must be weights of the kind {kind!r}, is {texts.get('kind')!r}")
+
+
+@lru_cache(64)
+def _digest_of_file(path: Path, _modified_ns: int, _size: int) -> str:
+    texts = read_texts(path)
+    found = hashlib.sha256(_json({key: texts.get(key) for key in _DECIDES}).encode())
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        header = json.loads(file.read(length))
+        header.pop("__metadata__", None)
+        found.update(_json(header).encode())
+        found.update(file.read())
+    return found.hexdigest()
+
+
+def _small(value: torch.Tensor) -> torch.Tensor:
+    return value.detach().half() if value.is_floating_point() else value.detach()
+
+
+def _json(value: Any) -> str:
+    return json.dumps(plain(value), sort_keys=True)
