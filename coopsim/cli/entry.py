@@ -18,6 +18,7 @@ from coopsim.cli import (
     record_command,
     replay_command,
     town_command,
+    train_command,
 )
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.errors import CoopsimError
@@ -28,6 +29,7 @@ _COMMANDS = {
     "compare": compare_command,
     "record": record_command,
     "town": town_command,
+    "train": train_command,
     "replay": replay_command,
     "leaderboard": leaderboard_command,
     "list": list_command,

@@ -25,7 +25,7 @@ def open_clips(
         workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
         ranks: processes that train together: each reads every so many-th block.
     """
-    from coopsim.learn.rollout import TownClips
+    from coopsim.learn.rollout import SimulatedClips
     from coopsim.learn.world_recipe import WorldRecipe
 
-    yield TownClips(load(WorldRecipe, recipe.world, "world"), seed)
+    yield SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)

@@ -18,6 +18,7 @@ MOST_BYTES = 64 * 2**20
 
 _MOST_HEADER_BYTES = 2**20
 _DTYPES = {"F16": torch.float16, "BF16": torch.bfloat16, "F32": torch.float32, "I64": torch.int64}
+_NAMES = {dtype: name for name, dtype in _DTYPES.items()}
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], texts: Mapping[str, str]) -> None:
@@ -26,9 +27,17 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], texts: Mapping[str,
     Raises:
         InvalidValueError: the file cannot be written.
     """
-    save = _safetensors().save
-    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
-    write_durably(path, save(plain, dict(texts)))
+    # Not by safetensors itself, which writes the texts in any order: the same content must give the same bytes.
+    header: dict[str, Any] = {"__metadata__": dict(sorted(texts.items()))}
+    parts, end = list[bytes](), 0
+    for name, tensor in sorted(tensors.items()):
+        content = tensor.detach().cpu().contiguous().numpy()
+        parts.append(content.astype(content.dtype.newbyteorder("<")).tobytes())
+        header[name] = {"dtype": _NAMES[tensor.dtype], "shape": list(tensor.shape), "data_offsets": [end, end + len(parts[-1])]}
+        end += len(parts[-1])
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    write_durably(path, b"".join([len(text).to_bytes(8, "little"), text, *parts]))
 
 
 def read_header(path: Path, most_bytes: int = MOST_BYTES) -> tuple[dict[str, tuple[str, tuple[int, ...]]], dict[str, str]]:

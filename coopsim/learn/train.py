@@ -28,7 +28,8 @@ from coopsim.support.rng import require_seed
 CARD = "card.json"
 """Name of the file in a training's folder."""
 
-_KINDS = ("losses", "validation")
+_LAST = 100
+"""Steps at the end whose mean losses are in the card."""
 
 
 def train(
@@ -114,7 +115,11 @@ def _conclude(loop: TrainLoop, folder: Path, seed: int, command: str) -> None:
     path = folder / f"{recipe.name}{SUFFIX}"
     save_weights(path, loop.average.net, {**task.metadata, "recipe": recipe.as_data(), "seed": seed})
     log = read_log(folder)
-    last = {kind: next((line for line in reversed(log) if line["kind"] == kind), {}) for kind in _KINDS}
+    losses = [line for line in log if line["kind"] == "losses"][-_LAST:]
+    last = {
+        "losses": {name: sum(line[name] for line in losses) / len(losses) for name in sorted(losses[0].keys() - {"step", "kind"})},
+        "validation": next((line for line in reversed(log) if line["kind"] == "validation"), {}),
+    }
     said = {
         "name": recipe.name,
         "command": command,

@@ -1,4 +1,4 @@
-"""The losses of a training, in `log.jsonl`: a line for every few steps, and one for each look at held-out places."""
+"""The losses of a training, in `log.jsonl`: a line for every step, and one for each look at held-out places."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from coopsim.support.files import write_whole
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
 
-_STEPS = 10
-
 
 class TrainingLog:
-    """Means of losses over ten steps each, and values of held-out places.
+    """Losses of all steps, and values of held-out places.
 
     Args:
         folder: of the training.
@@ -28,19 +26,10 @@ class TrainingLog:
     def __init__(self, folder: Path, step: int, *, writes: bool = True) -> None:
         self._path, self._writes = folder / LOG, writes
         self._lines = [line for line in read_log(folder) if line["step"] <= step] if step else []
-        self._recent: list[Mapping[str, float]] = []
 
     def add(self, step: int, values: Mapping[str, float], kind: str = "losses") -> None:
         """Add values after a step, from 1; of the kind "losses" or "validation"."""
-        if kind != "losses":
-            self._lines.append({"step": step, "kind": kind, **values})
-            return
-        self._recent.append(values)
-        if step % _STEPS == 0:
-            names = dict.fromkeys(name for each in self._recent for name in each)
-            means = {name: sum(each.get(name, 0.0) for each in self._recent) / len(self._recent) for name in names}
-            self._lines.append({"step": step, "kind": kind, **{name: round(mean, 6) for name, mean in means.items()}})
-            self._recent = []
+        self._lines.append({"step": step, "kind": kind, **{name: round(value, 6) for name, value in values.items()}})
 
     def write(self) -> None:
         """Write the file."""

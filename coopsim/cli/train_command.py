@@ -1,0 +1,78 @@
+"""`coopsim train`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coopsim.cli.arguments import INTERRUPTED, add_options, count, count_or_zero, named_options
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from coopsim.learn.train_loop import TrainingProgress
+
+HELP = "train a network on what the simulator shows; the same command goes on after an interruption"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("recipe", metavar="RECIPE", help="name of a shipped recipe (pillars, attfuse, ...), or path of a YAML file")
+    add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
+    add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
+    add("--steps", type=count, help="of the optimizer (default: the recipe's)")
+    add("--workers", type=_workers, default=1, help="processes that make clips ahead, or ray (default: %(default)s)")
+    add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
+    add("--device", help="cpu or cuda (default: a GPU if there is one)")
+    add_options(parser, "of the recipe, as lr=0.001 or world.rain_share=0.5")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command. Return the exit status."""
+    from tqdm import tqdm
+
+    from coopsim.learn.recipe import find_recipe
+
+    recipe = find_recipe(options.recipe).changed(**named_options(options, {"steps": "--steps"}))
+    if options.steps is not None:
+        recipe = recipe.changed(steps=options.steps)
+    from coopsim.learn.train import train  # loads torch
+
+    shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}{postfix}]"
+    with tqdm(total=recipe.steps, disable=None, desc=recipe.name, bar_format=shape) as bar:
+        try:
+            weights = train(
+                recipe,
+                options.out,
+                options.seed,
+                device=options.device,
+                cache=options.cache,
+                workers=options.workers,
+                show=lambda progress: _show(bar, progress),
+                command=options.typed,
+            )
+        except KeyboardInterrupt:
+            bar.close()
+            kept = f"its state is stored in {options.out}"
+            print(f"coopsim: interrupted; {kept}, and the same command goes on from there", file=sys.stderr)
+            return INTERRUPTED
+    for path in (weights, *(options.out / name for name in ("card.json", "curves.svg"))):
+        print(f"written: {path}")
+    return 0
+
+
+def _show(bar: tqdm[Any], progress: TrainingProgress) -> None:
+    if bar.n == 0:
+        bar.initial = progress.step - 1
+    values = {"loss": progress.losses["loss"], **progress.validation}
+    shown = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
+    left = "?" if progress.left_s is None else bar.format_interval(progress.left_s)
+    bar.set_postfix_str(f"{shown}, about {left} left", refresh=False)
+    bar.update(progress.step - bar.n)
+
+
+def _workers(text: str) -> int | str:
+    return text if text == "ray" else count_or_zero(text)
