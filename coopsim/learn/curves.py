@@ -39,7 +39,11 @@ def _thinned(lines: Sequence[Mapping[str, Any]], kind: str) -> list[dict[str, fl
     each = -(-len(found) // _POINTS)
     groups = [found[k : k + each] for k in range(0, len(found), each)]
     return [
-        {name: sum(line[name] for line in group) / len(group) for name in group[0] if all(name in line for line in group)}
+        {
+            name: sum(line[name] for line in group) / len(group)
+            for name in group[0]
+            if all(name in line for line in group)
+        }
         for group in groups
     ]
 

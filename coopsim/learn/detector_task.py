@@ -17,6 +17,7 @@ from coopsim.learn.samples import SampleSettings, collate_detector, detector_los
 from coopsim.learn.scene import Clip
 from coopsim.learn.training_task import TrainingTask
 from coopsim.learn.weights import load_detector, make_detector
+from coopsim.nn.detector_net import DetectorNet
 
 
 class DetectorTask(TrainingTask):
@@ -29,6 +30,8 @@ class DetectorTask(TrainingTask):
     Raises:
         InvalidValueError: the weights to start with are of another network.
     """
+
+    net: DetectorNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()

@@ -23,7 +23,9 @@ def find_device(name: str | None = None) -> torch.device:
         device = torch.device(name)
         torch.empty(1, device=device)
     except (RuntimeError, AssertionError) as error:  # torch without CUDA raises the latter
-        raise InvalidValueError(f"device must be cpu or a GPU that torch has, as cuda, got {name!r}: {error}") from error
+        raise InvalidValueError(
+            f"device must be cpu or a GPU that torch has, as cuda, got {name!r}: {error}"
+        ) from error
     return device
 
 
@@ -37,7 +39,7 @@ def autocast_type(precision: str, device: torch.device) -> torch.dtype | None:
 def _has_bfloat16(device: torch.device) -> bool:
     """Return whether a device multiplies bfloat16 itself; a processor that does not is slower with it."""
     if device.type == "cuda":
-        return torch.cuda.is_bf16_supported()
+        return bool(torch.cuda.is_bf16_supported())
     checks = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
     return any(bool(getattr(torch.cpu, check, bool)()) for check in checks)
 

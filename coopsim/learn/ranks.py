@@ -75,4 +75,3 @@ def joined(device: torch.device) -> Iterator[Ranks]:
         yield Ranks(torch.distributed.get_rank(), count, device)
     finally:
         torch.distributed.destroy_process_group()
-

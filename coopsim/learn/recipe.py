@@ -53,9 +53,7 @@ class TrainingRecipe:
         validation: what they are; see `coopsim.learn.validation`.
         start: weights to begin with, by name or path; None: random ones.
         detector: weights that stage B and C stand on, by name or path.
-        fusion: name of the fusion, for stage B and C.
-        fusion_options: of the fusion.
-        network: options of the network: of `EncoderConfig` for stage A, of `CooperativeNet` for B and C.
+        network: options of the network: of `EncoderConfig` for stage A, of `CooperativeConfig` for B and C.
         world: options of `WorldRecipe`: what the clips show.
         samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed.
     """
@@ -77,8 +75,6 @@ class TrainingRecipe:
     validation: Mapping[str, Any] = field(default_factory=dict)
     start: str | None = None
     detector: str = "pillars"
-    fusion: str | None = None
-    fusion_options: Mapping[str, Any] = field(default_factory=dict)
     network: Mapping[str, Any] = field(default_factory=dict)
     world: Mapping[str, Any] = field(default_factory=dict)
     samples: Mapping[str, Any] = field(default_factory=dict)
@@ -93,14 +89,11 @@ class TrainingRecipe:
         require_positive(lr=self.lr, clip=self.clip)
         require_non_negative(weight_decay=self.weight_decay)
         require_probability(average=self.average)
-        for each in ("slower", "validation", "fusion_options", "network", "world", "samples"):
+        for each in ("slower", "validation", "network", "world", "samples"):
             if not isinstance(getattr(self, each), Mapping):
                 raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")
         for name, factor in self.slower.items():
             require_between(0, 1, **{f"slower {name}": factor})
-        if (self.fusion is None) != (self.kind == "detector"):
-            wanted = "must not be given" if self.kind == "detector" else "must be given"
-            raise InvalidValueError(f"fusion {wanted} for kind {self.kind!r}, got {self.fusion!r}")
 
     def as_data(self) -> dict[str, Any]:
         """Return the recipe as JSON has it."""

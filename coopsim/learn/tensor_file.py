@@ -33,14 +33,20 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], texts: Mapping[str,
     for name, tensor in sorted(tensors.items()):
         content = tensor.detach().cpu().contiguous().numpy()
         parts.append(content.astype(content.dtype.newbyteorder("<")).tobytes())
-        header[name] = {"dtype": _NAMES[tensor.dtype], "shape": list(tensor.shape), "data_offsets": [end, end + len(parts[-1])]}
+        header[name] = {
+            "dtype": _NAMES[tensor.dtype],
+            "shape": list(tensor.shape),
+            "data_offsets": [end, end + len(parts[-1])],
+        }
         end += len(parts[-1])
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)
     write_durably(path, b"".join([len(text).to_bytes(8, "little"), text, *parts]))
 
 
-def read_header(path: Path, most_bytes: int = MOST_BYTES) -> tuple[dict[str, tuple[str, tuple[int, ...]]], dict[str, str]]:
+def read_header(
+    path: Path, most_bytes: int = MOST_BYTES
+) -> tuple[dict[str, tuple[str, tuple[int, ...]]], dict[str, str]]:
     """Read what a file says of its content: type and shape of each tensor, and the texts.
 
     Raises:

@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -47,8 +46,8 @@ def train(
 ) -> Path:
     """Train a network. Return the path of its weights, in `out`.
 
-    If `out` holds an interrupted training of the same recipe and seed, it goes on, and ends in the same bytes as without
-    the interruption (on the same machine, with the same number of threads).
+    If `out` holds an interrupted training of the same recipe and seed, it goes on, and ends in the same bytes as
+    without the interruption (on the same machine, with the same number of threads).
 
     Args:
         recipe: a recipe, the name of a shipped one, or the path of a YAML file.
@@ -117,7 +116,10 @@ def _conclude(loop: TrainLoop, folder: Path, seed: int, command: str) -> None:
     log = read_log(folder)
     losses = [line for line in log if line["kind"] == "losses"][-_LAST:]
     last = {
-        "losses": {name: sum(line[name] for line in losses) / len(losses) for name in sorted(losses[0].keys() - {"step", "kind"})},
+        "losses": {
+            name: sum(line[name] for line in losses) / len(losses)
+            for name in sorted(losses[0].keys() - {"step", "kind"})
+        },
         "validation": next((line for line in reversed(log) if line["kind"] == "validation"), {}),
     }
     said = {

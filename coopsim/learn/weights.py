@@ -20,6 +20,7 @@ from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
+from coopsim.nn.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import EncoderConfig
 from coopsim.types.taxonomy import CLASS_NAMES
@@ -62,7 +63,7 @@ def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
     return _loaded_detector(path, digest(path))
 
 
-def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> Any:
+def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> CooperativeNet:
     """Return a `CooperativeNet` with weights, ready to be used; shared by all who ask, so not to be changed.
 
     Args:
@@ -146,7 +147,7 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
-    return make_detector(config) if texts["kind"] == "detector" else make_cooperative(config)
+    return make_detector(config) if texts.get("kind") == "detector" else make_cooperative(config)[0]
 
 
 def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
@@ -156,19 +157,11 @@ def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
         return DetectorNet(checked)
 
 
-def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> Any:
-    """Return a `CooperativeNet` with random weights, the same for the same seed.
-
-    Args:
-        config: `fusion`, its name; `fusion_options`; and all else for `CooperativeNet`.
-        seed: of the weights.
-    """
-    from coopsim.nn.cooperative_net import CooperativeNet
-    from coopsim.nn.fusion.feature_fusion import FUSIONS
-
-    rest = {name: value for name, value in config.items() if name not in ("fusion", "fusion_options")}
+def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:
+    """Return a network of several agents with random weights, the same for the same seed, and its checked options."""
+    checked: CooperativeConfig = load(CooperativeConfig, config, "network")
     with _seeded(seed):
-        return CooperativeNet(FUSIONS.get(config["fusion"])(**config.get("fusion_options", {})), **rest)
+        return CooperativeNet.from_config(checked), checked
 
 
 @contextmanager
@@ -188,8 +181,10 @@ def _loaded_detector(path: Path, _digest: str) -> DetectorNet:
 
 
 @lru_cache(_LOADED)
-def _loaded_cooperative(path: Path, _digest: str) -> Any:
-    return _loaded(path)
+def _loaded_cooperative(path: Path, _digest: str) -> CooperativeNet:
+    net = _loaded(path)
+    assert isinstance(net, CooperativeNet)
+    return net
 
 
 def _loaded(path: Path) -> nn.Module:

@@ -31,7 +31,7 @@ class SyntheticClips:
                 rng.uniform(-np.pi, np.pi, self.objects),
             ]
         )
-        scenes = tuple(self._scene(boxes + [0.5 * k, 0, 0, 0, 0, 0, 0], k, rng) for k in range(self.frames))
+        scenes = tuple(self._scene(boxes + 0.5 * k * np.eye(7)[0], k, rng) for k in range(self.frames))
         return Clip(f"synthetic {index}", 0.1, scenes)
 
     def _scene(self, boxes: np.ndarray, number: int, rng: np.random.Generator) -> Scene:
@@ -56,7 +56,8 @@ class SyntheticClips:
         local = unit * boxes[:, None, 3:6]
         cos, sin = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
         turned = np.stack(
-            [cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1], local[..., 2]], axis=-1
+            [cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1], local[..., 2]],
+            axis=-1,
         )
         ground = np.column_stack([rng.uniform(-self.reach_m, self.reach_m, (200, 2)), np.zeros(200)])
         xyz = np.concatenate([(turned + boxes[:, None, :3]).reshape(-1, 3), ground])

@@ -1,0 +1,72 @@
+"""Stage B: a fusion on the features of a frozen encoder. Stage C: the fusion and the encoder."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, Self
+
+import numpy as np
+from torch import Tensor, nn
+
+from coopsim.config.load import load
+from coopsim.errors import InvalidValueError
+from coopsim.learn.fused_loss import cooperative_loss
+from coopsim.learn.fused_samples import scene_samples
+from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.samples import SampleSettings
+from coopsim.learn.scene import Clip
+from coopsim.learn.training_task import TrainingTask, mean_losses
+from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_cooperative
+from coopsim.nn.cooperative_net import CooperativeNet
+
+
+class CooperativeTask(TrainingTask):
+    """The training of a `CooperativeNet`, whose head begins as the detector's.
+
+    Args:
+        recipe: of the kind "cooperative".
+        seed: of the first weights.
+
+    Raises:
+        InvalidValueError: detector, network and the weights to start with do not fit together.
+    """
+
+    net: CooperativeNet
+
+    def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
+        super().__init__()
+        self._settings = load(SampleSettings, recipe.samples, "samples")
+        detector = load_detector(recipe.detector)
+        self.net, config = make_cooperative({"features": detector.config.features, **recipe.network}, seed)
+        if config.features != detector.config.features:
+            raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
+        if recipe.start is None:
+            self.net.head.load_state_dict(detector.head.state_dict())
+        else:
+            self._start(load_cooperative(recipe.start, detector))
+        self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
+        self.metadata = {
+            "kind": "cooperative",
+            "config": asdict(config),
+            "detector": recipe.detector,
+            "encoder_digest": encoder_digest(detector),
+        }
+
+    def _start(self, start: nn.Module) -> None:
+        try:
+            self.net.load_state_dict(start.state_dict())
+        except RuntimeError as error:
+            raise InvalidValueError(f"network must be that of start: {error}") from error
+
+    def train(self, mode: bool = True) -> Self:
+        super().train(mode)
+        self.detector.eval()  # its running statistics stay as they are
+        return self
+
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        return scene_samples(clip, rng, self._settings, self.detector.config.cell_m)
+
+    def forward(self, batch: Any) -> dict[str, Tensor]:
+        return mean_losses([cooperative_loss(self.detector, self.net, sample) for sample in batch])
