@@ -1,0 +1,37 @@
+"""Clips to test with."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from coopsim.learn.rollout import SimulatedClips
+from coopsim.learn.scene import Clip
+from coopsim.learn.world_recipe import WorldRecipe
+
+SMALL = WorldRecipe(frames=2, cars=(2, 2), masts=(1, 1), junctions=1, drone_share=0.0, start_s=(1.0, 1.0))
+
+
+def require_same(first: Clip, second: Clip) -> None:
+    """Require two clips to be equal, bit by bit."""
+    assert (first.key, first.dt_s, len(first.scenes)) == (second.key, second.dt_s, len(second.scenes))
+    for one, other in zip(first.scenes, second.scenes, strict=True):
+        assert one.time_ns == other.time_ns
+        for name in ("object_id", "boxes", "velocity", "label", "returns"):
+            _require_same_array(getattr(one, name), getattr(other, name))
+        for mine, yours in zip(one.agents, other.agents, strict=True):
+            assert (mine.name, mine.kind, mine.actor_id) == (yours.name, yours.kind, yours.actor_id)
+            for name in ("xyz_yaw", "odometry", "points"):
+                _require_same_array(getattr(mine, name), getattr(yours, name))
+
+
+def _require_same_array(one: np.ndarray, other: np.ndarray) -> None:
+    assert one.dtype == other.dtype and one.shape == other.shape
+    assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes()
+
+
+@cache
+def small_clip() -> Clip:
+    """Return a clip of two frames with two cars and a mast."""
+    return SimulatedClips(SMALL).clip(0)
