@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from coopsim.config.load import load
+from coopsim.learn.clip_store import CachedClips, ClipSource
 from coopsim.learn.ranks import Ranks
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.sample_order import ClipSource
 
 
 @contextmanager
@@ -28,4 +28,5 @@ def open_clips(
     from coopsim.learn.rollout import SimulatedClips
     from coopsim.learn.world_recipe import WorldRecipe
 
-    yield SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)
+    clips: ClipSource = SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)
+    yield clips if cache is None else CachedClips(clips, cache)

@@ -45,9 +45,19 @@ def surest(sure: Tensor, most_cells: int) -> Tensor:
     return (flat >= least).view_as(sure)
 
 
-def _view_losses(
+def fused_features(
     net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, grid: BevGrid, view: ReceiverView
-) -> dict[str, Tensor]:
+) -> tuple[Tensor, list[Foreground]]:
+    """Return the fused features (1, features, h, w) of a receiver in its view's grid, and the fusion's beliefs.
+
+    Args:
+        net: the cooperative network.
+        features: (A, features, H, W) of all clouds.
+        values: (A, C, H, W) what is sent of them.
+        sure: (A, H, W) how sure the senders are.
+        grid: the cells of these maps.
+        view: of the receiver.
+    """
     others = list(view.others)
     sent = surest(sure[others].detach(), view.most_cells) if view.most_cells is not None else None
     own, own_mask = warp(features[view.own : view.own + 1], grid, view.grid, [[0.0, 0.0, 0.0]])
@@ -56,10 +66,16 @@ def _view_losses(
     own_sure, _ = warp(sure[view.own][None, None].detach(), grid, view.grid, [[0.0, 0.0, 0.0]])
     context = FusionContext(view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0])
     arguments = own[0], own_mask[0], received[:, :-1], mask, context
-    targets = view.targets.to(own.device)
-    parts = head_loss(net.head, net(*arguments)[None], targets)
+    return net(*arguments)[None], net.foreground(*arguments)
+
+
+def _view_losses(
+    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, grid: BevGrid, view: ReceiverView
+) -> dict[str, Tensor]:
+    fused, levels = fused_features(net, features, values, sure, grid, view)
+    targets = view.targets.to(fused.device)
+    parts = head_loss(net.head, fused, targets)
     parts.pop("loss")
-    levels = net.foreground(*arguments)
     if levels:
         parts["foreground"] = foreground_loss(levels, targets.heat.amax(1, keepdim=True), targets.objects)
     return parts

@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from coopsim.errors import TrainingError
+from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.scene import Clip
 from coopsim.support.rng import stream
 
 _MOST_EMPTY = 20
 """Blocks in a row without any sample, after which a training gives up."""
-
-
-class ClipSource(Protocol):
-    """Clips by index, the same for the same index."""
-
-    def clip(self, index: int) -> Clip:
-        """Return a clip; `index` is any integer >= 0."""
-        ...
 
 
 Cut = Callable[[Clip, np.random.Generator], Sequence[Any]]

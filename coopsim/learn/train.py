@@ -12,11 +12,12 @@ import numpy as np
 import torch
 
 import coopsim
+from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.curves import write_curves
 from coopsim.learn.precision import autocast_type, find_device
 from coopsim.learn.ranks import Ranks, joined
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
-from coopsim.learn.sample_order import ClipSource, SampleOrder
+from coopsim.learn.sample_order import SampleOrder
 from coopsim.learn.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.training_log import read_log
 from coopsim.learn.training_task import TrainingTask
