@@ -39,6 +39,11 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
+        if detector.config.head != "centre":
+            raise InvalidValueError(
+                f"detector must have the head 'centre', with which a fusion's begins; {recipe.detector!r} has "
+                f"{detector.config.head!r}"
+            )
         self.net, config = make_cooperative({"features": detector.config.features, **recipe.network}, seed)
         if config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")

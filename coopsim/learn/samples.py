@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
+from coopsim.learn.anchor_loss import Truth, anchor_head_loss
 from coopsim.learn.losses import head_loss
 from coopsim.learn.scene import AgentScene, Clip, Scene
 from coopsim.learn.targets import Targets, join_targets, make_targets
+from coopsim.nn.anchor_head import AnchorHead
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import STRIDE
 from coopsim.nn.pillars import PillarBatch, Pillars, collate, pillarize
@@ -61,10 +63,11 @@ class SampleSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectorSample:
-    """One cloud in pillars, and the targets of its map."""
+    """One cloud in pillars, the targets of its map, and the objects that they are made of."""
 
     pillars: Pillars
     targets: Targets
+    truth: Truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +76,7 @@ class DetectorBatch:
 
     pillars: PillarBatch
     targets: Targets
+    truth: tuple[Truth, ...]
 
 
 def detector_samples(
@@ -97,13 +101,18 @@ def detector_samples(
 def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
     """Join samples into a batch."""
     return DetectorBatch(
-        collate([sample.pillars for sample in samples]), join_targets([sample.targets for sample in samples])
+        collate([sample.pillars for sample in samples]),
+        join_targets([sample.targets for sample in samples]),
+        tuple(sample.truth for sample in samples),
     )
 
 
 def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
     """Return the loss of a batch: "loss", the weighted sum, and its parts."""
-    return head_loss(net.head, net.encoder(batch.pillars), batch.targets)
+    features = net.encoder(batch.pillars)
+    if isinstance(net.head, AnchorHead):
+        return anchor_head_loss(net.head, features, batch.truth)
+    return head_loss(net.head, features, batch.targets)
 
 
 def moved(points: NDArray[np.float32], xyz_yaw: Floats, to_xyz_yaw: Floats, age_s: float = 0.0) -> NDArray[np.float32]:
@@ -171,8 +180,9 @@ def _sample(
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
     grid = _part(boxes, rng, settings, cell_m)
-    targets = make_targets(boxes, velocity, scene.label[shown], grid.coarser(STRIDE))
-    return DetectorSample(pillarize(points, grid), targets)
+    truth = Truth(boxes, scene.label[shown], grid.coarser(STRIDE))
+    targets = make_targets(boxes, velocity, truth.label, truth.grid)
+    return DetectorSample(pillarize(points, grid), targets, truth)
 
 
 def _members(scene: Scene, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:

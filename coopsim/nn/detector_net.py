@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from torch import nn
 
+from coopsim.nn.anchor_head import AnchorHead
 from coopsim.nn.centre_head import CentreHead
 from coopsim.nn.encoder import EncoderConfig, PillarEncoder
 
@@ -12,11 +13,20 @@ class DetectorNet(nn.Module):
     """An encoder of points and the head on its features; state: `encoder.*`, `head.*`.
 
     Args:
-        config: sizes of the encoder.
+        config: sizes of the encoder, and the kind of the head.
     """
+
+    head: CentreHead | AnchorHead
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config or EncoderConfig()
         self.encoder = PillarEncoder(self.config)
-        self.head = CentreHead(self.config.features)
+        self.head = make_head(self.config)
+
+
+def make_head(config: EncoderConfig) -> CentreHead | AnchorHead:
+    """Return the head that a network's config names, with fresh weights."""
+    if config.head == "centre":
+        return CentreHead(config.features)
+    return AnchorHead(config.features, direction=config.head == "anchor_direction")

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.pillars import POINT_FEATURES, PillarBatch
-from coopsim.support.checks import require_count, require_positive
+from coopsim.support.checks import require_choice, require_count, require_positive
 
 STRIDE = 2
 """Cells of the features are this many pillars wide."""
@@ -18,10 +18,14 @@ STRIDE = 2
 COARSEST = 8
 """Rows and columns of a grid of pillars must divide by this."""
 
+HEADS = ("centre", "anchor", "anchor_direction")
+"""The centre head for all classes; or anchors for vehicles as one class, as OpenCOOD has them, which know headings but
+for half a turn, or as HEAL has them, with a classifier of direction."""
+
 
 @dataclass(frozen=True, slots=True)
 class EncoderConfig:
-    """Sizes of an encoder.
+    """Sizes of an encoder, and which head is on it.
 
     Attributes:
         cell_m: edge of a pillar.
@@ -30,6 +34,7 @@ class EncoderConfig:
         layers: convolutions of each scale after the first one.
         features: channels of the result.
         sweeps: number of sweeps that it is given: 1, or 2 (the one before is moved by odometry).
+        head: one of `HEADS`.
     """
 
     cell_m: float = 0.6
@@ -38,11 +43,13 @@ class EncoderConfig:
     layers: tuple[int, int, int] = (2, 3, 3)
     features: int = 64
     sweeps: int = 1
+    head: str = "centre"
 
     def __post_init__(self) -> None:
         require_positive(cell_m=self.cell_m)
         require_count(1, pillar_features=self.pillar_features, features=self.features)
         require_count(1, 2, sweeps=self.sweeps)
+        require_choice("head", self.head, HEADS)
         for name in ("channels", "layers"):
             given = tuple(getattr(self, name))
             if len(given) != 3:
