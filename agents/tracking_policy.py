@@ -16,9 +16,9 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame, stated_poses
-from coopsim.support.checks import require_flag
+from coopsim.support.checks import require_choice, require_flag
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Measurements
+from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Fusion, Measurements
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
 from coopsim.types.groups import DetectionGroups
@@ -27,10 +27,17 @@ from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 @dataclass
 class _AgentState:
-    tracks: DelayedMeasurements
+    fuse: Fusion
     is_object: bool
     alignment: PoseAlignment | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
+    tracks: DelayedMeasurements = field(init=False)
+    fused: Sequence[Detections] = ()
+
+    def fuse_and_remember(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        """Return the fused groups of one moment. Moments are fused in order of time, so the last stays."""
+        self.fused = self.fuse(groups)
+        return self.fused
 
 
 @dataclass(kw_only=True, eq=False)
@@ -81,9 +88,9 @@ class TrackingPolicy(Policy):
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         first = RECEIVER if spec.frame_owner in (None, spec.name) else spec.frame_owner
-        tracks = DELAYED.get(self.delayed)(self.make_tracker, self.fuse, first)
         alignment = PoseAlignment.of(self.specs, spec.name) if self.align else None
-        self._states[spec.name] = _AgentState(tracks, spec.is_object, alignment)
+        state = self._states[spec.name] = _AgentState(self.fuse, spec.is_object, alignment)
+        state.tracks = DELAYED.get(self.delayed)(self.make_tracker, state.fuse_and_remember, first)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         state = self._states[agent]
@@ -96,6 +103,19 @@ class TrackingPolicy(Policy):
         received.sort(key=lambda each: each[0].sender)
         measured = _measurements(own, received, observation, state)
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
+
+    def detections(self, agent: str) -> Detections:
+        """Return the detections that updated the agent's tracks last, in its base frame: those of the newest moment.
+
+        They are what `perceive` and `fuse` made of everything that had arrived: of a late fusion the merged boxes, of a
+        fusion of features what the network found. None before the agent's first frame.
+
+        Raises:
+            UnknownNameError: there is no such agent in the running episode.
+        """
+        require_choice("agent", agent, self._states)
+        state = self._states[agent]
+        return Detections.concatenate(state.fused).transform(state.frame.odom_SE3_base.inverse())
 
 
 def _decode_reportable(message: Message) -> Detections:

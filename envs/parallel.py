@@ -257,6 +257,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         return self._source.road_map
 
     @property
+    def region_m(self) -> tuple[float, float] | None:
+        """Half length and width of the evaluation region around each agent, m; None: there is no limit."""
+        return self._source.region_m
+
+    @property
     def episode_infos(self) -> Mapping[str, Any]:
         """What all agents' infos say of the running episode besides its seed: a drawn place's `place_seed`."""
         self._current()

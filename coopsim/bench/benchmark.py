@@ -14,6 +14,7 @@ from coopsim.bench.engine.job import Job, Outcome
 from coopsim.bench.engine.local import run_locally
 from coopsim.bench.engine.on_ray import run_on_ray
 from coopsim.bench.engine.schedule import Schedule
+from coopsim.bench.engine.work import DoneT, Work
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options, scenario_options
@@ -63,7 +64,7 @@ class Engine:
         """Cells at once on this machine."""
         return self.workers or cores()
 
-    def run(self, jobs: Iterator[Job]) -> Generator[Outcome]:
+    def run(self, jobs: Iterator[Work[DoneT]]) -> Generator[DoneT]:
         """Run jobs, and yield outcomes as they come; closing the generator ends the running ones."""
         if self.name == "ray":
             return run_on_ray(jobs, self.workers, self.address)

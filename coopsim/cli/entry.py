@@ -13,6 +13,7 @@ from coopsim.cli import (
     bench_command,
     compare_command,
     demo_command,
+    detect_command,
     leaderboard_command,
     list_command,
     record_command,
@@ -26,6 +27,7 @@ from coopsim.errors import CoopsimError
 _COMMANDS = {
     "demo": demo_command,
     "bench": bench_command,
+    "detect": detect_command,
     "compare": compare_command,
     "record": record_command,
     "town": town_command,

@@ -85,14 +85,13 @@ def average_precision_of(
             _one_frame(len(rows)), rows, columns, overlap[rows, columns],
         )  # fmt: skip
         order = np.argsort(-score, kind="stable")
-        hit = _match_by_score(frame, order)
         objects += len(true_boxes)
-        hits.append(hit[order])
+        hits.append(match_by_score(frame, order)[order] >= 0)
         scores.append(score[order])
     ranked = np.concatenate(hits)
     if sort == "pooled":
         ranked = ranked[np.argsort(-np.concatenate(scores), kind="stable")]
-    return _area(ranked, objects)
+    return area_of_all_points(ranked, objects)
 
 
 def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> float:
@@ -105,14 +104,19 @@ def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> f
     for sequence, score in sequences:
         data = sequence.arrays
         truth += len(data.truth)
-        hits.append(_match_by_score(data, np.lexsort((-score, frame_of(data.track_start)))))
+        hits.append(match_by_score(data, np.lexsort((-score, frame_of(data.track_start)))) >= 0)
         scores.append(score)
     order = np.argsort(-np.concatenate(scores), kind="stable")
-    return _area(np.concatenate(hits)[order], truth)
+    return area_of_all_points(np.concatenate(hits)[order], truth)
 
 
-def _area(hits: NDArray[np.bool_], truth: int) -> float:
-    """Compute the area under the curve of ranked hits and misses."""
+def area_of_all_points(hits: NDArray[np.bool_], truth: int) -> float:
+    """Compute the area under the curve of ranked hits and misses (R,), each precision raised to the best beyond it.
+
+    Args:
+        hits: in order of rank.
+        truth: number of objects.
+    """
     true = np.cumsum(hits)
     precision = true / np.arange(1, len(hits) + 1)
     best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
@@ -120,9 +124,17 @@ def _area(hits: NDArray[np.bool_], truth: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _match_by_score(data: SequenceArrays, order: Ints) -> NDArray[np.bool_]:
-    """Match reported boxes in an order (T,) that goes frame by frame. Return the mask (T,) of the matched ones."""
-    hits = np.zeros(len(data.track), np.bool_)
+def match_by_score(data: SequenceArrays, order: Ints) -> Ints:
+    """Match reported boxes one after another, each with the free object of largest similarity.
+
+    Args:
+        data: the boxes, the objects, and their pairs at or above the threshold.
+        order: (T,) of the boxes, frame by frame.
+
+    Returns:
+        (T,) row in `data.truth` of each box's object, or -1.
+    """
+    object_of = np.full(len(data.track), -1)
     for frame in range(len(data.track_start) - 1):
         first, end = data.pair_start[frame], data.pair_start[frame + 1]
         free = np.ones(data.truth_start[frame + 1] - data.truth_start[frame], np.bool_)
@@ -135,8 +147,8 @@ def _match_by_score(data: SequenceArrays, order: Ints) -> NDArray[np.bool_]:
                     best = pair
             if best >= 0:
                 free[data.pair_truth[best]] = False
-                hits[box] = True
-    return hits
+                object_of[box] = data.truth_start[frame] + data.pair_truth[best]
+    return object_of
 
 
 def _detected(given: Any, what: str) -> tuple[Boxes3D, Floats, Ints | None]:

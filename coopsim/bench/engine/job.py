@@ -57,6 +57,14 @@ class Job:
         """Key of the job's result in a store."""
         return key_of(self.decided_by)
 
+    def run(self) -> Outcome:
+        """Run the cell; see `run_job`."""
+        return run_job(self)
+
+    def died(self, how: str) -> Outcome:
+        """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
+        return Outcome(self, CellResult(self.cell, traceback="the process that ran this cell died\n"), {"died": how})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
@@ -91,9 +99,9 @@ def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
     try:
         result = _evaluate(job, on_frame)
     except Exception as error:  # a user's policy may raise anything, and the other cells go on
-        result = CellResult(job.cell, traceback=_traceback(error))
+        result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
-    return Outcome(job, result, {"seconds": seconds, **_circumstances()})
+    return Outcome(job, result, {"seconds": seconds, **circumstances()})
 
 
 def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
@@ -113,11 +121,6 @@ def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def died(job: Job, how: str) -> Outcome:
-    """Return the outcome of a job whose process died. `how` differs between engines, so it is not in the result."""
-    return Outcome(job, CellResult(job.cell, traceback="the process that ran this cell died\n"), {"died": how})
-
-
 def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
@@ -133,7 +136,7 @@ def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     )
 
 
-def _traceback(error: Exception) -> str:
+def traceback_of(error: Exception) -> str:
     """Format a traceback without what differs between runs: our callers, and addresses of objects."""
     return _ADDRESS.sub("0x...", "".join(traceback.format_exception(error)))
 
@@ -152,7 +155,8 @@ def _warm_up(job: Job) -> None:
 
 
 @cache
-def _circumstances() -> dict[str, Any]:
+def circumstances() -> dict[str, Any]:
+    """Return data of this process that differ between runs: versions, machine and process id."""
     return {
         "versions": {
             "coopsim": coopsim.__version__,

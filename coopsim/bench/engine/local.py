@@ -14,14 +14,15 @@ from collections.abc import Generator, Iterator
 from itertools import islice
 from multiprocessing.connection import wait
 from queue import SimpleQueue
+from typing import Any, Generic
 
-from coopsim.bench.engine.job import Job, Outcome, died, run_job
+from coopsim.bench.engine.work import DoneT, Work
 from coopsim.support.processes import cause_of_end, start_python
 
 _PROGRAM = "from coopsim.bench.engine.local import serve; serve()"
 
 
-def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
+def run_locally(jobs: Iterator[Work[DoneT]], workers: int) -> Generator[DoneT]:
     """Run jobs, and yield outcomes as they come; closing the generator ends the processes.
 
     A job whose process died is run once more before it counts as failed: the process may have been killed from outside,
@@ -31,19 +32,19 @@ def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
         jobs: the next one is taken when a worker is free.
         workers: number of processes.
     """
-    crew: list[_Worker] = []
-    repeated: set[Job] = set()
+    crew: list[_Worker[DoneT]] = []
+    repeated: set[Work[DoneT]] = set()
     try:
         crew += map(_Worker, islice(jobs, workers))
         while crew:
             ready = wait([worker.replies.fileno() for worker in crew])
             for worker in [each for each in crew if each.replies.fileno() in ready]:
                 outcome = worker.take()
-                if worker.alive or outcome.job in repeated:
+                if worker.alive or worker.job in repeated:
                     yield outcome
                     following = next(jobs, None)
                 else:
-                    repeated.add(following := outcome.job)
+                    repeated.add(following := worker.job)
                 if worker.alive and following is not None:
                     worker.give(following)
                     continue
@@ -56,10 +57,10 @@ def run_locally(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
             worker.end()
 
 
-class _Worker:
+class _Worker(Generic[DoneT]):
     """A process that runs one job after another. It ends when this process does, in any way (see `serve`)."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Work[DoneT]) -> None:
         self._process = start_python(_PROGRAM)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._orders, self.replies = self._process.stdin, self._process.stdout
@@ -70,21 +71,21 @@ class _Worker:
         """Whether the process was still running at the last `take`."""
         return self._process.returncode is None
 
-    def give(self, job: Job) -> None:
+    def give(self, job: Work[DoneT]) -> None:
         """Hand over a job."""
-        self._job = job
+        self.job = job
         try:
             pickle.dump(job, self._orders)
             self._orders.flush()
         except BrokenPipeError:  # it died; `take` says so
             return
 
-    def take(self) -> Outcome:
+    def take(self) -> DoneT:
         """Wait for the outcome of the job."""
         try:
-            outcome: Outcome = pickle.load(self.replies)
+            outcome: DoneT = pickle.load(self.replies)
         except (EOFError, pickle.UnpicklingError):
-            return died(self._job, cause_of_end(self._process.wait()))
+            return self.job.died(cause_of_end(self._process.wait()))
         return outcome
 
     def end(self) -> None:
@@ -105,14 +106,14 @@ def serve() -> None:
     """
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a policy's prints must not get among the outcomes
-    jobs: SimpleQueue[Job] = SimpleQueue()
+    jobs: SimpleQueue[Work[Any]] = SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
     while True:
-        pickle.dump(run_job(jobs.get()), replies)
+        pickle.dump(jobs.get().run(), replies)
         replies.flush()
 
 
-def _listen(jobs: SimpleQueue[Job]) -> None:
+def _listen(jobs: SimpleQueue[Work[Any]]) -> None:
     try:
         while True:
             jobs.put(pickle.load(sys.stdin.buffer))

@@ -6,11 +6,11 @@ from collections.abc import Generator, Iterator
 from itertools import islice
 from typing import Any
 
-from coopsim.bench.engine.job import Job, Outcome, died, run_job
+from coopsim.bench.engine.work import DoneT, Work, run_work
 from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
 
 
-def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) -> Generator[Outcome]:
+def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | None) -> Generator[DoneT]:
     """Run jobs, and yield outcomes as they come; closing the generator cancels the remaining ones.
 
     A Ray that the caller has started is used, and left running. Every machine of a cluster needs coopsim, and the
@@ -31,7 +31,7 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
         start_ray(ray, workers, address)
     try:
         # Ray starts processes before there are tasks; a task with its own environment could not use them.
-        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": RAY_ENVIRONMENT}))(run_job)
+        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": RAY_ENVIRONMENT}))(run_work)
         # Twice as many as run, so that a free core has its next job; no more, so that the order can still change.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
         running = {do.remote(job): job for job in islice(jobs, at_once)}
@@ -48,9 +48,9 @@ def run_on_ray(jobs: Iterator[Job], workers: int | None, address: str | None) ->
             ray.shutdown()
 
 
-def _outcome(ray: Any, reference: Any, job: Job) -> Outcome:
+def _outcome(ray: Any, reference: Any, job: Work[DoneT]) -> DoneT:
     try:
-        outcome: Outcome = ray.get(reference)
+        outcome: DoneT = ray.get(reference)
     except ray.exceptions.RayError as error:  # after Ray's own retries
-        return died(job, f"{type(error).__name__}")
+        return job.died(f"{type(error).__name__}")
     return outcome

@@ -31,7 +31,7 @@ _PACKAGES = ("numpy", "numba", "scipy", "highway-env")
 _MOST_ITEMS = 1_000_000
 """Most items of a list among options, which are all written into every cell's file."""
 
-_CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml")
+_CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensors")
 
 
 def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: Sequence[MetricSpec] = ()) -> str:
@@ -60,7 +60,8 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
         elif package != "coopsim":
             code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
     plain = plain_options(options)
-    files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files((cell.condition.scenario, plain))))}
+    named = (cell.condition.scenario, plain, dict(policy.parameters))
+    files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files(named)))}
     code["packages"] = package_versions()
     names = sorted(metric.name for metric in metrics)
     decided = {

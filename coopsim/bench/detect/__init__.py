@@ -1,0 +1,1 @@
+"""Detection measured: average precision of what policies perceive, by the protocols of the field."""

@@ -1,0 +1,193 @@
+"""The plan of a detection measurement: rows of a table, and the episodes that each row pools."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import coopsim
+from coopsim.agents.tracking_policy import TrackingPolicy
+from coopsim.bench.detect.detect_job import DetectJob
+from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, receiving
+from coopsim.bench.detect.protocols.protocol import PROTOCOLS
+from coopsim.bench.evaluate import listening_env
+from coopsim.bench.grid.conditions import scenario_options
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.support.checks import require_choice, require_count, require_non_negative, require_positive
+from coopsim.types import NS_PER_S, seconds_to_ns
+
+LEARNED_DETECTOR = "pillars"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Disturbance:
+    """The disturbance of a row; None where the environment's own holds.
+
+    Attributes:
+        position_noise_m: standard deviation of x and of y of every agent's estimated pose.
+        heading_noise_deg: standard deviation of its heading.
+        delay_ms: of every message.
+    """
+
+    position_noise_m: float | None = None
+    heading_noise_deg: float | None = None
+    delay_ms: float | None = None
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Options of the environment that make it."""
+        made: dict[str, float] = {}
+        if self.position_noise_m is not None and self.heading_noise_deg is not None:
+            made["position_noise_m"] = self.position_noise_m
+            made["heading_noise_rad"] = math.radians(self.heading_noise_deg)
+        if self.delay_ms is not None:
+            made["latency_s"] = self.delay_ms / 1000
+        return made
+
+    @property
+    def noise(self) -> str | None:
+        """The noise as the command takes it, "0.4/0.4": m and degrees."""
+        return None if self.position_noise_m is None else f"{self.position_noise_m:g}/{self.heading_noise_deg:g}"
+
+
+@dataclass(frozen=True)
+class DetectPlan:
+    """What is measured.
+
+    Attributes:
+        policies: as `PolicySpec` reads them.
+        environments: names, or paths of scenario files.
+        seeds: one episode each.
+        frames: measured frames of an episode.
+        noises: (m, degrees) of all agents' poses, a row each; empty: the environment's own.
+        delays_ms: of messages, a row each; empty: the environment's own.
+        every_s: least time between two measured frames.
+        detector: of policies that detect nothing themselves; None: `LEARNED_DETECTOR` if it can be used, else the
+            environment's default.
+        receivers: "cars", or "all" agents.
+        boxes: "detections", or the reported "tracks".
+        protocol: of the metrics.
+        options: further ones of all environments, plain data.
+
+    Raises:
+        CoopsimError: a value is not accepted.
+    """
+
+    policies: tuple[str, ...] = ("no_fusion", "late_fusion")
+    environments: tuple[str, ...] = ("crossing",)
+    seeds: tuple[int, ...] = (0, 1)
+    frames: int = 20
+    noises: tuple[tuple[float, float], ...] = ()
+    delays_ms: tuple[float, ...] = ()
+    every_s: float = 0.5
+    detector: str | None = None
+    receivers: Receivers = "cars"
+    boxes: Boxes = "detections"
+    protocol: str = "coopsim"
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_count(1, frames=self.frames)
+        require_positive(every_s=self.every_s)
+        require_choice("receivers", self.receivers, RECEIVERS)
+        require_choice("boxes", self.boxes, BOXES)
+        PROTOCOLS.get(self.protocol)
+        for noise_m, noise_deg in self.noises:
+            require_non_negative(position_noise_m=noise_m, heading_noise_deg=noise_deg)
+        for delay_ms in self.delays_ms:
+            require_non_negative(delay_ms=delay_ms)
+
+    @property
+    def disturbances(self) -> list[Disturbance]:
+        """Every noise with every delay."""
+        noises: tuple[tuple[float | None, float | None], ...] = self.noises or ((None, None),)
+        delays: tuple[float | None, ...] = self.delays_ms or (None,)
+        return [Disturbance(*noise, delay_ms) for noise in noises for delay_ms in delays]
+
+    @cached_property
+    def specs(self) -> dict[str, PolicySpec]:
+        """The policies by their text."""
+        return {text: PolicySpec.parse(text) for text in self.policies}
+
+    @cached_property
+    def box_detector(self) -> str | None:
+        """The detector of policies that detect nothing themselves; None: the environment's default."""
+        return self.detector if self.detector is not None else usual_detector()
+
+    def check(self) -> None:
+        """Make every policy and its environments once.
+
+        Raises:
+            CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
+        """
+        for environment in self.environments:
+            for text, spec in self.specs.items():
+                for disturbance in {min(self.disturbances, key=str), max(self.disturbances, key=str)}:
+                    options, _ = self._episode(text, environment, disturbance)
+                    env = listening_env(environment, spec.make(), options)
+                    try:
+                        receiving(env, self.receivers)
+                    finally:
+                        env.close()
+
+    def jobs_of(self, policy: str, environment: str, disturbance: Disturbance) -> list[DetectJob]:
+        """Return the episodes of a row, one for each seed."""
+        options, pace = self._episode(policy, environment, disturbance)
+        spec = self.specs[policy]
+        return [DetectJob(spec, environment, seed, options, pace, self.receivers, self.boxes) for seed in self.seeds]
+
+    def rows(self) -> Iterator[tuple[str, str, Disturbance]]:
+        """Yield policy, environment and disturbance of each row: the disturbances one after another."""
+        for disturbance in self.disturbances:
+            for policy in self.policies:
+                for environment in self.environments:
+                    yield policy, environment, disturbance
+
+    def _episode(self, policy: str, environment: str, disturbance: Disturbance) -> tuple[dict[str, Any], Pace]:
+        given = {**self.options, **disturbance.options}
+        if self.box_detector is not None and not detects_itself(self.specs[policy]):
+            given["detector"] = self.box_detector
+        fixed_s = {**scenario_options(environment), **given}.get("dt_s")
+        step_s, pace = pace_of(self.frames, self.every_s, (disturbance.delay_ms or 0.0) / 1000, fixed_s)
+        return {"threads": 1, **given, "dt_s": step_s}, pace
+
+
+def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None = None) -> tuple[float, Pace]:
+    """Choose the time between an environment's frames, s, and which of them are measured.
+
+    The delay is a whole number of frames, so that messages are as old as it says. Before the first measured frame a
+    message has gone there and its answer has come back: some methods send what others ask for.
+
+    Args:
+        frames: measured ones.
+        every_s: least time between them.
+        delay_s: of messages.
+        fixed_s: the time between frames, where it is given.
+    """
+    if fixed_s is not None:
+        step_ns = seconds_to_ns(fixed_s)
+    elif delay_s:
+        delay_ns = seconds_to_ns(delay_s)
+        step_ns = -(-delay_ns // math.ceil(delay_s / every_s - 1e-9))
+    else:
+        step_ns = seconds_to_ns(every_s)
+    step_s = step_ns / NS_PER_S
+    ticks = math.ceil(delay_s / step_s - 1e-6)
+    return step_s, Pace(frames, max(1, math.ceil(every_s / step_s - 1e-6)), 1 + 2 * ticks)
+
+
+def detects_itself(spec: PolicySpec) -> bool:
+    """Return whether a policy perceives by itself and so takes no notice of the environment's detector."""
+    made = spec.policy_class()
+    return issubclass(made, TrackingPolicy) and made.perceive is not TrackingPolicy.perceive
+
+
+def usual_detector() -> str | None:
+    """Return `LEARNED_DETECTOR` where its weights and torch are there; else None, the environment's default."""
+    weights = Path(str(coopsim.__file__)).parent / "weights" / f"{LEARNED_DETECTOR}.safetensors"
+    return LEARNED_DETECTOR if weights.is_file() and find_spec("torch") is not None else None

@@ -1,0 +1,113 @@
+"""What the receivers of one episode perceived, and what was there: flat arrays that any protocol can evaluate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.recall_by_visibility import UNKNOWN
+from coopsim.types import Detections, GroundTruth, Ints, Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """N detections and M objects in R frames, one frame of one receiver after another.
+
+    Boxes are x, y, z, l, w, h, yaw (m, rad) in the true base frame of the frame's receiver.
+
+    Attributes:
+        found_start: (R + 1,) frame r has the detections found_start[r] to found_start[r + 1] - 1.
+        found_box: (N, 7).
+        found_score: (N,).
+        found_label: (N,) `ObjectClass`.
+        true_start: (R + 1,) the same of objects.
+        true_box: (M, 7).
+        true_label: (M,).
+        true_counts: (M,) whether the object counts: in the region, and seen by some agent.
+        true_seen_by: (M,) numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`, or `UNKNOWN`.
+        region_m: half length and width of the evaluation region; infinite: no limit.
+        frames: frames of the environment, each with several receivers.
+        messages: broadcasts in the episode, each counted once.
+        sent_bytes: their size, envelopes included.
+        ms: milliseconds a frame of the environment, all agents together, by part.
+    """
+
+    found_start: Ints
+    found_box: Floats
+    found_score: Floats
+    found_label: Ints
+    true_start: Ints
+    true_box: Floats
+    true_label: Ints
+    true_counts: Mask
+    true_seen_by: Ints
+    region_m: tuple[float, float] = (np.inf, np.inf)
+    frames: int = 0
+    messages: int = 0
+    sent_bytes: int = 0
+    ms: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        found: Sequence[Detections],
+        truth: Sequence[GroundTruth],
+        region_m: tuple[float, float] | None = None,
+        *,
+        frames: int | None = None,
+        messages: int = 0,
+        sent_bytes: int = 0,
+        ms: Mapping[str, float] | None = None,
+    ) -> Perceived:
+        """Join frames: per frame of a receiver its detections, and the truth around it.
+
+        Raises:
+            InvalidValueError: the lists differ in length.
+        """
+        if len(found) != len(truth):
+            raise InvalidValueError(f"found and truth must have one item per frame, got {len(found)} and {len(truth)}")
+        return cls(
+            _starts([len(each) for each in found]),
+            _joined([each.boxes.array for each in found], (0, 7), np.float64),
+            _joined([each.score for each in found], (0,), np.float64),
+            _joined([each.label for each in found], (0,), np.int64),
+            _starts([len(each) for each in truth]),
+            _joined([each.boxes.array for each in truth], (0, 7), np.float64),
+            _joined([each.label for each in truth], (0,), np.int64),
+            _joined([_or_all(each.counts, len(each), True) for each in truth], (0,), np.bool_),
+            _joined([_or_all(each.visible_to, len(each), UNKNOWN) for each in truth], (0,), np.int64),
+            (np.inf, np.inf) if region_m is None else region_m,
+            len(found) if frames is None else frames,
+            messages,
+            sent_bytes,
+            {} if ms is None else dict(ms),
+        )
+
+    @property
+    def receiver_frames(self) -> int:
+        """R, the number of frames of receivers."""
+        return len(self.found_start) - 1
+
+    @property
+    def found_in_region(self) -> Mask:
+        """Mask (N,) of the detections whose centre is in the region, as the truth's must be."""
+        inside: Mask = np.all(np.abs(self.found_box[:, :2]) <= self.region_m, axis=1)
+        return inside
+
+
+def _starts(counts: Sequence[int]) -> Ints:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
+
+
+def _joined(parts: Sequence[NDArray[Any]], empty: tuple[int, ...], dtype: type) -> NDArray[Any]:
+    return np.concatenate([np.zeros(empty, dtype), *parts]).astype(dtype, copy=False)
+
+
+def _or_all(column: NDArray[Any] | None, count: int, value: int | bool) -> NDArray[Any]:
+    return np.full(count, value) if column is None else column

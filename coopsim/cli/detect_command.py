@@ -1,0 +1,149 @@
+"""`coopsim detect`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coopsim.cli.arguments import (
+    FAILED,
+    INTERRUPTED,
+    add_options,
+    as_json,
+    count,
+    named_options,
+    names,
+    numbers,
+    policies,
+    seeds,
+)
+from coopsim.support.files import require_writable, write_whole
+
+if TYPE_CHECKING:
+    from coopsim.bench.detect.detect import DetectProgress
+    from coopsim.bench.detect.detect_plan import DetectPlan
+
+HELP = "measure what policies detect: average precision by distance, class and who saw it, under noise and delay"
+
+_FLAGS = {
+    "latency_s": "--delays-ms",
+    "position_noise_m": "--noise",
+    "heading_noise_rad": "--noise",
+    "detector": "--detector",
+    "max_cycles": "--frames",
+    "seed": "--seeds",
+    "uplink": "--policies, each of which has its own",
+    "expose_ground_truth": "none: it is always on",
+    "threads": "--jobs",
+}
+"""Options that must be given by a flag, and the flag."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("--policies", type=policies, default=("no_fusion", "late_fusion"), metavar="A,B(x=1)", help="as in `bench`")
+    add("--environments", type=names, default=("crossing",), metavar="A,B.yaml", help="names, or scenario files")
+    add("--seeds", type=seeds, default=(0, 1), metavar="0-1", help="one episode each (default: 0-1)")
+    add("--frames", type=count, default=20, help="measured in each episode (default: %(default)s)")
+    add("--every-s", type=float, default=0.5, help="least time between measured frames (default: %(default)s)")
+    add("--noise", type=noises, default=(), metavar="0/0,0.4/0.4", help="m/degrees of all agents' poses, a row each")
+    add("--delays-ms", type=numbers, default=(), metavar="0,200", help="of messages, a row each")
+    add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
+    add("--detector", help="of policies without a network (default: pillars, or the environment's without torch)")
+    add("--receivers", default="cars", help="cars or all (default: %(default)s)")
+    add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
+    add_options(parser, "of the environments, as lidar=VLP-16 or detail=full")
+    add("--jobs", type=count, help="episodes at once (default: as many as cores)")
+    add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes and are run once")
+    add("--table", action="store_true", help="print the rows as a Markdown table, also with --json")
+
+
+def noises(text: str) -> tuple[tuple[float, float], ...]:
+    """Parse pairs of metres and degrees, "0/0,0.4/0.4"."""
+    try:
+        pairs = [tuple(float(number) for number in part.split("/")) for part in text.split(",")]
+        if any(len(pair) != 2 for pair in pairs):
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"must be pairs m/degrees with commas between, as 0/0,0.4/0.4, got {text!r}"
+        ) from None
+    return tuple((pair[0], pair[1]) for pair in pairs)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command. Return the exit status."""
+    from tqdm import tqdm
+
+    from coopsim.bench.benchmark import Engine
+    from coopsim.bench.detect.detect import measure_detection
+    from coopsim.bench.detect.detect_table import markdown_table
+
+    plan, out = _plan(options), options.json
+    if out is not None:
+        require_writable(out)
+    rows: list[dict[str, Any]] = []
+    failed, interrupted = 0, False
+    with tqdm(total=1, unit="episode", disable=None, desc="detect") as bar:
+
+        def show(progress: DetectProgress) -> None:
+            nonlocal rows, failed
+            bar.total, bar.n, grown = progress.episodes, progress.done, len(progress.rows) > len(rows)
+            rows = progress.rows
+            bar.refresh()
+            if progress.outcome is not None and progress.outcome.perceived is None:
+                failed += 1
+                job = progress.outcome.job
+                about = f"{job.policy.text}, {job.environment}, seed {job.seed}"
+                bar.write(f"coopsim: failed: {about}: {progress.outcome.reason}", file=sys.stderr)
+            if out is not None and (grown or progress.outcome is None):
+                write_whole(out, as_json(rows))
+
+        try:
+            measure_detection(plan, folder=_folder(out), engine=Engine(workers=options.jobs), on_progress=show)
+        except KeyboardInterrupt:
+            interrupted = True
+    if options.table or out is None:
+        print(markdown_table(rows))
+    if out is not None:
+        print(f"written: {out}", file=sys.stderr)
+    return _conclude(failed, interrupted, rows, out)
+
+
+def _plan(options: argparse.Namespace) -> DetectPlan:
+    from coopsim.bench.detect.detect_plan import DetectPlan
+
+    return DetectPlan(
+        options.policies,
+        options.environments,
+        options.seeds,
+        options.frames,
+        options.noise,
+        options.delays_ms,
+        options.every_s,
+        options.detector,
+        options.receivers,
+        options.boxes,
+        options.protocol,
+        named_options(options, _FLAGS),
+    )
+
+
+def _folder(out: Path | None) -> Path | None:
+    return None if out is None else out.with_name(f"{out.name}.episodes")
+
+
+def _conclude(failed: int, interrupted: bool, rows: Sequence[Mapping[str, Any]], out: Path | None) -> int:
+    if interrupted:
+        kept = f"{len(rows)} finished rows" + ("" if out is None else f" are in {out}")
+        again = "" if out is None else "; the same command goes on from there"
+        print(f"coopsim: interrupted; {kept}{again}", file=sys.stderr)
+        return INTERRUPTED
+    if failed:
+        print(f"coopsim: {failed} episodes failed, and their rows are missing", file=sys.stderr)
+        return FAILED
+    return 0
