@@ -148,6 +148,8 @@ class FeatureMap:
         request: (H / b, W / b) in [0, 1], how much the sender asks others for features of each block of b x b cells,
             b from 1 to 255; None: it asks for nothing.
         space: number of the network whose features these are, which no other one understands; 0: not stated.
+        priority: (H, W) which cells to send first where not all are sent, the larger the sooner; None: those of the
+            largest confidence. It is not sent itself.
 
     Raises:
         InvalidValueError: shapes differ from the grid's, or `space` is not of 32 bits.
@@ -159,6 +161,7 @@ class FeatureMap:
     sent: Mask | None = None
     request: NDArray[np.float32] | None = None
     space: int = 0
+    priority: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.grid, BevGrid):
@@ -179,6 +182,9 @@ class FeatureMap:
                     f"request must be of square blocks of {self.grid.shape} cells, got shape {request.shape}"
                 )
         require_count(0, 2**32 - 1, space=self.space)
+        if self.priority is not None:
+            priority = frozen(self.priority, self.grid.shape, np.float32, "priority")
+            object.__setattr__(self, "priority", priority)
 
     @property
     def request_block(self) -> int:
@@ -202,7 +208,7 @@ class FeatureMap:
 
         Returns:
             The features on `grid`, and a mask (H, W) of its cells whose centre lies between centres of the sender's
-            cells. Values and confidences of the others are zero. `sent` and `request` stay behind.
+            cells. Values and confidences of the others are zero. `sent`, `request` and `priority` stay behind.
         """
         centers = grid.cell_centers().reshape(-1, 2)
         ground = np.column_stack([centers, np.full(len(centers), dst_SE3_src.translation[2])])

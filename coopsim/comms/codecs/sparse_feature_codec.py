@@ -67,17 +67,18 @@ class SparseFeaturesCodec(FeatureCodec[FeatureMap]):
         self._most, self._least = most_cells, least_confidence
 
     def chosen(self, content: FeatureMap) -> Ints:
-        """Return the numbers (K,) of the cells that are sent, in order; of equal confidences the first."""
+        """Return the numbers (K,) of the cells that are sent, in order; of equals the first."""
         return self._surest(content, self._most)
 
     def _surest(self, content: FeatureMap, most: int) -> Ints:
         if content.confidence is None:
             raise CodecError("the surest cells can be sent only of features that have confidences")
-        confidence = content.confidence.ravel()
+        allowed = content.confidence.ravel() >= self._least
         if content.sent is not None:
-            confidence = np.where(content.sent.ravel(), confidence, -1.0)
-        surest = np.argsort(-confidence, kind="stable")[:most]
-        return np.sort(surest[confidence[surest] >= self._least])
+            allowed &= content.sent.ravel()
+        cells = np.flatnonzero(allowed)
+        first = content.confidence if content.priority is None else content.priority
+        return np.sort(cells[np.argsort(-first.ravel()[cells], kind="stable")[:most]])
 
     def encode(self, content: FeatureMap) -> bytes:
         return self._encode(content, self._most)

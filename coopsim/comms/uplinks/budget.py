@@ -40,6 +40,8 @@ class WithinBudget(Uplink):
         self, uplink: Uplink, budget_bytes: int, make_selection: MakeSelection, decoded: DecodeOnce | None = None
     ) -> None:
         require_count(1, budget_bytes=budget_bytes)
+        if isinstance(uplink, ContentUplink):
+            uplink.prepare_budget()
         _require_divisible(uplink)
         self.content = uplink.content  # type: ignore[misc]  # of the class elsewhere
         self._uplink, self._budget_bytes, self._make_selection = uplink, budget_bytes, make_selection

@@ -92,6 +92,12 @@ class ContentUplink(Uplink, Generic[T]):
         made = {sender: self.content_of(sender, observation) for sender, observation in observations.items()}
         return {sender: content for sender, content in made.items() if content is not None}
 
+    def prepare_budget(self) -> None:
+        """Get ready to send within a budget of bytes, before the first message.
+
+        Override it in an uplink that then takes another codec, which can leave something out.
+        """
+
     def message(self, sender: str, observation: Observation) -> Message | None:
         return self.messages({sender: observation}).get(sender)
 

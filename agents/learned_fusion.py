@@ -1,0 +1,110 @@
+"""The base of policies that fuse feature maps: encode, share, warp, fuse, detect, track."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy
+from coopsim.agents.policy import Needs
+from coopsim.comms.decode_once import DecodeOnce
+from coopsim.comms.envelope import decode_features
+from coopsim.comms.uplinks.once_per_frame import EncodeOnce
+from coopsim.comms.uplinks.share_maps import ShareMaps
+from coopsim.comms.uplinks.uplink import Uplink
+from coopsim.detection.recent_sweeps import RecentSweeps, turned
+from coopsim.geometry.se3 import SE3
+from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
+
+if TYPE_CHECKING:
+    from coopsim.nn.perceiver import OwnMap, ReceivedMap
+
+DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
+"""Codecs: all cells, and as many of the surest ones as a budget has room for."""
+
+
+@dataclass(kw_only=True, eq=False)
+class LearnedFusion(PerceivingPolicy):
+    """A policy that fuses the feature maps of all agents. Further parameters: `PerceivingPolicy`.
+
+    Each agent encodes its points once a frame, for itself and for the others; all agents in one batch. Maps come
+    compressed to a few channels, are warped to where their senders were, and expanded and fused there. `align`, the
+    correction of poses by objects that several agents see, is then that of CoAlign (Lu et al., ICRA 2023).
+
+    Attributes:
+        detector_weights: of the encoder, which must be the one that the fusion was trained on.
+    """
+
+    needs = Needs(uplink="features", lidar=True)
+    codec: ClassVar[str] = DENSE
+    request_block: ClassVar[int] = 0
+
+    detector_weights: str = "pillars"
+
+    def load(self) -> None:
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.learn.weights import digest, load_cooperative, load_detector
+        from coopsim.nn.perceiver import KINDS, Perceiver
+
+        detector = load_detector(self.detector_weights)
+        net = load_cooperative(self.weights, detector)
+        space = int(digest(self.weights)[:8], 16)
+        self._kinds, self._perceiver = KINDS, Perceiver(detector, net, space, self.threads)
+        self._sweeps, self._decoded_maps = RecentSweeps(self._perceiver.sweeps), DecodeOnce()
+        self._encode: EncodeOnce[OwnMap] = EncodeOnce(
+            lambda view: self._encoded({view.agent: view})[view.agent], self._encoded
+        )
+        self._uplink: ShareMaps | None = None
+        self._served: set[str] = set()
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if self._uplink is None or spec.name in self._served:  # an episode begins
+            thrifty = SPARSE if spec.codec is None else None
+            self._uplink = ShareMaps(self._encode, spec.codec or self.codec, thrifty, self.request_block)
+            self._served = set()
+        self._served.add(spec.name)
+        return self._uplink
+
+    def decode(self, message: Message) -> ReceivedMap:
+        return self._perceiver.receive(decode_features(message))
+
+    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        from coopsim.nn.perceiver import PlacedMap, compass_region
+
+        perceiver, heading_rad = self._perceiver, float(observation.pose.xyz_yaw[3])
+        own = self._encode(observation.view(self.specs[agent]))
+        region = compass_region(self.region_m, heading_rad, perceiver.grid.cell_m)
+        placed = [
+            PlacedMap(
+                each.content,
+                self._sender_SE2_receiver(agent, observation, each),
+                each.delay_s(observation.time_ns),
+                self._kind(each.message.sender),
+            )
+            for each in heard
+        ]
+        return perceiver.detect(perceiver.fuse(own, region, placed), region, self.least_score)
+
+    def found_by(self, heading_rad: float, content: ReceivedMap) -> Detections:
+        found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)
+        return found.transform(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
+
+    def _encoded(self, views: Mapping[str, SensorView]) -> dict[str, OwnMap]:
+        """Return the maps of several agents, made in one batch."""
+        clouds = [
+            turned(self._sweeps.points(view), 0.0 if view.pose is None else float(view.pose.xyz_yaw[3]))
+            for view in views.values()
+        ]
+        return dict(zip(views, self._perceiver.encode(clouds), strict=True))
+
+    def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
+        """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""
+        sender_SE3_compass = self.compass_SE3_sender(agent, observation, heard).inverse()
+        compass_SE3_sender = SE3.from_xyz_yaw(np.zeros(3), float(heard.message.pose.xyz_yaw[3]))
+        return stack_xyz_yaw(compass_SE3_sender.compose(sender_SE3_compass))[[0, 1, 3]]
+
+    def _kind(self, sender: str) -> int:
+        return self._kinds.index(self.specs[sender].kind) if sender in self.specs else 0

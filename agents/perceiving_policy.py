@@ -1,0 +1,189 @@
+"""The base of policies that detect by a network in what all agents sent, and track what it finds.
+
+Their networks work in the *compass frame*: the base frame's origin, turned so that its axes are the world's by the
+agent's estimated heading. Maps of all agents then have the same axes, so one broadcast serves all receivers.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from coopsim.agents.tracking_policy import TrackingPolicy, covers, within_reach
+from coopsim.catalog import POLICIES, make_policy
+from coopsim.config.spec import parse_spec
+from coopsim.errors import InvalidValueError
+from coopsim.fusion.alignment import ReceivedBoxes
+from coopsim.geometry.se3 import SE3
+from coopsim.support.checks import require_between, require_count, require_positive, require_probability
+from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.tracker import Tracker
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, seconds_to_ns
+from coopsim.types.valid_detections import drop_unreportable
+
+_MOST_SENDERS = 32
+"""Messages of more agents at once are not remembered, but for the newest: names may change for ever."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """The newest message of one sender.
+
+    Attributes:
+        message: the message.
+        content: what was decoded of it.
+        captured_ns: its capture time, not later than its arrival.
+        odom_SE3_sender: the sender's base frame at capture, in the receiver's odometry frame.
+    """
+
+    message: Message
+    content: Any
+    captured_ns: int
+    odom_SE3_sender: SE3
+
+    def delay_s(self, now_ns: int) -> float:
+        """Return its age."""
+        return (now_ns - self.captured_ns) / NS_PER_S
+
+
+@dataclass(kw_only=True, eq=False)
+class PerceivingPolicy(TrackingPolicy):
+    """A policy with detections of its own, made by a network. Further parameters: `TrackingPolicy`.
+
+    Of each sender the newest message counts, where it was captured, until another one comes or it is too old.
+
+    Attributes:
+        weights: of the network, by name or as the path of a file.
+        tracker: the policy whose tracker tracks what is found, by its spec: "ab3dmot", "dino_codt", "coop_fuse", ...
+        least_score: smallest score of a detection, in [0, 1].
+        region_m: the network looks for objects in |x| <= the first, |y| <= the second of the receiver's base frame,
+            and in what the rectangle around it in the world's axes has besides.
+        memory_s: for how long after its capture a message is used.
+        threads: of torch. One is best unless nothing else runs.
+    """
+
+    weights: str = "pillars"
+    tracker: str = "ab3dmot"
+    least_score: float = 0.1
+    region_m: tuple[float, float] = (100.0, 40.0)
+    memory_s: float = 1.0
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        require_probability(least_score=self.least_score)
+        require_positive(memory_s=self.memory_s)
+        require_count(1, threads=self.threads)
+        if not (isinstance(self.region_m, (tuple, list)) and len(self.region_m) == 2):
+            raise InvalidValueError(f"region_m must be two numbers, half of length and width, got {self.region_m!r}")
+        require_between(5, 300, **{"region_m[0]": self.region_m[0], "region_m[1]": self.region_m[1]})
+        self._tracking = _tracking_policy(self.tracker)
+        self._heard: dict[str, dict[str, Heard]] = {}
+        super().__post_init__()
+        self.load()
+
+    @abstractmethod
+    def load(self) -> None:
+        """Make the networks; `coopsim.nn` is imported here and not above, because it needs torch.
+
+        Raises:
+            MissingDependencyError: torch is not installed.
+            UnknownNameError: there are no such weights.
+            InvalidValueError: the weights are broken, or do not fit together.
+        """
+
+    @abstractmethod
+    def decode(self, message: Message) -> Any:
+        """Return the content of a message; a pure function. Raises `CodecError` for what cannot be used."""
+
+    @abstractmethod
+    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        """Return what `agent` and those it heard see together, in its compass frame now."""
+
+    @abstractmethod
+    def found_by(self, heading_rad: float, content: Any) -> Detections:
+        """Return what a sender with this heading saw, as its message alone shows it, in its base frame."""
+
+    def make_tracker(self) -> Tracker | TrackersByClass:
+        return self._tracking.make_tracker()
+
+    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        return self._tracking.fuse(groups)
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        super().begin(spec, rng)
+        self._heard[spec.name] = {}
+
+    def perceive(self, agent: str, observation: Observation) -> Detections:
+        heard = self._listen(agent, observation)
+        if not observation.sensed:
+            return Detections.empty()
+        found = self.find(agent, observation, heard).transform(base_SE3_compass(observation))
+        if not self._states[agent].is_object:
+            return found
+        return found[~covers(found.boxes, np.zeros(2))]  # no agent is its own object
+
+    def compass_SE3_sender(self, agent: str, observation: Observation, heard: Heard) -> SE3:
+        """Return the sender's base frame at capture, in the receiver's compass frame now."""
+        base_SE3_odom = self._states[agent].frame.odom_SE3_base.inverse()
+        return base_SE3_compass(observation).inverse().compose(base_SE3_odom.compose(heard.odom_SE3_sender))
+
+    def _listen(self, agent: str, observation: Observation) -> list[Heard]:
+        """Take in the inbox, and return the newest message of each sender, in the order of their names."""
+        known, now_ns = self._heard[agent], observation.time_ns
+        inbox = [message for message in within_reach(observation) if message.sender != agent]
+        received = self.read(agent, inbox, self.decode)
+        places = self._places(agent, observation, received)
+        for (message, content), odom_SE3_sender in zip(received, places, strict=True):
+            captured_ns, before = min(message.captured_ns, now_ns), known.get(message.sender)
+            if before is None or before.captured_ns < captured_ns:
+                known[message.sender] = Heard(message, content, captured_ns, odom_SE3_sender)
+        oldest_ns = now_ns - seconds_to_ns(self.memory_s)
+        recent = sorted((-each.captured_ns, name) for name, each in known.items() if each.captured_ns >= oldest_ns)
+        self._heard[agent] = {name: known[name] for _, name in sorted(recent[:_MOST_SENDERS], key=lambda each: each[1])}
+        return list(self._heard[agent].values())
+
+    def _places(self, agent: str, observation: Observation, received: Sequence[tuple[Message, Any]]) -> list[SE3]:
+        """Return `odom_SE3_sender` at capture for each message, corrected by common objects if `align`."""
+        state = self._states[agent]
+        if state.alignment is None:
+            batch = state.frame.odom_SE3_senders([message for message, _ in received], observation)
+            return [batch[number] for number in range(len(batch))]
+        own = Detections.empty()
+        if observation.sensed:
+            own = self.find(agent, observation, []).transform(base_SE3_compass(observation))
+        boxes = [
+            ReceivedBoxes(message, drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content)))
+            for message, content in received
+        ]
+        placed = drop_unreportable(own).transform(state.frame.odom_SE3_base)
+        return state.alignment.place(observation, state.frame, placed, boxes)
+
+
+def base_SE3_compass(observation: Observation) -> SE3:
+    """Return the turn from the compass frame to the base frame, by the agent's estimate of its heading."""
+    return SE3.from_xyz_yaw(np.zeros(3), -float(observation.pose.xyz_yaw[3]))
+
+
+def _tracking_policy(spec: str) -> TrackingPolicy:
+    """Make the policy whose tracker is used.
+
+    Raises:
+        UnknownNameError: there is none of that name.
+        InvalidValueError: it does not track boxes.
+    """
+    name, parameters = parse_spec("tracker", spec)
+    if not _tracks_boxes(name):
+        accepted = ", ".join(each for each in POLICIES.names() if _tracks_boxes(each))
+        raise InvalidValueError(f"tracker must be a policy that tracks boxes ({accepted}), got {spec!r}")
+    made = make_policy(name, **parameters)
+    assert isinstance(made, TrackingPolicy)
+    return made
+
+
+def _tracks_boxes(name: str) -> bool:
+    kind = POLICIES.get(name)
+    return issubclass(kind, TrackingPolicy) and not issubclass(kind, PerceivingPolicy)

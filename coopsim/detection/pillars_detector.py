@@ -1,0 +1,65 @@
+"""The detector "pillars": a network on an agent's own points (PointPillars' encoder, CenterPoint's head).
+
+Importing this does not load torch; making the detector does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Self
+
+from coopsim.detection.detector import DETECTORS, Detector, Rng, SensorNeeds
+from coopsim.detection.recent_sweeps import RecentSweeps
+from coopsim.support.checks import require_between, require_count, require_probability
+from coopsim.types import AgentSpec, Detections, SensorView
+
+if TYPE_CHECKING:
+    from coopsim.nn.cloud_detector import CloudDetector
+
+
+@DETECTORS.register("pillars")
+class PillarsDetector(Detector):
+    """A network that finds objects of all classes in an agent's points, in a square around it.
+
+    All agents of a frame are one batch. Its boxes have covariances.
+
+    Args:
+        weights: of the network, by name or as the path of a file.
+        least_score: smallest score of a detection, in [0, 1].
+        reach_m: half the edge of the square.
+        threads: of torch.
+
+    Raises:
+        MissingDependencyError: torch is not installed.
+        UnknownNameError: there are no such weights.
+        InvalidValueError: a value is not accepted, or the weights are broken.
+    """
+
+    needs = SensorNeeds(lidar=True)
+    states_covariance = True
+
+    def __init__(
+        self, weights: str = "pillars", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 1
+    ) -> None:
+        require_probability(least_score=least_score)
+        require_between(5, 300, reach_m=reach_m)
+        require_count(1, threads=threads)
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.learn.weights import load_detector
+        from coopsim.nn.cloud_detector import CloudDetector
+
+        self._least_score, self._reach_m = least_score, reach_m
+        self._network: CloudDetector = CloudDetector(load_detector(weights), threads)
+        self._sweeps = RecentSweeps(self._network.sweeps)
+
+    def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
+        begun = object.__new__(type(self))
+        begun.__dict__ |= self.__dict__ | {"_sweeps": RecentSweeps(self._network.sweeps)}
+        return begun
+
+    def detect(self, view: SensorView, rng: Rng) -> Detections:
+        return self.detect_all({view.agent: view}, {view.agent: rng})[view.agent]
+
+    def detect_all(self, views: Mapping[str, SensorView], rngs: Mapping[str, Rng]) -> dict[str, Detections]:
+        clouds = [self._sweeps.points(view) for view in views.values()]
+        return dict(zip(views, self._network.detect_around(clouds, self._reach_m, self._least_score), strict=True))

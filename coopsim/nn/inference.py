@@ -1,0 +1,30 @@
+"""Networks at work: without gradients, on a few threads, in bfloat16 where the processor multiplies it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import torch
+
+
+@contextmanager
+def inference(threads: int = 1) -> Iterator[None]:
+    """Compute what is within without gradients, on `threads` threads; afterwards torch has as many as before."""
+    before = torch.get_num_threads()
+    if before != threads:
+        torch.set_num_threads(threads)
+    try:
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=multiplies_bfloat16()):
+            yield
+    finally:
+        if before != threads:
+            torch.set_num_threads(before)
+
+
+@cache
+def multiplies_bfloat16() -> bool:
+    """Return whether this processor multiplies bfloat16 itself; one that does not is slower with it."""
+    checks = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
+    return any(bool(getattr(torch.cpu, check, bool)()) for check in checks)
