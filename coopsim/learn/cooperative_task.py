@@ -67,7 +67,11 @@ class CooperativeTask(TrainingTask):
 
     def train(self, mode: bool = True) -> Self:
         super().train(mode)
-        self.detector.eval()  # its running statistics stay as they are
+        self.detector.eval()
+        # Statistics of normalisation stay the detector's: one scene is too few to measure them.
+        for module in self.net.modules():
+            if isinstance(module, nn.modules.batchnorm._BatchNorm):
+                module.eval()
         return self
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:

@@ -107,6 +107,7 @@ class _Draft:
         self.grid = self.pillar_grid.coarser(STRIDE)
         self.strength, self.axes_rad = rng.random(), rng.uniform(-np.pi, np.pi)
         self.mirrored = rng.random() < settings.mirrored
+        self.ages = {member: self._age() for member in members}
         self.rows: dict[tuple[int, int], int] = {}
         self.clouds: list[Pillars] = []
         self.seen: list[Targets] = []
@@ -154,7 +155,7 @@ class _Draft:
         for sender in self.members:
             if sender == member:
                 continue
-            then = self.number - self._age()
+            then = self.number - self.ages[sender]
             others.append(self._row(then, sender))
             delays.append((self.number - then) * self.clip.dt_s)
             kinds.append(KINDS.index(scene.agents[sender].kind))
@@ -173,7 +174,7 @@ class _Draft:
         )  # fmt: skip
 
     def _age(self) -> int:
-        """Return how many scenes a message is late."""
+        """Return how many scenes a sender's messages are late: all receivers get the same ones."""
         most = min(self.number, int(LATEST_S / self.clip.dt_s + 1e-6))
         return int(self.rng.integers(1, most + 1)) if most and self.rng.random() < self.settings.late else 0
 
