@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from coopsim.nn.centre_head import RARE, CentreHead
 from coopsim.nn.expand import Expand
-from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext
+from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
 from coopsim.support.checks import require_count
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -101,7 +101,7 @@ class CooperativeNet(nn.Module):
             return own
         own, others, context = self._prepare(own, received, context)
         fused: Tensor = self.fusion(own, own_mask, others, mask, context)
-        refined: Tensor = self.neck(fused[None])[0]
+        refined: Tensor = self.neck(as_batch(fused))[0]
         return fused + refined * mask.any(0)
 
     def foreground(
@@ -113,14 +113,14 @@ class CooperativeNet(nn.Module):
 
     def _prepare(self, own: Tensor, received: Tensor, context: FusionContext) -> tuple[Tensor, Tensor, FusionContext]:
         """Expand what was received, in the memory layout that is fastest here, and complete the context."""
-        own = own[None].contiguous(memory_format=torch.channels_last)
-        others = own[:0]
+        own = own.permute(1, 2, 0).contiguous().permute(2, 0, 1)
+        others = own[None][:0]
         if len(received):
             others = self.expand(received.contiguous(memory_format=torch.channels_last), context.delay_s)
         sure = context.own_confidence
         if sure is None and context.confidence is not None:
-            sure = self.confidence(own)[0]
-        return own[0], others, FusionContext(context.delay_s, context.kind, context.confidence, sure)
+            sure = self.confidence(as_batch(own))[0]
+        return own, others, FusionContext(context.delay_s, context.kind, context.confidence, sure)
 
 
 def _start_as_nothing(layer: nn.Module) -> None:

@@ -2,7 +2,7 @@
 
 from coopsim.nn.fusion.attfuse import AttFuse
 from coopsim.nn.fusion.fcooper import FCooper
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, Foreground, FusionContext
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
 from coopsim.nn.fusion.pyramid import Pyramid
 from coopsim.nn.fusion.where2comm import Where2comm
 
@@ -15,4 +15,5 @@ __all__ = [
     "FusionContext",
     "Pyramid",
     "Where2comm",
+    "as_batch",
 ]

@@ -90,6 +90,14 @@ class FeatureFusion(nn.Module, ABC):
         return []
 
 
+def as_batch(image: Tensor) -> Tensor:
+    """Return a map (C, H, W) as a batch (1, C, H, W). As `image[None]`, but known to be channels last where it is.
+
+    Of `image[None]` convolutions make a copy first.
+    """
+    return image.permute(1, 2, 0)[None].permute(0, 3, 1, 2)
+
+
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
     """Return weights (L, H, W) that add to 1 over the valid agents of a cell. Cells without any have zeros, no NaN.
 

@@ -15,6 +15,7 @@ from coopsim.nn.fusion.feature_fusion import (
     FeatureFusion,
     Foreground,
     FusionContext,
+    as_batch,
     masked_softmax,
     weighted_sum,
 )
@@ -62,7 +63,7 @@ class Pyramid(FeatureFusion):
         ]
         while len(fused) > 1:
             coarse, fine = fused.pop(), fused[-1]
-            raised = self.up[len(fused) - 1](coarse[None])[0, :, : fine.shape[1], : fine.shape[2]]
+            raised = self.up[len(fused) - 1](as_batch(coarse))[0, :, : fine.shape[1], : fine.shape[2]]
             fused[-1] = torch.relu(fine + raised) if len(fused) > 1 else fine + raised * mask.any(0)
         return fused[0]
 
@@ -80,7 +81,7 @@ class Pyramid(FeatureFusion):
         levels = [_Level(own, others, masks, self._logits(0, own, others))]
         for number, down in enumerate(self.down, 1):
             odd = (0, own.shape[-1] % 2, 0, own.shape[-2] % 2)
-            own, others = down(functional.pad(own[None], odd))[0], down(functional.pad(others, odd))
+            own, others = down(functional.pad(as_batch(own), odd))[0], down(functional.pad(others, odd))
             masks = functional.max_pool2d(masks.float(), 2, ceil_mode=True) > 0
             others = others.masked_fill(~masks[1:, None], 0.0)
             levels.append(_Level(own * masks[0], others, masks, self._logits(number, own, others)))
@@ -88,7 +89,7 @@ class Pyramid(FeatureFusion):
 
     def _logits(self, number: int, own: Tensor, others: Tensor) -> Tensor:
         believe = self.believe[number]
-        return torch.cat([believe(own[None]), believe(others)])[:, 0].float()
+        return torch.cat([believe(as_batch(own)), believe(others)])[:, 0].float()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

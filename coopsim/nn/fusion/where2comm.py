@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, as_batch, masked_softmax, weighted_sum
 from coopsim.support.checks import require_count
 
 
@@ -50,8 +50,8 @@ class Where2comm(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        keys = torch.cat([self.key(own[None]), self.key(others)])
-        likeness = _split(self.query(own[None]) * keys, 1, self.heads).sum(2) / self.depth**0.5
+        keys = torch.cat([self.key(as_batch(own)), self.key(others)])
+        likeness = _split(self.query(as_batch(own)) * keys, 1, self.heads).sum(2) / self.depth**0.5
         logits = likeness.float() + functional.softplus(self.trust)[:, None, None] * _sure(others, context)[:, None]
         weights = masked_softmax(logits, torch.cat([own_mask[None], mask])[:, None])
         fused = weighted_sum(_split(own, 0, self.heads), _split(others, 1, self.heads), weights[:, :, None])
