@@ -102,6 +102,6 @@ def _asked_for(request: Request, centers: Floats) -> Float32s:
     column = np.floor((there_x - grid.x_m[0]) / grid.cell_m).astype(np.int64)
     row = np.floor((there_y - grid.y_m[0]) / grid.cell_m).astype(np.int64)
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    asked = np.ones(inside.shape, np.float32)
+    asked: Float32s = np.ones(inside.shape, np.float32)
     asked[inside] = request.values[row[inside], column[inside]]
     return asked

@@ -102,7 +102,7 @@ class CooperativeNet(nn.Module):
         own, others, context = self._prepare(own, received, context)
         fused: Tensor = self.fusion(own, own_mask, others, mask, context)
         refined: Tensor = self.neck(as_batch(fused))[0]
-        return fused + refined * mask.any(0)
+        return fused + refined * mask.any(0).to(refined.dtype)
 
     def foreground(
         self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext

@@ -44,6 +44,6 @@ class Expand(nn.Module):
             for sender, each in enumerate(kernels)
         ]
         cells = torch.cat(spread).permute(0, 2, 3, 1)
-        weight, plus = self.mix.weight.T * (1 + gain)[:, None], (self.mix.bias + bias)[:, None]
-        expanded = torch.baddbmm(plus, cells.flatten(1, 2), weight).relu_()
-        return expanded.unflatten(1, cells.shape[1:3]).permute(0, 3, 1, 2)
+        mixed = torch.bmm(cells.flatten(1, 2), self.mix.weight.T * (1 + gain)[:, None])
+        expanded: Tensor = mixed.add_((self.mix.bias + bias)[:, None].to(mixed.dtype)).relu_()
+        return expanded.view(*cells.shape[:3], features).permute(0, 3, 1, 2)

@@ -26,6 +26,6 @@ class FCooper(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        for values, valid in zip(others, mask, strict=True):
-            own = torch.maximum(own, values.masked_fill(~valid, 0.0))
+        for values, valid in zip(others, mask.to(others.dtype), strict=True):
+            own = torch.maximum(own, values * valid)
         return own

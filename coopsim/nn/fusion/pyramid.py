@@ -64,7 +64,7 @@ class Pyramid(FeatureFusion):
         while len(fused) > 1:
             coarse, fine = fused.pop(), fused[-1]
             raised = self.up[len(fused) - 1](as_batch(coarse))[0, :, : fine.shape[1], : fine.shape[2]]
-            fused[-1] = torch.relu(fine + raised) if len(fused) > 1 else fine + raised * mask.any(0)
+            fused[-1] = torch.relu(fine + raised) if len(fused) > 1 else fine + raised * mask.any(0).to(raised.dtype)
         return fused[0]
 
     def foreground(
@@ -76,15 +76,16 @@ class Pyramid(FeatureFusion):
 
     def _levels(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor) -> list[_Level]:
         """Return the maps of each scale. Odd sizes are padded with zeros, at the end."""
-        others = others.masked_fill(~mask[:, None], 0.0)
+        others = others * mask[:, None].to(others.dtype)
         masks = torch.cat([own_mask[None], mask])
         levels = [_Level(own, others, masks, self._logits(0, own, others))]
         for number, down in enumerate(self.down, 1):
             odd = (0, own.shape[-1] % 2, 0, own.shape[-2] % 2)
             own, others = down(functional.pad(as_batch(own), odd))[0], down(functional.pad(others, odd))
             masks = functional.max_pool2d(masks.float(), 2, ceil_mode=True) > 0
-            others = others.masked_fill(~masks[1:, None], 0.0)
-            levels.append(_Level(own * masks[0], others, masks, self._logits(number, own, others)))
+            inside = masks.to(own.dtype)
+            own, others = own * inside[0], others * inside[1:, None]
+            levels.append(_Level(own, others, masks, self._logits(number, own, others)))
         return levels
 
     def _logits(self, number: int, own: Tensor, others: Tensor) -> Tensor:
