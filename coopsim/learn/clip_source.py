@@ -1,32 +1,98 @@
-"""The clips of a training: from the simulator as it runs, made ahead by other processes, or from a folder."""
+"""The clips of a training: from the simulator as it runs or from a folder, and made ahead by other processes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from coopsim.config.load import load
 from coopsim.learn.clip_store import CachedClips, ClipSource
-from coopsim.learn.ranks import Ranks
+from coopsim.learn.clip_stream import ClipStream
 from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.rollout import SimulatedClips
+from coopsim.learn.scene import Clip
+from coopsim.learn.world_recipe import WorldRecipe
+
+_LATER = 10**9
 
 
-@contextmanager
-def open_clips(
-    recipe: TrainingRecipe, seed: int, cache: Path | None, workers: int | str, ranks: Ranks
-) -> Iterator[ClipSource]:
-    """Yield the clips of a recipe's world; its processes end with the context.
+def simulated_clips(recipe: TrainingRecipe, seed: int, cache: Path | None = None) -> ClipSource:
+    """Return the clips of a recipe's world; with a folder `cache`, each is made once and kept there."""
+    clips = SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)
+    return clips if cache is None else CachedClips(clips, cache)
+
+
+def held_out_clips(recipe: TrainingRecipe, cache: Path | None = None) -> ClipSource:
+    """Return clips of places that no training sees: towns 1000 to 1099; for a fusion with frames close in time."""
+    dt_s = 0.5 if recipe.kind == "detector" else 0.2
+    clips = SimulatedClips(WorldRecipe.for_validation(dt_s=(dt_s,)))
+    return clips if cache is None else CachedClips(clips, Path(cache, "held_out"))
+
+
+@dataclass(frozen=True, slots=True)
+class LaterClips:
+    """The clips of a source from a number on that no training comes to.
+
+    Attributes:
+        source: of the clips.
+    """
+
+    source: ClipSource
+
+    def clip(self, index: int) -> Clip:
+        """Return a clip by its number from 0."""
+        return self.source.clip(_LATER + index)
+
+
+@dataclass(frozen=True, slots=True)
+class ClipsOfRank:
+    """The clips of one of several processes that train together: every so many-th block.
+
+    Attributes:
+        source: of the clips.
+        block: clips a block.
+        rank: of the process.
+        ranks: how many there are.
+    """
+
+    source: ClipSource
+    block: int
+    rank: int
+    ranks: int
+
+    def clip(self, index: int) -> Clip:
+        """Return a clip by its number among those of the process."""
+        block, place = divmod(index, self.block)
+        return self.source.clip((block * self.ranks + self.rank) * self.block + place)
+
+
+class ClipsAhead:
+    """The clips of a source, made ahead by other processes for one who asks for one after the other.
 
     Args:
-        recipe: of the training.
-        seed: of the clips.
-        cache: folder of clips: those in it are read, others are made and stored.
-        workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
-        ranks: processes that train together: each reads every so many-th block.
+        source: of the clips.
+        workers: number of processes, which end with the `with` statement.
+        ahead: clips that each of them makes ahead.
     """
-    from coopsim.learn.rollout import SimulatedClips
-    from coopsim.learn.world_recipe import WorldRecipe
 
-    clips: ClipSource = SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)
-    yield clips if cache is None else CachedClips(clips, cache)
+    def __init__(self, source: ClipSource, workers: int, ahead: int) -> None:
+        self._source, self._workers, self._ahead = source, workers, ahead
+        self._stream: ClipStream | None = None
+
+    def clip(self, index: int) -> Clip:
+        """Return a clip; at once if the one before it was asked for last, and it is made."""
+        if self._stream is None or self._stream.index != index:
+            self._close()
+            self._stream = ClipStream(self._source, index, self._workers, self._ahead)
+        return next(self._stream)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        if self._stream is not None:
+            self._stream.close()

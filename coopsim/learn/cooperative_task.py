@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Self
 
 import numpy as np
+import torch
 from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
-from coopsim.learn.fused_loss import cooperative_loss
+from coopsim.learn.fused_loss import cooperative_loss, fused_features
 from coopsim.learn.fused_samples import scene_samples
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples import SampleSettings
 from coopsim.learn.scene import Clip
-from coopsim.learn.training_task import TrainingTask, mean_losses
+from coopsim.learn.training_task import FoundMap, TrainingTask, mean_losses
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_cooperative
 from coopsim.nn.cooperative_net import CooperativeNet
+from coopsim.nn.decode import decode
 
 
 class CooperativeTask(TrainingTask):
@@ -76,6 +78,22 @@ class CooperativeTask(TrainingTask):
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return scene_samples(clip, rng, self._settings, self.detector.config.cell_m)
+
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)
+        return scene_samples(clip, rng, settings, self.detector.config.cell_m)
+
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        assert isinstance(net, CooperativeNet)
+        found: list[FoundMap] = []
+        for sample in batch:
+            with torch.no_grad():
+                features = self.detector.encoder(sample.pillars)
+                values, sure = net.message(features)
+                for view in sample.views:
+                    fused, _ = fused_features(net, features, values, sure, sample.grid, view)
+                    found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
+        return found
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return mean_losses([cooperative_loss(self.detector, self.net, sample) for sample in batch])

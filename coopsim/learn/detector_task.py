@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from torch import Tensor
+import torch
+from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples import SampleSettings, collate_detector, detector_loss, detector_samples
 from coopsim.learn.scene import Clip
-from coopsim.learn.training_task import TrainingTask
+from coopsim.learn.targets import Targets
+from coopsim.learn.training_task import FoundMap, TrainingTask
 from coopsim.learn.weights import load_detector, make_detector
+from coopsim.nn.decode import decode
 from coopsim.nn.detector_net import DetectorNet
+from coopsim.types import BevGrid
 
 
 class DetectorTask(TrainingTask):
@@ -46,6 +50,21 @@ class DetectorTask(TrainingTask):
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return detector_samples(clip, rng, self._settings, self.net.config.cell_m)
+
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        merged = round(self._settings.merged)
+        settings = replace(self._settings, merged=merged, thinned=0.0, mirrored=0.0, dropout=0.0, crop_cells=None)
+        return detector_samples(clip, rng, settings, self.net.config.cell_m)
+
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        assert isinstance(net, DetectorNet)
+        targets: Targets = batch.targets
+        rows, columns = targets.heat.shape[2:]
+        # Where the map lies in its agent's frame is of no matter here.
+        grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
+        with torch.no_grad():
+            found = decode(net.head, net.encoder(batch.pillars), grid)
+        return [FoundMap(found[0], targets, grid)]
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_detector(samples)

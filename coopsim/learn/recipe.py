@@ -50,7 +50,7 @@ class TrainingRecipe:
         precision: of the arithmetic; the weights themselves are float32. "auto": bfloat16 where the processor has it.
         threads: of torch; only the same number of them gives the same bits.
         validate_every: steps between two looks at held-out places; 0: never.
-        validation: what they are; see `coopsim.learn.validation`.
+        held_out: number of clips of held-out places, see `coopsim.learn.validation`.
         start: weights to begin with, by name or path; None: random ones.
         detector: weights that stage B and C stand on, by name or path.
         network: options of the network: of `EncoderConfig` for stage A, of `CooperativeConfig` for B and C.
@@ -72,7 +72,7 @@ class TrainingRecipe:
     precision: str = "auto"
     threads: int = 1
     validate_every: int = 0
-    validation: Mapping[str, Any] = field(default_factory=dict)
+    held_out: int = 12
     start: str | None = None
     detector: str = "pillars"
     network: Mapping[str, Any] = field(default_factory=dict)
@@ -84,12 +84,20 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
-        require_count(1, steps=self.steps, batch=self.batch, block=self.block, passes=self.passes, threads=self.threads)
+        require_count(
+            1,
+            held_out=self.held_out,
+            steps=self.steps,
+            batch=self.batch,
+            block=self.block,
+            passes=self.passes,
+            threads=self.threads,
+        )
         require_count(0, validate_every=self.validate_every)
         require_positive(lr=self.lr, clip=self.clip)
         require_non_negative(weight_decay=self.weight_decay)
         require_probability(average=self.average)
-        for each in ("slower", "validation", "network", "world", "samples"):
+        for each in ("slower", "network", "world", "samples"):
             if not isinstance(getattr(self, each), Mapping):
                 raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")
         for name, factor in self.slower.items():

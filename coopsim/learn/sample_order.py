@@ -50,8 +50,7 @@ class SampleOrder:
         batch: samples a batch.
         block: clips a block.
         passes: over each block.
-        rank: of this process among those that train together; it has every `ranks`-th block.
-        ranks: processes that train together.
+        rank: of this process among those that train together, whose draws differ.
     """
 
     source: ClipSource
@@ -61,7 +60,6 @@ class SampleOrder:
     block: int
     passes: int
     rank: int = 0
-    ranks: int = 1
 
     def batches(self, start: Position) -> Iterator[tuple[Position, list[Any]]]:
         """Yield batches without end, each with the position after it.
@@ -71,7 +69,7 @@ class SampleOrder:
         """
         block, turn, used, empty = start.block, start.turn, start.batches, 0
         while True:
-            first = (block * self.ranks + self.rank) * self.block
+            first = block * self.block
             clips = [self.source.clip(first + k) for k in range(self.block)]
             empty += 1
             while turn < self.passes:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 import coopsim
+from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
 from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.curves import write_curves
 from coopsim.learn.precision import autocast_type, find_device
@@ -21,6 +22,7 @@ from coopsim.learn.sample_order import SampleOrder
 from coopsim.learn.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.training_log import read_log
 from coopsim.learn.training_task import TrainingTask
+from coopsim.learn.validation import HeldOut
 from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.rng import require_seed
@@ -75,10 +77,9 @@ def train(
         with joined(find_device(device)) as ranks:
             task = make_task(recipe, seed).to(ranks.device)
             with _clips(recipe, seed, source, cache, workers, ranks) as clips:
-                order = SampleOrder(
-                    clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, ranks.rank, ranks.ranks
-                )
+                order = SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, ranks.rank)
                 run = {"recipe": recipe.as_data(), "seed": seed, "processes": ranks.ranks}
+                validate = validate or _held_out(task, recipe, source, cache, ranks)
                 loop = TrainLoop(task, recipe, order, ranks, folder, run, validate, show)
                 loop.train()
             if ranks.writes:
@@ -102,11 +103,20 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
 def _clips(
     recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int | str, ranks: Ranks
 ) -> AbstractContextManager[ClipSource]:
-    if source is not None:
-        return nullcontext(source)
-    from coopsim.learn.clip_source import open_clips
+    clips = source or simulated_clips(recipe, seed, cache)
+    if ranks.ranks > 1:
+        clips = ClipsOfRank(clips, recipe.block, ranks.rank, ranks.ranks)
+    return nullcontext(clips) if source or not workers else ClipsAhead(clips, workers, recipe.block)
 
-    return open_clips(recipe, seed, cache, workers, ranks)
+
+def _held_out(
+    task: TrainingTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, ranks: Ranks
+) -> Validate | None:
+    """Return what looks at held-out places: of a source of one's own at its clips from number 1,000,000 on."""
+    if not recipe.validate_every:
+        return None
+    clips = held_out_clips(recipe, cache) if source is None else LaterClips(source)
+    return HeldOut(task, clips, recipe.held_out, ranks.device)
 
 
 def _conclude(loop: TrainLoop, folder: Path, seed: int, command: str) -> None:

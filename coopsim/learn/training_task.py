@@ -4,15 +4,33 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from torch import Tensor, nn
 
 from coopsim.learn.scene import Clip
+from coopsim.learn.targets import Targets
+from coopsim.types import BevGrid, Detections
 
 LOSS = "loss"
 """Name of the total among the losses: what is made smaller."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundMap:
+    """What a network found in a map, and what is there.
+
+    Attributes:
+        detections: in the frame of `grid`.
+        targets: of this map alone.
+        grid: the cells of the targets.
+    """
+
+    detections: Detections
+    targets: Targets
+    grid: BevGrid
 
 
 class TrainingTask(nn.Module, ABC):
@@ -29,6 +47,14 @@ class TrainingTask(nn.Module, ABC):
     @abstractmethod
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         """Draw samples from a clip; none is accepted."""
+
+    @abstractmethod
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        """Draw samples that show more, and without what is there only to make training harder, for a look at AP."""
+
+    @abstractmethod
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        """Return what a network finds in the maps of a batch."""
 
     def collate(self, samples: Sequence[Any]) -> Any:
         """Return samples as a batch: their list, unless overridden."""

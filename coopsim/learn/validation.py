@@ -7,7 +7,6 @@ see. `coopsim detect` measures networks as they are used.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,29 +17,14 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.precision import to_device
 from coopsim.learn.targets import Targets
-from coopsim.learn.training_task import TrainingTask
+from coopsim.learn.training_task import FoundMap, TrainingTask
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.nn.box_code import decode_boxes
 from coopsim.nn.decode import GROUPS, cell_centers
 from coopsim.support.rng import stream
-from coopsim.types import BevGrid, Detections
+from coopsim.types import BevGrid
 
 _VEHICLES, _, _PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundMap:
-    """One map with its detections and truth.
-
-    Attributes:
-        detections: in the frame of `grid`.
-        targets: of this map alone.
-        grid: the cells of the targets.
-    """
-
-    detections: Detections
-    targets: Targets
-    grid: BevGrid
 
 
 class HeldOut:
@@ -75,8 +59,8 @@ def _precision(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> f
     found, truth = [], []
     for each in maps:
         kept = np.isin(each.detections.label, labels)
-        found.append((Boxes3D(each.detections.boxes.array[kept]), each.detections.score[kept]))
-        truth.append(_true_boxes(each.targets, each.grid, labels))
+        found.append((Boxes3D.from_array(each.detections.boxes.array[kept]), each.detections.score[kept]))
+        truth.append(_true_boxes(each.targets.to("cpu"), each.grid, labels))
     return average_precision_of(found, truth, iou, view="BEV")
 
 
@@ -87,4 +71,4 @@ def _true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes
     boxes, _ = decode_boxes(
         targets.code[centres], targets.label[centres], cell_centers(cells[centres], grid), grid.cell_m
     )
-    return Boxes3D(boxes.double().numpy())
+    return Boxes3D.from_array(boxes.double().numpy())
