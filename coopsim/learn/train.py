@@ -12,8 +12,10 @@ import numpy as np
 import torch
 
 import coopsim
+from coopsim.errors import InvalidValueError
 from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
 from coopsim.learn.clip_store import ClipSource
+from coopsim.learn.clips_on_ray import ClipsOnRay
 from coopsim.learn.curves import write_curves
 from coopsim.learn.precision import autocast_type, find_device
 from coopsim.learn.ranks import Ranks, joined
@@ -106,6 +108,10 @@ def _clips(
     clips = source or simulated_clips(recipe, seed, cache)
     if ranks.ranks > 1:
         clips = ClipsOfRank(clips, recipe.block, ranks.rank, ranks.ranks)
+    if workers == "ray":
+        return ClipsOnRay(clips, ahead=4 * recipe.block)
+    if isinstance(workers, str):
+        raise InvalidValueError(f"workers must be an integer >= 0 or 'ray', got {workers!r}")
     return nullcontext(clips) if source or not workers else ClipsAhead(clips, workers, recipe.block)
 
 
