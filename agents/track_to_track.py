@@ -12,13 +12,14 @@ from functools import partial
 import numpy as np
 
 from coopsim.agents.policy import Needs, Policy
-from coopsim.agents.tracking_policy import covers, within_reach
+from coopsim.agents.tracking_policy import within_reach
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
 from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
+from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number

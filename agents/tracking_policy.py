@@ -12,7 +12,7 @@ import numpy as np
 from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import Floats
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame, stated_poses
@@ -20,7 +20,7 @@ from coopsim.support.checks import require_choice, require_flag
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Fusion, Measurements
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+from coopsim.types import AgentSpec, Detections, Message, Observation, Tracks
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
@@ -154,14 +154,3 @@ def within_reach(observation: Observation) -> list[Message]:
     away_m = stated_poses(observation.inbox)[:, :3] - observation.pose.xyz_yaw[:3]
     farthest_m: Floats = np.abs(away_m).max(axis=1)
     return list(compress(observation.inbox, (farthest_m <= FARTHEST_M).tolist()))
-
-
-def covers(boxes: Boxes3D, point_m: Floats) -> Mask:
-    """Return the mask (N,) of boxes that cover a point on the ground, one (2,) for all or one for each (N, 2)."""
-    offset_m, beyond_m = boxes.center[:, :2] - point_m, boxes.size[:, 0] + boxes.size[:, 1]
-    over: Mask = (np.abs(offset_m[:, 0]) < beyond_m) & (np.abs(offset_m[:, 1]) < beyond_m)
-    near = np.flatnonzero(over)  # few; the others cannot
-    (x, y), (length, width), yaw = offset_m[near].T, boxes.size[near, :2].T, boxes.yaw[near]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    over[near] = (np.abs(x * cos + y * sin) <= length / 2) & (np.abs(y * cos - x * sin) <= width / 2)
-    return over

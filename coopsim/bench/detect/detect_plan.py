@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
-from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.bench.detect.detect_job import DetectJob
 from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, receiving
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS
@@ -182,9 +181,11 @@ def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None =
 
 
 def detects_itself(spec: PolicySpec) -> bool:
-    """Return whether a policy perceives by itself and so takes no notice of the environment's detector."""
-    made = spec.policy_class()
-    return issubclass(made, TrackingPolicy) and made.perceive is not TrackingPolicy.perceive
+    """Return whether a policy perceives by itself, and so takes no notice of the environment's detector.
+
+    That is a policy of tracking whose class has overridden `perceive`.
+    """
+    return sum("perceive" in vars(each) for each in spec.policy_class().__mro__) > 1
 
 
 def usual_detector() -> str | None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from coopsim.agents.tracking_policy import covers
 from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.checks import require_choice, require_count
 from coopsim.types import NS_PER_S, Detections, GroundTruth
@@ -68,8 +68,9 @@ def perceive_episode(
 ) -> Perceived:
     """Run a policy through one episode, and collect what its receivers perceived and what was there.
 
-    Detections are those that updated the tracks (`TrackingPolicy.detections`); for another policy, the tracks that it
-    reports. Boxes over the receiver itself are left out: it is not its own object.
+    Detections are those that the policy says it perceived: a method `detections(agent)`, which policies of tracking
+    have. Of another policy they are the tracks that it reports. Boxes over the receiver are left out: it is not its own
+    object.
 
     Args:
         policy: the policy.

@@ -10,9 +10,9 @@ import pytest
 from conftest import SMALL
 
 import coopsim
-from coopsim.agents.tracking_policy import covers
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.simulated.simulated import SimulatedDetector
+from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 from coopsim.wire.actions import pack_tracks, unpack_action
