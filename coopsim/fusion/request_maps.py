@@ -87,8 +87,9 @@ def selection_weight(confidence: Float32s, grid: BevGrid, requests: Sequence[Req
     if not requests:
         return confidence.astype(np.float32)
     centers = grid.cell_centers()
-    wanted = np.max([_asked_for(request, centers) for request in requests], axis=0)
-    return (confidence * wanted).astype(np.float32)
+    wanted: Float32s = np.max([_asked_for(request, centers) for request in requests], axis=0)
+    weight: Float32s = (confidence * wanted).astype(np.float32)
+    return weight
 
 
 def _asked_for(request: Request, centers: Floats) -> Float32s:
