@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.catalog import is_scenario_file
 from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.errors import InvalidValueError
 from coopsim.learn.world_recipe import WorldRecipe
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather
@@ -98,6 +99,11 @@ def _scenario(
     if is_scenario_file(environment):
         file = load_scenario_file(environment)
         place = file.scenario
+        if isinstance(place, str) and place != TOWN and not recipe.allow_test_places:
+            raise InvalidValueError(
+                f"{environment} must have a place of its own, got the scenario {place!r}, which is a test place: "
+                "results are measured there; it is accepted with allow_test_places: true"
+            )
         known = {name: value for name, value in file.keywords.items() if name in (*NUMBERS, *TOWN_KEYS)}
         drawn = {**drop_overridden(known, drawn), **drawn}
     if place == TOWN:

@@ -106,6 +106,7 @@ class WorldRecipe:
         TownOptions(self.junctions, self.openness, self.lanes)  # its own checks
         for name in self.environments:
             self._check_environment(name)
+        self._as_floats()
 
     @classmethod
     def for_fusion(cls, **changed: Any) -> WorldRecipe:
@@ -190,6 +191,14 @@ class WorldRecipe:
                     f"lidars must not have {name!r}, which is a test sensor: results are measured on it untrained; it "
                     "is accepted with allow_test_places: true"
                 )
+
+    def _as_floats(self) -> None:
+        """Make floats of the numbers that need not be whole, as a file's 25: equal recipes are written alike."""
+        for name in ("dt_s", *_RANGES):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        for name in _SHARES:
+            object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "lidars", {name: float(weight) for name, weight in self.lidars.items()})
 
     def _check_ranges(self) -> None:
         for name in _COUNTS:

@@ -18,6 +18,13 @@ def test_recipes_are_read_from_yaml_and_written_back(tmp_path: Path) -> None:
     assert WorldRecipe.of({}) == WorldRecipe()
 
 
+def test_equal_recipes_are_written_alike() -> None:
+    """Folders of clips know their source by this."""
+    usual = WorldRecipe.for_fusion()
+    read = WorldRecipe.of({"dt_s": [0.1, 0.2, 0.3, 0.4, 0.5], "cars": [2, 3], "start_s": [0, 25]})
+    assert read == usual and repr(read) == repr(usual)
+
+
 @pytest.mark.parametrize("place", ["crossing", "urban_grid", "highway"])
 def test_test_places_are_refused_with_the_reason(place: str) -> None:
     with pytest.raises(InvalidValueError, match="test place: results are measured"):
