@@ -57,8 +57,11 @@ class CooperativeNet(nn.Module):
         nn.init.constant_(self.sure.bias, RARE)  # type: ignore[arg-type]
         self.expand = Expand(message_channels, features)
         self.fusion = fusion
-        self.neck = nn.Sequential(
-            nn.Conv2d(features, features, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(features, features, 1)
+        self.neck = nn.Sequential(  # each channel over 6 m, then across channels: a third of the time of both at once
+            nn.Conv2d(features, features, 5, padding=2, groups=features),
+            nn.Conv2d(features, features, 1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(features, features, 1),
         )
         self.head = CentreHead(features)
         _start_as_nothing(self.neck[-1])

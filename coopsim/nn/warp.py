@@ -59,7 +59,7 @@ def warp(
     if present is not None:
         inside = present[:, None].to(maps.dtype)
         maps = torch.cat([maps * inside, inside], 1)
-    warped = maps.new_zeros((*maps.shape[:2], *target.shape))
+    warped = _zeros_like(maps, target)
     valid = torch.zeros((len(maps), *target.shape), dtype=torch.bool, device=maps.device)
     for sender, pose in enumerate(poses):
         rows, columns = _overlap(source, target, pose)
@@ -69,6 +69,14 @@ def warp(
             values, inside = one(maps[sender : sender + 1], source, part, pose)
             warped[sender, :, rows, columns], valid[sender, rows, columns] = values, inside
     return (warped, valid) if present is None else _mean_of_present(warped, valid)
+
+
+def _zeros_like(maps: Tensor, target: BevGrid) -> Tensor:
+    """Return zeros (S, C, H, W) that lie in memory as `maps` do: copies between layouts cost more than a warp."""
+    senders, channels = maps.shape[:2]
+    if channels > 1 and maps.stride(1) == 1:
+        return maps.new_zeros((senders, *target.shape, channels)).permute(0, 3, 1, 2)
+    return maps.new_zeros((senders, channels, *target.shape))
 
 
 def _mean_of_present(warped: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:

@@ -135,3 +135,13 @@ def test_what_does_not_fit_is_refused() -> None:
         warp(image, SOURCE, TARGET, np.zeros((2, 3)))
     with pytest.raises(InvalidValueError, match="present must be bool"):
         warp(image, SOURCE, TARGET, [(0.0, 0.0, 0.0)], torch.ones(1, *SOURCE.shape))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3])
+def test_the_layout_in_memory_is_kept_and_without_effect(yaw: float) -> None:
+    image = torch.randn(2, 3, *SOURCE.shape, generator=torch.Generator().manual_seed(1))
+    last = image.contiguous(memory_format=torch.channels_last)
+    poses = [(0.5, -0.4, yaw), (3.0, 1.0, yaw)]
+    values, _ = warp(last, SOURCE, TARGET, poses)
+    assert values.is_contiguous(memory_format=torch.channels_last)
+    assert torch.allclose(values, warp(image, SOURCE, TARGET, poses)[0], atol=1e-6)
