@@ -1,0 +1,170 @@
+"""Trainings from the recipe to the files: they learn, repeat, go on after an interruption, and refuse what is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic_clips import SyntheticClips
+
+from coopsim.errors import InvalidValueError, TrainingError
+from coopsim.learn import cooperative_task, detector_task, train_loop
+from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.scene import Clip
+from coopsim.learn.train import train
+from coopsim.learn.train_loop import TrainingProgress
+from coopsim.learn.weights import digest, load_cooperative, load_detector
+
+SMALL: dict[str, Any] = {
+    "batch": 4,
+    "block": 1,
+    "average": 0.9,
+    "lr": 0.01,
+    "samples": {"reach_m": 19.2, "crop_cells": None, "merged": 0.0, "thinned": 0.0, "dropout": 0.0, "late": 0.0},
+    "network": {"pillar_features": 16, "channels": [16, 16, 16], "layers": [1, 1, 0], "features": 16},
+}
+TINY = TrainingRecipe(
+    "tiny",
+    steps=10,
+    **{**SMALL, "block": 2, "passes": 2, "network": {"channels": [8, 8, 8], "layers": [0, 0, 0], "features": 8}},
+)
+FILES = ("tiny.safetensors", "checkpoint.safetensors", "log.jsonl", "card.json", "curves.svg")
+
+
+class FourFrames:
+    """The same four frames of two agents, over and over."""
+
+    def clip(self, index: int) -> Clip:
+        return SyntheticClips(frames=4).clip(0)
+
+
+def losses(folder: Path) -> list[dict[str, float]]:
+    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    return [line for line in lines if line["kind"] == "losses"]
+
+
+@pytest.fixture(scope="module")
+def _fixed_samples() -> Iterator[None]:
+    """Samples of a clip are always the same: a network cannot learn by heart what is turned anew each time."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in ((detector_task, "detector_samples"), (cooperative_task, "scene_samples")):
+            draw = getattr(module, name)
+            patch.setattr(module, name, lambda clip, rng, *rest, draw=draw: draw(clip, np.random.default_rng(0), *rest))
+        yield
+
+
+@pytest.fixture(scope="module")
+def encoder(tmp_path_factory: pytest.TempPathFactory, _fixed_samples: None) -> Path:
+    return train(TrainingRecipe("tiny", steps=60, **SMALL), tmp_path_factory.mktemp("encoder"), source=FourFrames())
+
+
+def test_a_tiny_encoder_learns_four_frames(encoder: Path) -> None:
+    seen = [each["loss"] for each in losses(encoder.parent)]
+    assert len(seen) == 60
+    assert np.mean(seen[-5:]) < 0.1 * seen[0]
+
+
+def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path, _fixed_samples: None) -> None:
+    recipe = TrainingRecipe(
+        "tiny_fusion",
+        steps=70,
+        detector=str(encoder),
+        **{
+            **SMALL, "kind": "cooperative", "batch": 1, "lr": 0.04,
+            "network": {"fusion": "attfuse", "message_channels": 16},
+        },
+    )  # fmt: skip
+    weights = train(recipe, tmp_path, source=FourFrames())
+    # How sure a sender is comes from a single layer on the frozen features, which cannot learn by heart.
+    seen = [each["loss"] - each["sure"] for each in losses(tmp_path)]
+    assert np.mean(seen[-5:]) < 0.1 * seen[0]
+    detector = load_detector(encoder)
+    assert load_cooperative(weights, detector) is load_cooperative(weights)
+
+
+def test_same_seed_gives_same_bytes_and_another_gives_others(tmp_path: Path) -> None:
+    first, second, third = (
+        train(TINY, tmp_path / name, seed, source=SyntheticClips()) for name, seed in (("a", 0), ("b", 0), ("c", 1))
+    )
+    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in FILES)
+    assert digest(first) == digest(second) != digest(third)
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, None])
+def test_an_interrupted_training_ends_in_the_same_bytes(
+    end: signal.Signals | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train(TINY, tmp_path / "whole", source=SyntheticClips())
+
+    def interrupt(progress: TrainingProgress) -> None:
+        if progress.step == 5 and end is not None:
+            os.kill(os.getpid(), end)
+        elif progress.step == 3:
+            monkeypatch.setattr(train_loop, "SAVE_EVERY_S", 1e9)
+        elif progress.step == 7:
+            raise MemoryError  # two steps after the last checkpoint, as a kill would come
+
+    monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
+    with pytest.raises(MemoryError if end is None else KeyboardInterrupt):
+        train(TINY, tmp_path / "cut", source=SyntheticClips(), show=interrupt)
+    steps = list[int]()
+    train(TINY, tmp_path / "cut", source=SyntheticClips(), show=lambda progress: steps.append(progress.step))
+    assert steps[0] == (3 if end is None else 6)
+    assert all((tmp_path / "whole" / name).read_bytes() == (tmp_path / "cut" / name).read_bytes() for name in FILES)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_folder_of_another_training_is_refused(tmp_path: Path) -> None:
+    train(replace(TINY, steps=1), tmp_path, source=SyntheticClips())
+    with pytest.raises(InvalidValueError, match=r"another training \(recipe.lr: 0.01 there, 0.02 here\)"):
+        train(replace(TINY, steps=1, lr=0.02), tmp_path, source=SyntheticClips())
+
+
+def test_a_loss_that_is_no_number_stops_and_keeps_the_last_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loss, calls = detector_task.detector_loss, list[int]()
+
+    def broken(*arguments: Any) -> dict[str, Any]:
+        calls.append(1)
+        values = loss(*arguments)
+        return (
+            values if len(calls) < 4 else {**values, "heat": values["heat"] * np.nan, "loss": values["loss"] * np.nan}
+        )
+
+    monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr(detector_task, "detector_loss", broken)
+    with pytest.raises(TrainingError, match=r"step 4: loss is nan, heat is nan.*weights of step 3 are kept in"):
+        train(TINY, tmp_path, source=SyntheticClips())
+    monkeypatch.setattr(detector_task, "detector_loss", loss)
+    steps = list[int]()
+    train(TINY, tmp_path, source=SyntheticClips(), show=lambda progress: steps.append(progress.step))
+    assert steps == [4, 5, 6, 7, 8, 9, 10]
+
+
+def test_scenes_without_objects_are_trained_on(tmp_path: Path) -> None:
+    weights = train(replace(TINY, steps=2), tmp_path, source=SyntheticClips(objects=0))
+    assert all(np.isfinite(value) for each in losses(tmp_path) for value in (each["loss"], each["place"]))
+    load_detector(weights)
+
+
+def test_a_world_in_which_nobody_sees_anything_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="have no sample"):
+        train(TINY, tmp_path, source=SyntheticClips(agents=0))
+
+
+def test_held_out_places_are_looked_at(tmp_path: Path) -> None:
+    recipe = replace(TINY, steps=4, validate_every=2, held_out=1)
+    train(recipe, tmp_path, source=SyntheticClips())
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    looks = [line for line in lines if line["kind"] == "validation"]
+    assert [look["step"] for look in looks] == [2, 4]
+    assert all(0 <= look["AP@0.5"] <= 1 for look in looks)
+    assert "held-out places" in (tmp_path / "curves.svg").read_text()
