@@ -51,7 +51,7 @@ def losses(folder: Path) -> list[dict[str, float]]:
 
 
 @pytest.fixture(scope="module")
-def _fixed_samples() -> Iterator[None]:
+def fixed_samples() -> Iterator[None]:
     """Samples of a clip are always the same: a network cannot learn by heart what is turned anew each time."""
     with pytest.MonkeyPatch.context() as patch:
         for module, name in ((detector_task, "detector_samples"), (cooperative_task, "scene_samples")):
@@ -61,7 +61,7 @@ def _fixed_samples() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def encoder(tmp_path_factory: pytest.TempPathFactory, _fixed_samples: None) -> Path:
+def encoder(tmp_path_factory: pytest.TempPathFactory, fixed_samples: None) -> Path:
     return train(TrainingRecipe("tiny", steps=60, **SMALL), tmp_path_factory.mktemp("encoder"), source=FourFrames())
 
 
@@ -71,7 +71,8 @@ def test_a_tiny_encoder_learns_four_frames(encoder: Path) -> None:
     assert np.mean(seen[-5:]) < 0.1 * seen[0]
 
 
-def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path, _fixed_samples: None) -> None:
+@pytest.mark.usefixtures("fixed_samples")
+def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path) -> None:
     recipe = TrainingRecipe(
         "tiny_fusion",
         steps=70,
