@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class PillarsDetector(Detector):
     """A network that finds objects of all classes in an agent's points, in a square around it.
 
-    All agents of a frame are one batch. Its boxes have covariances.
+    All agents of a frame are one batch. Its boxes have covariances, but for a network with an anchor head.
 
     Args:
         weights: of the network, by name or as the path of a file.
@@ -36,7 +36,6 @@ class PillarsDetector(Detector):
     """
 
     needs = SensorNeeds(lidar=True)
-    states_covariance = True
 
     def __init__(
         self, weights: str = "pillars", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 1
@@ -49,7 +48,9 @@ class PillarsDetector(Detector):
         from coopsim.nn.cloud_detector import CloudDetector
 
         self._least_score, self._reach_m = least_score, reach_m
-        self._network: CloudDetector = CloudDetector(load_detector(weights), threads)
+        net = load_detector(weights)
+        self.states_covariance = net.config.head == "centre"
+        self._network: CloudDetector = CloudDetector(net, threads)
         self._sweeps = RecentSweeps(self._network.sweeps)
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
