@@ -114,7 +114,7 @@ def circles(graph: Graph) -> list[list[str]]:
     return found
 
 
-def arrows(graph: Graph, group: Iterable[str], files: Graph) -> list[str]:
+def arrows(files: Graph, group: Iterable[str]) -> list[str]:
     """Return the file imports behind a circle of rooms, for the message of a failed test."""
     inside = set(group)
     return sorted(

@@ -11,6 +11,12 @@ from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, Protocol
 from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking_intervals import area_interval
+
+_MAIN = "APBEV@0.5"
+
+WITH_INTERVALS = (_MAIN, "APBEV@0.7", "AP3D@0.5", "AP3D@0.7", "APBEV@0.3 people", "APBEV@0.5 others_only")
+"""Metrics for which rows have intervals."""
 
 EVERYWHERE = "all"
 """The environment of a row that pools all environments."""
@@ -29,6 +35,7 @@ def row_of(
     """
     policy, environment, disturbance = place
     protocol = PROTOCOLS.get(plan.protocol)()
+    rankings = [protocol.rankings(Overlaps.of(each)) for each in episodes]
     messages, sent_bytes = sum(each.messages for each in episodes), sum(each.sent_bytes for each in episodes)
     return {
         "policy": policy,
@@ -45,15 +52,27 @@ def row_of(
         "messages": messages,
         "bytes_per_message": round(sent_bytes / messages, 1) if messages else 0.0,
         **_ms(episodes),
-        **metrics_of(protocol, episodes),
+        **metrics_of(protocol, rankings),
+        "objects": sum(part[_MAIN].objects for part in rankings),
+        "intervals": intervals_of(rankings),
     }
 
 
-def metrics_of(protocol: Protocol, episodes: Sequence[Perceived]) -> dict[str, float | None]:
-    """Return the metrics of episodes together, by name; None where there was nothing to be found."""
-    parts = [protocol.rankings(Overlaps.of(each)) for each in episodes]
+def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, float | None]:
+    """Return the metrics of episodes together, by name; None where there was nothing to be found.
+
+    Args:
+        protocol: of the metrics.
+        parts: rankings of each episode, by name.
+    """
     joined = {name: Ranking.joined([part[name] for part in parts]) for name in parts[0]}
     return {name: None if math.isnan(value) else round(value, 6) for name, value in protocol.values(joined).items()}
+
+
+def intervals_of(parts: Sequence[Mapping[str, Ranking]]) -> dict[str, list[float]]:
+    """Return the 95 % intervals of the main areas, by name; empty for too few episodes. Ranked over all frames."""
+    found = {name: area_interval([part[name] for part in parts]) for name in WITH_INTERVALS if name in parts[0]}
+    return {name: [round(end, 6) for end in ends] for name, ends in found.items() if ends is not None}
 
 
 def _ms(episodes: Sequence[Perceived]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Rows as a Markdown table."""
+"""Rows as a Markdown table. Brackets hold the 95 % interval over episodes, where there are enough."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     protocol = str(rows[0]["protocol"])
     numbers = _NUMBERS.get(protocol, tuple(name for name in rows[0] if name.startswith(("AP", "mAP"))))
     shown = [name for name in (*_ABOUT, *numbers, *_COSTS) if any(row.get(name) is not None for row in rows)]
-    cells = [[_cell(name, row.get(name)) for name in shown] for row in rows]
+    cells = [[_with_interval(row, name) for name in shown] for row in rows]
     align = ["left" if name in _ABOUT else "right" for name in shown]
     table = tabulate(cells, headers=shown, tablefmt="github", colalign=align, disable_numparse=True)
     return f"protocol {protocol}\n\n{table}"
@@ -42,3 +42,8 @@ def _cell(name: str, value: Any) -> str:
     if name in ("frames", "bytes_per_message", "delay_ms"):
         return f"{value:,.0f}"
     return f"{value:.1f}" if name.startswith("ms_") else f"{value:.3f}"
+
+
+def _with_interval(row: Mapping[str, Any], name: str) -> str:
+    low_high = row.get("intervals", {}).get(name)
+    return _cell(name, row.get(name)) + ("" if low_high is None else f" ({low_high[0]:.2f}-{low_high[1]:.2f})")
