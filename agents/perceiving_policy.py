@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.agents.tracking_policy import TrackingPolicy, covers, within_reach
+from coopsim.agents.tracking_policy import TrackingPolicy, within_reach
 from coopsim.catalog import POLICIES, make_policy
 from coopsim.config.spec import parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import ReceivedBoxes
+from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.tracking.by_class import TrackersByClass

@@ -83,7 +83,7 @@ class Ranking:
             return 0.0
         precision, recall = true / np.arange(1, len(true) + 1), true / self.objects
         at_recalls = np.interp(_RECALLS, recall, precision, right=0)[round(100 * least_recall) + 1 :]
-        return float(np.mean(np.maximum(at_recalls - least_precision, 0.0)) / (1.0 - least_precision))
+        return min(1.0, float(np.mean(np.maximum(at_recalls - least_precision, 0.0)) / (1.0 - least_precision)))
 
     def recall(self, least_score: float = SURE) -> float:
         """Return the share of the objects with a detection above a score; NaN without objects."""

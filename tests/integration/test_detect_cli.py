@@ -1,0 +1,150 @@
+"""`coopsim detect` from the command line to the rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
+from coopsim.bench.detect.detect_rows import EVERYWHERE
+from coopsim.cli import main
+
+QUICK = ["--option", "lidar=null", "--detector", "simulated", "--frames", "2"]
+SCENARIO = """
+scenario: crossing
+population:
+  connected_cars: 2
+  rsus: 1
+options:
+  region_x_m: 60
+"""
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> list[DetectJob]:
+    """Episodes run in this process, which saves starting others; those that were run."""
+    done: list[DetectJob] = []
+
+    def in_this_process(jobs: Iterator[DetectJob], workers: int) -> Iterator[DetectOutcome]:
+        for job in jobs:
+            done.append(job)
+            yield job.run()
+
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    return done
+
+
+def _detect(out: Path, *more: str) -> list[dict[str, Any]]:
+    assert main(["detect", *QUICK, "--json", str(out), *more]) == 0
+    rows: list[dict[str, Any]] = json.loads(out.read_text())
+    return rows
+
+
+@pytest.mark.slow
+def test_rows_of_policies_environments_noises_and_delays(
+    here: list[DetectJob], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text(SCENARIO)
+    more = ["--policies", "no_fusion,late_fusion(hits=1)", "--environments", f"crossing,{own}", "--seeds", "3"]
+    rows = _detect(tmp_path / "out.json", *more, "--noise", "0/0,0.4/0.4", "--delays-ms", "0,500", "--table")
+    assert len(rows) == 2 * (2 + 1) * 4 and len(here) == 2 * 2 * 4
+    late = [row for row in rows if row["policy"] == "late_fusion(hits=1)" and row["environment"] == "crossing"]
+    assert [(row["noise"], row["delay_ms"]) for row in late] == [
+        ("0/0", 0), ("0/0", 500), ("0.4/0.4", 0), ("0.4/0.4", 500)
+    ]  # fmt: skip
+    best, *worse = (row["APBEV@0.7"] for row in late)
+    assert all(each < best for each in worse)
+    assert late[0]["options"] == {
+        "lidar": None, "detector": "simulated", "dt_s": 0.5,
+        "position_noise_m": 0.0, "heading_noise_rad": 0.0, "latency_s": 0.0,
+    }  # fmt: skip
+    assert late[0]["frames"] == 2 and late[0]["receiver_frames"] == 6 and late[0]["bytes_per_message"] > 100
+    assert {"ms_environment", "ms_policy", "ms_uplink", "AP3D@0.7", "APBEV@0.5 people"} <= set(late[0])
+    (whole,) = (row for row in rows if row["environment"] == EVERYWHERE and row["policy"] == "no_fusion"
+                and row["noise"] == "0.4/0.4" and row["delay_ms"] == 500)  # fmt: skip
+    assert whole["frames"] == 4 and whole["receiver_frames"] == 6 + 4 and whole["bytes_per_message"] == 0
+    assert capsys.readouterr().out.count("| no_fusion") == 12
+
+
+def test_a_run_goes_on_and_another_protocol_runs_nothing(here: list[DetectJob], tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    first = _detect(out, "--policies", "no_fusion", "--seeds", "0")
+    assert len(here) == 1
+    more = _detect(out, "--policies", "no_fusion,late_fusion", "--seeds", "0")
+    assert len(here) == 2 and more[0] == first[0]
+    opencood = _detect(out, "--policies", "no_fusion,late_fusion", "--seeds", "0", "--protocol", "opencood")
+    assert len(here) == 2 and [row["protocol"] for row in opencood] == ["opencood"] * 2
+    assert opencood[0]["APBEV@0.5"] != first[0]["APBEV@0.5"]
+
+
+def test_an_interrupt_keeps_the_finished_rows(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(jobs: Iterator[DetectJob], workers: int) -> Iterator[DetectOutcome]:
+        yield next(jobs).run()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    out = tmp_path / "out.json"
+    assert main(["detect", *QUICK, "--seeds", "0", "--json", str(out)]) == 130
+    (row,) = json.loads(out.read_text())
+    assert row["policy"] == "no_fusion"
+    assert "1 finished rows are in" in capsys.readouterr().err
+
+
+def test_a_failed_episode_costs_its_row_only(
+    here: list[DetectJob], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import coopsim\n"
+        "class Fails(coopsim.Policy):\n"
+        "    def track(self, agent, observation):\n"
+        "        raise ValueError('no such thing')\n"
+    )
+    out = tmp_path / "out.json"
+    command = ["detect", *QUICK, "--seeds", "0", "--policies", f"{own}:Fails,no_fusion", "--json", str(out)]
+    assert main(command) == 1
+    assert [row["policy"] for row in json.loads(out.read_text())] == ["no_fusion"]
+    assert "ValueError: no such thing" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
+    found = []
+    for jobs in ("1", "2"):
+        rows = _detect(tmp_path / f"{jobs}.json", "--seeds", "0-1", "--jobs", jobs)
+        found.append([{name: value for name, value in row.items() if not name.startswith("ms_")} for row in rows])
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        (["--protocol", "opencodd"], "Did you mean 'opencood'"),
+        (["--policies", "late_fusio"], "late_fusion"),
+        (["--environments", "crosing"], "crossing"),
+        (["--noise", "0.4"], "0/0,0.4/0.4"),
+        (["--receivers", "car"], "cars"),
+        (["--boxes", "track"], "tracks"),
+        (["--option", "latency_s=0.1"], "--delays-ms"),
+        (["--option", "lidr=VLP-16"], "lidar"),
+        (["--detector", "pilars"], "detector"),
+        (["--frame", "3"], "--frames"),
+        (["--json", "/nonexistent/out.json"], "cannot write"),
+    ],
+)
+def test_typos_get_one_line_with_what_is_accepted(
+    typed: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = main(["detect", *typed])
+    except SystemExit as stopped:
+        status = int(stopped.code or 0)
+    shown = capsys.readouterr().err
+    assert status == 2 and told in shown and len(shown.strip().splitlines()) == 1
