@@ -41,6 +41,12 @@ def make_policy(name: str, /, **parameters: Any) -> Policy:
     return instantiate("policy", name, POLICIES.get(name), parameters)
 
 
+def policies_on_boxes() -> tuple[str, ...]:
+    """Return the names of the policies that read no sensor data: those that can run on recordings of detections."""
+    needs = {name: POLICIES.get(name).needs for name in POLICIES.names()}
+    return tuple(name for name, each in needs.items() if not (each.lidar or each.cameras))
+
+
 def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """Make the environment called `name`.
 

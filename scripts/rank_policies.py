@@ -26,6 +26,7 @@ from tqdm import tqdm
 
 import coopsim
 from coopsim.bench.evaluate import run_episode
+from coopsim.catalog import policies_on_boxes
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.score import summarize
 from coopsim.support.rng import stream
@@ -49,7 +50,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--csv", type=Path, help="file for all scores")
     args = parser.parse_args()
-    policies = coopsim.POLICIES.names()
+    policies = policies_on_boxes()
     jobs: dict[tuple[str, str, str], Callable[[], list[list[float]]]] = {
         ("recordings", "real", name): partial(on_recordings, args.data / "v2v4real" / "val", name) for name in policies
     }

@@ -8,7 +8,6 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import coopsim
 from coopsim.cli.arguments import FAILED, INTERRUPTED, add_recordings, policies, replay_options
 
 if TYPE_CHECKING:
@@ -22,7 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_recordings(parser)
     add = parser.add_argument
-    add("--policies", type=policies, metavar="A,B(x=1)", help="as in `bench` (default: all, see `list`)")
+    add(
+        "--policies",
+        type=policies,
+        metavar="A,B(x=1)",
+        help="as in `bench` (default: all without LiDAR)",
+    )
     add("--out", type=Path, default=Path("coopsim-leaderboard"), metavar="FOLDER", help="default: %(default)s")
 
 
@@ -31,10 +35,11 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.leaderboard import evaluate_each
+    from coopsim.catalog import policies_on_boxes
     from coopsim.support.files import make_folder
 
     make_folder(options.out)
-    ranked = options.policies or coopsim.POLICIES.names()
+    ranked = options.policies or policies_on_boxes()
     each = evaluate_each(options.path, options.detections, ranked, **replay_options(options))
     results: dict[str, RecordingsEvaluation] = {}
     failed = 0

@@ -18,10 +18,20 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_detector, check_embedder
 from coopsim.types import AgentSpec, Detections, SensorView
 
+WITHOUT_WEIGHTS = sorted({*DETECTORS.names()} - {"pillars"})
 
-@pytest.mark.parametrize("name", [*DETECTORS.names(), "simulated(max_recall=0.5)"])
+
+@pytest.mark.parametrize("name", [*WITHOUT_WEIGHTS, "simulated(max_recall=0.5)"])
 def test_detector(name: str) -> None:
     check_detector(name)
+
+
+@pytest.mark.parametrize("sweeps", [1, 2])
+def test_the_detector_pillars(sweeps: int) -> None:
+    pytest.importorskip("torch")
+    from tiny_networks import tiny_detector
+
+    check_detector(tiny_detector(sweeps))
 
 
 def test_registered_embedders() -> None:  # none comes with coopsim yet

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.codec import codecs_of
 from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
@@ -21,11 +22,14 @@ from coopsim.tracking.delayed import DELAYED
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 FRAME_NS = 100_000_000
-EVERY = pytest.mark.parametrize("name", coopsim.POLICIES.names())
+NAMES = policies_on_boxes()
+"""Policies that look at sensor data are in `test_every_learned_policy.py`."""
 
-WAYS = [(name, late) for name in coopsim.POLICIES.names() for late in DELAYED.names()]
+EVERY = pytest.mark.parametrize("name", NAMES)
+
+WAYS = [(name, late) for name in NAMES for late in DELAYED.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).needs.uplink != "none"]
+LISTENING = [name for name in NAMES if coopsim.POLICIES.get(name).needs.uplink != "none"]
 SWITCHED = [(name, late) for name, late in WAYS if name in LISTENING]
 
 
@@ -121,7 +125,7 @@ def test_what_is_not_finite_is_left_out(name: str) -> None:
     assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
 
 
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.POLICIES.get(name).needs.uplink != "none"]
+LISTENING = [name for name in NAMES if coopsim.POLICIES.get(name).needs.uplink != "none"]
 
 
 def broken(name: str, good: Message) -> list[Message]:

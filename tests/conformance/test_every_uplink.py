@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.catalog import policies_on_boxes
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.share_features import ShareFeatures, ShareQueries
 from coopsim.comms.uplinks.uplink import UPLINKS, Uplink
@@ -47,7 +48,7 @@ def test_uplink(name: str) -> None:
     check_uplink(MADE.get(name, name))
 
 
-@pytest.mark.parametrize("policy", coopsim.POLICIES.names())
+@pytest.mark.parametrize("policy", policies_on_boxes())
 def test_uplinks_of_policies(policy: str) -> None:
     check_uplink(coopsim.make_policy(policy))
 

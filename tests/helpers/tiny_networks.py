@@ -9,7 +9,6 @@ from tempfile import mkdtemp
 from typing import Any
 
 import torch
-from torch import nn
 
 from coopsim.learn.weights import encoder_digest, make_cooperative, make_detector, save_weights
 
@@ -22,7 +21,7 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     """Return a folder with the weights `pillars`, `early` and one of each fusion; it is there as long as the tests."""
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
-    _make_it_see(detector.head)
+    _make_it_see(detector)
     for name in ("pillars", "early"):
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     for name in FUSIONS:
@@ -34,21 +33,26 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     return folder
 
 
-def _make_it_see(head: nn.Module) -> None:
-    """Let a head with random weights find something: it starts sure that there is nothing."""
+def _make_it_see(net: Any) -> None:
+    """Let a random network see height: what has points above the ground is hot, and taken for a car."""
     with torch.no_grad():
-        head.heat_of.bias.fill_(-1.0)  # type: ignore[union-attr, operator]
+        for weights in (*net.encoder.parameters(), *net.head.shared.parameters()):
+            if weights.ndim > 1:  # no norm's
+                weights.abs_().div_(weights.flatten(1).sum(1).mean())
+        net.encoder.points.weight.zero_()[:, 5:7] = 1.0
+        net.head.heat_of.weight.fill_(0.0)[0] = 5.0
+        net.head.heat_of.bias.fill_(-3.0)
 
 
 def learned(name: str, **settings: Any) -> dict[str, Any]:
     """Return the settings with which a learned policy takes tiny weights."""
     folder = weights_folder()
-    own = {"weights": str(folder / f"{name}.safetensors"), "region_m": (48.0, 24.0)}
+    own = {"weights": str(folder / f"{name}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
     if name in FUSIONS:
         own["detector_weights"] = str(folder / "pillars.safetensors")
     return own | settings
 
 
-def tiny_detector() -> str:
+def tiny_detector(sweeps: int = 1) -> str:
     """Return the spec of the detector "pillars" with tiny weights."""
-    return f"pillars(weights='{weights_folder() / 'pillars.safetensors'}')"
+    return f"pillars(weights='{weights_folder(sweeps) / 'pillars.safetensors'}', least_score=0.3)"

@@ -10,6 +10,7 @@ import pytest
 from conftest import SMALL
 
 import coopsim
+from coopsim.catalog import policies_on_boxes
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.geometry.box_cover import covers
@@ -19,7 +20,7 @@ from coopsim.wire.actions import pack_tracks, unpack_action
 from coopsim.wire.observation_format import ObservationFormat
 
 CAR = [4.5, 1.9, 1.6]
-LISTENING = [name for name in coopsim.POLICIES.names() if coopsim.make_policy(name).needs.uplink != "none"]
+LISTENING = [name for name in policies_on_boxes() if coopsim.make_policy(name).needs.uplink != "none"]
 
 
 def detections(*rows: tuple[float, float, float], score: float = 0.9) -> Detections:
@@ -101,7 +102,7 @@ def test_the_receiver_is_not_its_own_object_where_it_was_at_capture(is_object: b
     assert len(tracks) == 0  # not confirmed yet
 
 
-@pytest.mark.parametrize("name", coopsim.POLICIES.names())
+@pytest.mark.parametrize("name", policies_on_boxes())
 def test_a_steady_car_gets_one_id_and_its_velocity(name: str) -> None:
     policy = coopsim.make_policy(name)
     policy.reset(specs("cav_0", uplink=policy.needs.uplink))
