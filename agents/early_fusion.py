@@ -17,8 +17,8 @@ from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_points
 from coopsim.comms.uplinks.share_points import SharePoints
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.detection.recent_sweeps import Points, RecentSweeps, aged, turned
 from coopsim.errors import CodecError
+from coopsim.localization.recent_sweeps import Points, RecentSweeps, aged, turned
 from coopsim.types import AgentSpec, Detections, Message, Observation, PointCloud
 
 _KEEP_LOW = 0.1

@@ -15,8 +15,8 @@ from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_maps import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.detection.recent_sweeps import RecentSweeps, turned
 from coopsim.geometry.se3 import SE3
+from coopsim.localization.recent_sweeps import RecentSweeps, turned
 from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
