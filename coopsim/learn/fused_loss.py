@@ -12,7 +12,7 @@ from coopsim.learn.fused_samples import CooperativeSample, ReceiverView
 from coopsim.learn.losses import head_loss, heat_loss, sum_of
 from coopsim.nn.cooperative_net import CooperativeNet
 from coopsim.nn.detector_net import DetectorNet
-from coopsim.nn.fusion import Foreground, FusionContext
+from coopsim.nn.fusion import Foreground, FusionContext, as_batch
 from coopsim.nn.warp import warp
 from coopsim.types import BevGrid
 
@@ -66,7 +66,7 @@ def fused_features(
     own_sure, _ = warp(sure[view.own][None, None].detach(), grid, view.grid, [[0.0, 0.0, 0.0]])
     context = FusionContext(view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0])
     arguments = own[0], own_mask[0], received[:, :-1], mask, context
-    return net(*arguments)[None], net.foreground(*arguments)
+    return as_batch(net(*arguments)), net.foreground(*arguments)
 
 
 def _view_losses(

@@ -26,6 +26,7 @@ from coopsim.learn.training_log import read_log
 from coopsim.learn.training_task import TrainingTask
 from coopsim.learn.validation import HeldOut
 from coopsim.learn.weights import SUFFIX, digest, save_weights
+from coopsim.nn.memory import keep_freed_memory
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.rng import require_seed
 
@@ -75,6 +76,7 @@ def train(
     make_folder(folder)
     threads = torch.get_num_threads()
     torch.set_num_threads(recipe.threads)
+    keep_freed_memory()
     try:
         with joined(find_device(device)) as ranks:
             task = make_task(recipe, seed).to(ranks.device)

@@ -8,10 +8,16 @@ from functools import cache
 
 import torch
 
+from coopsim.nn.memory import keep_freed_memory
+
 
 @contextmanager
 def inference(threads: int = 1) -> Iterator[None]:
-    """Compute what is within without gradients, on `threads` threads; afterwards torch has as many as before."""
+    """Compute what is within without gradients, on `threads` threads; afterwards torch has as many as before.
+
+    Freed memory stays with the process from the first use on, see `coopsim.nn.memory`.
+    """
+    _settle()
     before = torch.get_num_threads()
     if before != threads:
         torch.set_num_threads(threads)
@@ -21,6 +27,12 @@ def inference(threads: int = 1) -> Iterator[None]:
     finally:
         if before != threads:
             torch.set_num_threads(before)
+
+
+@cache
+def _settle() -> None:
+    """Do once what serves all networks of this process."""
+    keep_freed_memory()
 
 
 @cache

@@ -16,7 +16,7 @@ from coopsim.nn.cooperative_net import CooperativeNet
 from coopsim.nn.decode import decode
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import COARSEST, STRIDE
-from coopsim.nn.fusion import FusionContext
+from coopsim.nn.fusion import FusionContext, as_batch
 from coopsim.nn.inference import inference
 from coopsim.nn.pillars import collate, pillarize
 from coopsim.nn.warp import warp
@@ -174,7 +174,7 @@ class Perceiver:
     def detect(self, features: Tensor, grid: BevGrid, least_score: float) -> Detections:
         """Return the detections in a map of features (64, H, W), in the frame of its grid."""
         with inference(self._threads):
-            return decode(self._net.head, features[None], grid, least_score=least_score)[0]
+            return decode(self._net.head, as_batch(features), grid, least_score=least_score)[0]
 
 
 def _warped(placed: PlacedMap, region: BevGrid) -> tuple[Tensor, Tensor]:
