@@ -7,32 +7,34 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from coopsim.catalog import is_scenario_file, scenario_files
 from coopsim.config.load import load, read_mapping
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.lidar.patterns import PATTERNS
-from coopsim.support.checks import (
-    require_between,
-    require_choice,
-    require_count,
-    require_flag,
-    require_frame_time,
-    require_non_negative,
-    require_positive,
-    require_probability,
+from coopsim.learn.recipe_checks import (
+    as_count_range,
+    as_list,
+    as_range,
+    as_weights,
+    require_training_place,
 )
-from coopsim.world.scenario import SCENARIOS
+from coopsim.support.checks import require_count, require_flag, require_frame_time, require_probability
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TOWN
 
-_TEST_LIDARS = ("VLP-16", "OS1-128")
 _COUNTS = ("cars", "masts", "drones", "buses")
-_RANGES = ("start_s", "density", "truck_share", "rain_mm_h", "fog_visibility_m", "range_noise_m")
+_RANGES = {
+    "start_s": (0.0, 3600.0),
+    "density": (0.0, 100.0),
+    "truck_share": (0.0, 1.0),
+    "rain_mm_h": (0.0, 200.0),
+    "fog_visibility_m": (5.0, 100_000.0),
+    "range_noise_m": (0.0, 10.0),
+}
+"""What the ends of ranges may be."""
 _SHARES = ("plain_share", "drone_share", "rain_share", "fog_share")
 _FARTHEST_PLACE = 2**62
 
 
-@dataclass(frozen=True, slots=True, eq=True)
+@dataclass(frozen=True, slots=True)
 class WorldRecipe:
     """What each clip is drawn from; the defaults are those of an encoder's training (stage A).
 
@@ -40,7 +42,8 @@ class WorldRecipe:
     it says otherwise.
 
     Attributes:
-        environments: "town" or paths of scenario files, of which each clip takes one.
+        environments: "town" or paths of scenario files, of which each clip takes one. Paths are relative to the working
+            directory.
         first_place: seed of the first town: clips are in the towns of `first_place` to `first_place + places - 1`.
         places: number of towns.
         junctions: number of places where streets meet, of all towns; None: drawn for each, as are the next two.
@@ -94,19 +97,29 @@ class WorldRecipe:
 
     def __post_init__(self) -> None:
         require_flag(allow_test_places=self.allow_test_places)
-        for name in ("environments", "dt_s", *_COUNTS, *_RANGES):
-            object.__setattr__(self, name, _several(name, getattr(self, name)))
-        self._check_lidars()
-        self._check_ranges()
         require_count(1, frames=self.frames, places=self.places)
         require_count(0, _FARTHEST_PLACE - self.places, first_place=self.first_place)
         require_probability(**{name: getattr(self, name) for name in _SHARES})
-        for one in self.dt_s:
-            require_frame_time(one)
         TownOptions(self.junctions, self.openness, self.lanes)  # its own checks
-        for name in self.environments:
-            self._check_environment(name)
-        self._as_floats()
+        environments = as_list("environments", self.environments)
+        for name in environments:
+            require_training_place(name, allowed=self.allow_test_places)
+        times_s = as_list("dt_s", self.dt_s)
+        for dt_s in times_s:
+            require_frame_time(dt_s)
+        changed: dict[str, Any] = {
+            "environments": environments,
+            "dt_s": tuple(map(float, times_s)),
+            "lidars": as_weights(self.lidars, allowed=self.allow_test_places),
+        }
+        changed |= {name: as_count_range(name, getattr(self, name)) for name in _COUNTS}
+        changed |= {name: as_range(name, getattr(self, name), *ends) for name, ends in _RANGES.items()}
+        # Floats also where a file has 25 for 25.0: recipes that are equal are written alike.
+        changed |= {name: float(getattr(self, name)) for name in _SHARES}
+        for name, value in changed.items():
+            object.__setattr__(self, name, value)
+        if not (self.cars[0] or self.masts[0]):
+            raise InvalidValueError("cars or masts must be at least 1, so that every clip has an agent")
 
     @classmethod
     def for_fusion(cls, **changed: Any) -> WorldRecipe:
@@ -162,64 +175,3 @@ class WorldRecipe:
         """Return the fields as plain data, which `of` reads."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
-
-    def _check_environment(self, name: object) -> None:
-        if not isinstance(name, str):
-            raise InvalidValueError(f"environments must be names or paths of scenario files, got {name!r}")
-        if name == TOWN:
-            return
-        is_file = is_scenario_file(name)
-        if not is_file:
-            require_choice("environment", name, (TOWN, *SCENARIOS))
-        if self.allow_test_places or (is_file and Path(name).name not in scenario_files()):
-            return
-        raise InvalidValueError(
-            f"environments must not be {name!r}, which is a test place: results are measured on the named scenarios "
-            f"and the shipped files, so nothing is trained on them. Accepted: {TOWN!r}, scenario files of your own, or "
-            "this one with allow_test_places: true"
-        )
-
-    def _check_lidars(self) -> None:
-        if not isinstance(self.lidars, Mapping) or not self.lidars:
-            raise InvalidValueError(f"lidars must be a mapping of beam tables to weights, got {self.lidars!r}")
-        object.__setattr__(self, "lidars", dict(self.lidars))
-        for name, weight in self.lidars.items():
-            require_choice("lidar", name, PATTERNS)
-            require_positive(**{f"the weight of {name}": weight})
-            if name in _TEST_LIDARS and not self.allow_test_places:
-                raise InvalidValueError(
-                    f"lidars must not have {name!r}, which is a test sensor: results are measured on it untrained; it "
-                    "is accepted with allow_test_places: true"
-                )
-
-    def _as_floats(self) -> None:
-        """Make floats of the numbers that need not be whole, as a file's 25: equal recipes are written alike."""
-        for name in ("dt_s", *_RANGES):
-            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        for name in _SHARES:
-            object.__setattr__(self, name, float(getattr(self, name)))
-        object.__setattr__(self, "lidars", {name: float(weight) for name, weight in self.lidars.items()})
-
-    def _check_ranges(self) -> None:
-        for name in _COUNTS:
-            for end in getattr(self, name):
-                require_count(0, **{name: end})
-        for name in _RANGES:
-            for end in getattr(self, name):
-                require_non_negative(**{name: end})
-        for name in (*_COUNTS, *_RANGES):
-            ends = getattr(self, name)
-            if len(ends) != 2 or ends[0] > ends[1]:
-                raise InvalidValueError(f"{name} must be a pair of numbers, the smaller first, got {list(ends)}")
-        require_between(0, 200, rain_mm_h=self.rain_mm_h[1])
-        require_between(5, 100_000, fog_visibility_m=self.fog_visibility_m[0])
-        require_between(0, 1, truck_share=self.truck_share[1])
-        if not (self.cars[0] or self.masts[0]):
-            raise InvalidValueError("cars or masts must be at least 1, so that every clip has an agent")
-
-
-def _several(name: str, given: Any) -> tuple[Any, ...]:
-    """Return values as a tuple."""
-    if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Sequence) or not given:
-        raise InvalidValueError(f"{name} must be a list of values, got {given!r}")
-    return tuple(given)

@@ -64,3 +64,6 @@ def test_pickled_objects_are_refused(tmp_path: Path) -> None:
     np.savez(path, format=np.array([{}], dtype=object))
     with pytest.raises(RecordingError, match="pickle"):
         load_clip(path)
+    np.savez(path, other=np.zeros(3))
+    with pytest.raises(RecordingError, match="it has no array"):
+        load_clip(path)
