@@ -10,7 +10,7 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.samples import SampleSettings, boxes_in, mirror, moved, noisy, rotated, thin
-from coopsim.learn.scene import AgentScene, Clip, Scene
+from coopsim.learn.scene import Clip, Scene
 from coopsim.learn.targets import Targets, make_targets
 from coopsim.nn.encoder import STRIDE
 from coopsim.nn.pillars import PillarBatch, Pillars, collate, pillarize
@@ -38,7 +38,8 @@ class ReceiverView:
         kind: (S,) of the senders, by `KINDS`.
         most_cells: number of the surest cells that each message has; None: all.
         grid: the part of its map that is taught.
-        targets: there, of all objects that the receiver or a sender has seen.
+        targets: there, of all objects that the receiver or a sender has seen. The receiver is among them where a sender
+            has seen it: a network cannot know who it is, so a policy drops the boxes over its agent.
     """
 
     own: int
@@ -139,7 +140,7 @@ class _Draft:
         frame = agent.xyz_yaw.copy()
         frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
         points = moved(thin(agent.points, self.rng, settings.thinned), agent.xyz_yaw, frame)
-        shown = (scene.returns[:, member] > 0) & _others(scene, agent)
+        shown = scene.returns[:, member] > 0
         boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
         if self.mirrored:
             mirror(points, boxes, velocity)
@@ -162,7 +163,6 @@ class _Draft:
             offsets.append(self._offset(own, others[-1]))
             before = self.clip.scenes[then]
             known |= np.isin(scene.object_id, before.object_id[before.returns[:, sender] > 0])
-        known &= _others(scene, scene.agents[member])
         boxes, velocity = boxes_in(scene.boxes[known], scene.velocity[known], self.frames[own])
         if self.mirrored:
             mirror(np.zeros((0, 5), np.float32), boxes, velocity)
@@ -193,8 +193,3 @@ class _Draft:
             corner = np.clip(np.round(middle).astype(int) - VIEW_CELLS // 2, -low, low - VIEW_CELLS)
         start, end = corner * cell_m, (corner + VIEW_CELLS) * cell_m
         return BevGrid((start[0], end[0]), (start[1], end[1]), cell_m)
-
-
-def _others(scene: Scene, agent: AgentScene) -> np.ndarray:
-    """Return the mask (N,) of the objects that are not the agent itself."""
-    return np.ones(len(scene.object_id), np.bool_) if agent.actor_id is None else scene.object_id != agent.actor_id

@@ -173,9 +173,7 @@ def _sample(
     frame[3] = rng.uniform(-np.pi, np.pi)
     clouds = [_cloud(scene.agents[each], each == number, frame, rng, settings) for each in members]
     points = np.concatenate(clouds)
-    shown = scene.returns[:, members].sum(axis=1) > 0
-    if me.actor_id is not None:
-        shown &= scene.object_id != me.actor_id
+    shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
     boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
