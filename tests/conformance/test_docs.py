@@ -30,6 +30,7 @@ NOT_RUN = {
     "docs/results/delays_poses_budgets.md": "has placeholders",
     "docs/results/policies.md": "has placeholders",
     "docs/reference/benchmark.md": "takes minutes",
+    "docs/learn/train_a_fusion.md": "trains; CI runs the example",
 }
 
 MAY_LACK = {
@@ -48,6 +49,7 @@ EXAMPLES = (
     ("docs/learn/first_detector.md", "10_your_own_embedder.py"),
     ("docs/learn/first_uplink.md", "11_your_own_uplink.py"),
     ("docs/learn/first_codec.md", "12_your_own_codec.py"),
+    ("docs/learn/train_a_fusion.md", "18_train_your_own_fusion.py"),
 )
 """Pages that teach by an example; CI runs all examples."""
 
