@@ -140,8 +140,9 @@ def find_recipe(recipe: TrainingRecipe | str | Path) -> TrainingRecipe:
     content = read_yaml(path, InvalidValueError).value
     if not isinstance(content, Section):
         raise InvalidValueError(f"{path}: a recipe must be names and values, got {content!r}")
+    content.setdefault("name", path.stem)
     try:
-        made = load(TrainingRecipe, Section({"name": path.stem, **content}, path, 1), "recipe")
+        made = load(TrainingRecipe, content, "recipe")
     except CoopsimError as error:
         raise error.at(content.blame(error) or str(path)) from error
     assert isinstance(made, TrainingRecipe)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,8 @@ from coopsim.errors import InvalidValueError
 LAYOUT = 2
 """Raise this number when equal inputs give other results or another file."""
 
-_PACKAGES = ("numpy", "numba", "scipy", "highway-env")
-"""Packages whose versions decide bits of a result."""
+_PACKAGES = ("numpy", "numba", "scipy", "highway-env", "torch")
+"""Packages whose versions decide bits of a result; torch, where it is installed."""
 
 _MOST_ITEMS = 1_000_000
 """Most items of a list among options, which are all written into every cell's file."""
@@ -37,8 +37,9 @@ _CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensor
 def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: Sequence[MetricSpec] = ()) -> str:
     """Return everything that decides the result of a cell, as JSON with sorted keys.
 
-    That is the cell, the options of the environment, the contents of files that they name, and the code: coopsim's
-    version and sources, those of the package or file of a user's policy and metrics, and `package_versions`.
+    That is the cell, the options of the environment, the contents of files that they or the policy's parameters name,
+    as weights of networks, and the code: coopsim's version, sources and weights, those of the package or file of a
+    user's policy and metrics, and `package_versions`.
 
     Args:
         cell: the cell.
@@ -73,7 +74,11 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
 @cache
 def package_versions() -> Mapping[str, str]:
     """Return the versions of the packages that decide bits of a result."""
-    return {name: version(name) for name in _PACKAGES}
+    found = dict[str, str]()
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def key_of(text: str) -> str:

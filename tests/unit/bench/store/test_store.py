@@ -130,3 +130,9 @@ def test_all_that_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
     before = key(replace(CELL, condition=Condition(str(scenario))))
     lidar.write_text("3\n")
     assert key(replace(CELL, condition=Condition(str(scenario)))) != before
+    weights = tmp_path / "mine.safetensors"
+    weights.write_bytes(b"1")
+    learned = f"fcooper(weights='{weights}')"
+    before = key(policy=learned)
+    weights.write_bytes(b"2")
+    assert key(policy=learned) != before

@@ -1,0 +1,128 @@
+"""Weights in files: what is written is what is read, and nothing broken is taken for a network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.learn.tensor_file import read_header, write_tensors
+from coopsim.learn.weights import (
+    digest,
+    encoder_digest,
+    load_cooperative,
+    load_detector,
+    make_cooperative,
+    make_detector,
+    save_weights,
+)
+
+TINY = {"pillar_features": 8, "channels": [8, 8, 8], "layers": [0, 0, 0], "features": 8}
+FIRST = "encoder.points.weight"
+FUSION = {"fusion": "attfuse", "message_channels": 4, "features": 8}
+
+
+@pytest.fixture
+def detector(tmp_path: Path) -> Path:
+    net = make_detector(TINY, seed=3)
+    path = tmp_path / "tiny.safetensors"
+    save_weights(path, net, {"kind": "detector", "config": asdict(net.config)})
+    return path
+
+
+def cooperative(folder: Path, detector: Path) -> Path:
+    net, config = make_cooperative(FUSION, seed=4)
+    path = folder / "fused.safetensors"
+    known = encoder_digest(load_detector(detector))
+    save_weights(path, net, {"kind": "cooperative", "config": asdict(config), "encoder_digest": known})
+    return path
+
+
+def test_weights_are_the_same_to_half_precision_and_loaded_once(detector: Path) -> None:
+    net, loaded = make_detector(TINY, seed=3), load_detector(detector)
+    for name, value in net.state_dict().items():
+        assert torch.equal(loaded.state_dict()[name], value.half().to(value.dtype))
+    assert load_detector(str(detector)) is loaded
+    assert not loaded.training and not any(each.requires_grad for each in loaded.parameters())
+
+
+def test_a_fusion_is_loaded_for_its_encoder_alone(detector: Path, tmp_path: Path) -> None:
+    path = cooperative(tmp_path, detector)
+    assert load_cooperative(path, load_detector(detector)).expand is not None
+    with pytest.raises(InvalidValueError, match="trained on another encoder"):
+        load_cooperative(path, make_detector(TINY, seed=5))
+    with pytest.raises(InvalidValueError, match="must be weights of the kind 'detector', is 'cooperative'"):
+        load_detector(path)
+
+
+def test_first_weights_depend_on_the_seed_and_leave_the_global_generator(detector: Path) -> None:
+    before = torch.random.get_rng_state()
+    same, other = make_detector(TINY, seed=3), make_detector(TINY, seed=4)
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert encoder_digest(same) == encoder_digest(load_detector(detector)) != encoder_digest(other)
+
+
+def test_the_digest_is_of_weights_and_network_not_of_the_rest(detector: Path, tmp_path: Path) -> None:
+    net = make_detector(TINY, seed=3)
+    again, other = tmp_path / "again.safetensors", tmp_path / "other.safetensors"
+    save_weights(again, net, {"kind": "detector", "config": asdict(net.config), "recipe": "of another name"})
+    with torch.no_grad():
+        net.head.state_dict()[next(iter(net.head.state_dict()))].add_(0.01)
+    save_weights(other, net, {"kind": "detector", "config": asdict(net.config)})
+    assert digest(detector) == digest(again) != digest(other)
+    other.replace(again)
+    assert digest(again) != digest(detector)  # of what is there now
+
+
+Change = Callable[[dict[str, Tensor], dict[str, str]], Any]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda tensors, texts: tensors.popitem(), "lacks tensors"),
+        (lambda tensors, texts: tensors.update(more=torch.zeros(1)), "has unknown tensors: more"),
+        (lambda tensors, texts: tensors.update({"head.bias": torch.zeros(2)}), "unknown tensors: head.bias"),
+        (lambda tensors, texts: tensors[FIRST].fill_(torch.nan), "encoder.points.weight must be finite"),
+        (lambda tensors, texts: tensors.update({FIRST: torch.zeros(3)}), r"must be of shape \(8, 10\)"),
+        (lambda tensors, texts: texts.pop("config"), "does not say which network"),
+        (lambda tensors, texts: texts.update(classes='["CAR"]'), "other classes"),
+        (lambda tensors, texts: texts.update(kind="ball"), "must be weights of the kind 'detector', is 'ball'"),
+    ],
+)  # fmt: skip
+def test_broken_files_are_refused(change: Change, message: str, detector: Path, tmp_path: Path) -> None:
+    tensors = {name: value.half() if value.is_floating_point() else value
+               for name, value in make_detector(TINY, seed=3).state_dict().items()}  # fmt: skip
+    texts = read_header(detector)[1]
+    change(tensors, texts)
+    path = tmp_path / "broken.safetensors"
+    write_tensors(path, tensors, texts)
+    with pytest.raises(InvalidValueError, match=message):
+        load_detector(path)
+
+
+def test_weights_that_do_not_fit_into_half_precision_are_refused(tmp_path: Path) -> None:
+    net = make_detector(TINY)
+    with torch.no_grad():
+        net.encoder.points.weight.fill_(1e9)
+    with pytest.raises(InvalidValueError, match=r"encoder.points.weight must be finite and fit"):
+        save_weights(tmp_path / "large.safetensors", net, {"kind": "detector", "config": asdict(net.config)})
+
+
+def test_names_that_are_unknown_say_what_is_known() -> None:
+    with pytest.raises(UnknownNameError, match="unknown weights 'piller'"):
+        load_detector("piller")
+    with pytest.raises(InvalidValueError, match=r"cannot read missing.safetensors"):
+        load_detector("missing.safetensors")
+
+
+def test_texts_are_json(detector: Path) -> None:
+    texts = read_header(detector)[1]
+    assert json.loads(texts["config"])["features"] == 8 and texts["kind"] == "detector"
