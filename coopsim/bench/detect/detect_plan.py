@@ -119,20 +119,21 @@ class DetectPlan:
         return self.detector if self.detector is not None else usual_detector()
 
     def check(self) -> None:
-        """Make every policy and its environments once.
+        """Make every policy in the first environment, and every environment for the first policy.
 
         Raises:
             CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
         """
-        for environment in self.environments:
-            for text, spec in self.specs.items():
-                for disturbance in {min(self.disturbances, key=str), max(self.disturbances, key=str)}:
-                    options, _ = self._episode(text, environment, disturbance)
-                    env = listening_env(environment, spec.make(), options)
-                    try:
-                        receiving(env, self.receivers)
-                    finally:
-                        env.close()
+        policies, first, last = list(self.specs), self.disturbances[0], self.disturbances[-1]
+        met = [(text, self.environments[0], first) for text in policies]
+        met += [(policies[0], environment, last) for environment in self.environments]
+        for text, environment, disturbance in met:
+            options, _ = self._episode(text, environment, disturbance)
+            env = listening_env(environment, self.specs[text].make(), options)
+            try:
+                receiving(env, self.receivers)
+            finally:
+                env.close()
 
     def jobs_of(self, policy: str, environment: str, disturbance: Disturbance) -> list[DetectJob]:
         """Return the episodes of a row, one for each seed."""

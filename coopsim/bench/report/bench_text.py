@@ -17,7 +17,7 @@ from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, custom_metrics
 
-METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "IDS", "FP", "FN")
+METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN")
 """The built-in metrics that fit on a page."""
 
 

@@ -17,7 +17,7 @@ from coopsim.metrics.built_in import BYTES, custom_metrics
 
 REPORTED = (
     *("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "DetA", "AssA", "IDF1", "recall", "precision"),
-    *("IDS", "FP", "FN", "mAP3D@0.5", BYTES),
+    *("IDS", "FP", "FN", "APBEV@0.5", "mAP3D@0.5", BYTES),
 )
 """The built-in metrics that reports show, in order; those that users have registered follow."""
 
