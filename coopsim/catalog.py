@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
     from coopsim.envs.single.cast import Others, PolicyLike
     from coopsim.envs.single.single_agent_env import SingleAgentEnv
+    from coopsim.world.scenario import Place
 
 NAMESPACE = "coopsim"
 
@@ -104,6 +105,12 @@ def scenario_file_options(path: str | Path) -> Mapping[str, Any]:
     """Return the settings of a scenario file as keywords of `parallel_env`; raises as that does."""
     options: Mapping[str, Any] = _scenario_files().load_scenario_file(path).keywords
     return options
+
+
+def scenario_of_file(path: str | Path) -> str | Place:
+    """Return the scenario that a scenario file starts from: its name, or a custom place. Raises as `parallel_env`."""
+    scenario: str | Place = _scenario_files().load_scenario_file(path).scenario
+    return scenario
 
 
 def usual_seed(environment: str | Path) -> int:

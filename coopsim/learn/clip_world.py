@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.catalog import is_scenario_file
-from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
 from coopsim.learn.world_recipe import WorldRecipe
 from coopsim.sensors.lidar.lidar import LidarConfig
@@ -97,14 +96,15 @@ def _scenario(
     }
     place: Any = environment
     if is_scenario_file(environment):
-        file = load_scenario_file(environment)
-        place = file.scenario
+        place = scenario_of_file(environment)
         if isinstance(place, str) and place != TOWN and not recipe.allow_test_places:
             raise InvalidValueError(
                 f"{environment} must have a place of its own, got the scenario {place!r}, which is a test place: "
                 "results are measured there; it is accepted with allow_test_places: true"
             )
-        known = {name: value for name, value in file.keywords.items() if name in (*NUMBERS, *TOWN_KEYS)}
+        known = {
+            name: value for name, value in scenario_file_options(environment).items() if name in (*NUMBERS, *TOWN_KEYS)
+        }
         drawn = {**drop_overridden(known, drawn), **drawn}
     if place == TOWN:
         wanted = {"junctions": recipe.junctions, "openness": recipe.openness, "lanes": recipe.lanes}

@@ -1,13 +1,19 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from helpers.clips import SMALL, require_same
 
 import coopsim
-from coopsim.learn.clip_world import draw_world
+from coopsim.envs.parallel import CooperativeEnv
+from coopsim.learn.clip_world import ClipWorld, draw_world
+from coopsim.learn.compact_points import round_points
 from coopsim.learn.rollout import SimulatedClips
+from coopsim.learn.scene import AgentScene, Scene
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 
@@ -21,53 +27,56 @@ def test_a_clip_is_the_same_alone_and_after_others() -> None:
     assert SimulatedClips(SMALL, seed=4).clip(5).key != alone.key
 
 
-def test_objects_and_returns_are_those_of_the_environment() -> None:
-    """The parts that clips are made of give the frames of an environment with the same options."""
-    from dataclasses import replace
-
-    recipe = replace(
-        SMALL, start_s=(0.0, 0.0), rain_share=0.0, fog_share=0.0, density=(1.0, 1.0), lidars={"HDL-32E": 1}
-    )
-    drawn = draw_world(recipe, 0, 1)
+def _environment(drawn: ClipWorld, frames: int) -> CooperativeEnv:
+    """Return an environment that shows the world of a clip."""
     numbers = drawn.scenario.population
-    env = coopsim.parallel_env(
+    return coopsim.parallel_env(
         "town",
         place_seed=drawn.scenario.place_seed,
         junctions=1,
         detail=drawn.scenario.detail,
         lidar=drawn.lidar,
+        weather=drawn.weather,
         detector="none",
         uplink="none",
         expose_ground_truth=True,
         dt_s=drawn.dt_s,
-        connected_cars=2,
-        rsus=1,
+        connected_cars=numbers.connected_cars,
+        rsus=numbers.rsus,
+        drones=numbers.drones,
         truck_share=numbers.truck_share,
         buses=numbers.buses,
-        max_cycles=2,
+        max_cycles=frames,
         seed=drawn.seed,
     )
-    clip = SimulatedClips(recipe, 0).clip(1)
+
+
+def test_clips_show_what_an_environment_of_their_world_shows() -> None:
+    recipe = replace(SMALL, start_s=(0.0, 0.0), density=(1.0, 1.0), rain_share=1.0, drone_share=1.0)
+    env = _environment(draw_world(recipe, 0, 1), 2)
     observations, infos = env.reset()
-    for scene in clip.scenes:
-        state = env.state()[: len(scene.object_id)]
-        assert (state[:, 0] == scene.object_id).all() and (state[:, 1] == scene.label).all()
-        assert (state[:, 2:9] == scene.boxes).all() and (state[:, 9:] == scene.velocity).all()
-        row = {int(one): k for k, one in enumerate(scene.object_id)}
+    for scene in SimulatedClips(recipe, 0).clip(1).scenes:
+        assert [agent.kind for agent in scene.agents] == ["cav", "cav", "rsu", "drone"]
+        assert scene.time_ns == env.time_ns
+        rows = np.column_stack([scene.object_id, scene.label, scene.boxes, scene.velocity])
+        assert (env.state()[: len(rows)] == rows).all() and not env.state()[len(rows) :].any()
         for column, agent in enumerate(scene.agents):
-            sweep = observations[agent.name]["sweeps"]["lidar"]
-            assert np.abs(sweep[:, :4] - agent.points).max() < 0.006
-            assert (infos[agent.name]["true_pose"] == agent.xyz_yaw).all()
-            assert infos[agent.name]["actor_id"] == agent.actor_id
-            assert (observations[agent.name]["odometry"] == agent.odometry).all()
-            truth = infos[agent.name]["ground_truth"]
-            for one, returns in zip(truth["id"], truth["returns"], strict=True):
-                assert scene.returns[row[int(one)], column] == returns[column]
-            if agent.actor_id is not None:
-                assert scene.returns[row[agent.actor_id], column] == 0
-        if scene is not clip.scenes[-1]:
-            nothing = {"tracks": pack_tracks(Tracks.empty())}
-            observations, _, _, _, infos = env.step(dict.fromkeys(env.agents, nothing))
+            _require_shown(agent, scene, column, observations[agent.name], infos[agent.name])
+        nothing = {"tracks": pack_tracks(Tracks.empty())}
+        observations, _, _, _, infos = env.step(dict.fromkeys(env.agents, nothing))
+
+
+def _require_shown(
+    agent: AgentScene, scene: Scene, column: int, observation: Mapping[str, Any], info: Mapping[str, Any]
+) -> None:
+    assert (round_points(observation["sweeps"]["lidar"][:, :4]) == agent.points).all()
+    assert (observation["odometry"] == agent.odometry).all()
+    assert (info["true_pose"] == agent.xyz_yaw).all() and info["actor_id"] == agent.actor_id
+    others = scene.object_id != agent.actor_id
+    truth = info["ground_truth"]
+    assert (truth["id"] == scene.object_id[others]).all() and (truth["returns"][:, column] > 0).any()
+    assert (truth["returns"][:, column] == scene.returns[others, column]).all()
+    assert (scene.returns[~others, column] == 0).all()
 
 
 def test_crowds_that_do_not_fit_warn_nobody() -> None:
