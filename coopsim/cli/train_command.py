@@ -39,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     recipe = find_recipe(options.recipe).changed(**named_options(options, {"steps": "--steps"}))
     if options.steps is not None:
         recipe = recipe.changed(steps=options.steps)
-    from coopsim.learn.train import train  # loads torch
+    import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+    from coopsim.learn.train import train
 
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}{postfix}]"
     with tqdm(total=recipe.steps, disable=None, desc=recipe.name, bar_format=shape) as bar:

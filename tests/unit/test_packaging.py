@@ -48,7 +48,7 @@ def test_links_make_the_source_tree_look_installed() -> None:
         assert link.is_symlink() and link.readlink() == Path("..") / name
 
 
-HEAVY = ("torch", "moderngl", "pyrender", "OpenGL", "asn1tools")
+HEAVY = ("torch", "safetensors", "moderngl", "pyrender", "OpenGL", "asn1tools")
 SIMULATOR = ("coopsim.envs", "coopsim.world", "coopsim.detection", "highway_env", "pettingzoo", "embreex")
 
 
@@ -58,7 +58,14 @@ SIMULATOR = ("coopsim.envs", "coopsim.world", "coopsim.detection", "highway_env"
         ("coopsim", HEAVY),
         ("coopsim.envs", HEAVY),
         ("coopsim.cli", HEAVY),
+        ("coopsim.detection.pillars_detector", HEAVY),
+        ("coopsim.comms.uplinks.share_maps", HEAVY),
+        ("coopsim.bench.detect.detect", HEAVY),
+        ("coopsim.learn.recipe", HEAVY),
+        ("coopsim.learn.rollout", HEAVY),
         ("coopsim.agents", HEAVY + SIMULATOR),
+        ("coopsim.agents.learned_fusion", HEAVY + SIMULATOR),
+        ("coopsim.agents.early_fusion", HEAVY + SIMULATOR),
     ],
 )
 def test_import_loads_nothing_heavy(module: str, refused: tuple[str, ...]) -> None:

@@ -1,0 +1,57 @@
+"""Without torch everything works that needs none, and what needs it says how to install it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+HIDE = """
+import sys
+for name in ("torch", "safetensors"):
+    sys.modules[name] = None  # as if it were not installed
+import coopsim
+"""
+
+
+def run(program: str) -> str:
+    """Run a program without torch, in a process of its own. Return its output."""
+    done = subprocess.run([sys.executable, "-c", HIDE + program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_learned_policies_and_the_detector_name_the_extra() -> None:
+    run("""
+from coopsim.errors import MissingDependencyError
+for make, names in (
+    (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid")),
+    (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars",)),
+):
+    for name in names:
+        try:
+            make(name)
+        except MissingDependencyError as error:
+            assert "pip install 'coopsim[learn]'" in str(error), (name, error)
+        else:
+            raise AssertionError(name)
+""")
+
+
+def test_other_policies_run_and_all_names_are_listed() -> None:
+    shown = run("""
+from coopsim.cli.entry import main
+assert main(["list"]) == 0
+coopsim.evaluate("late_fusion", "crossing", lidar=None, max_cycles=2)
+""")
+    assert "attfuse" in shown and "late_fusion" in shown
+
+
+def test_training_names_the_extra() -> None:
+    program = """
+from coopsim.cli.entry import main
+code = main(["train", "pillars", "--out", "nowhere"])
+assert code != 0, code
+"""
+    done = subprocess.run([sys.executable, "-c", HIDE + program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "pip install 'coopsim[learn]'" in done.stderr and "Traceback" not in done.stderr
