@@ -5,7 +5,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO_FLAGS ?=
 
-.PHONY: demo test lint types check bench clean
+# In this order: all others begin with the encoder of the first.
+WEIGHTS := pillars early fcooper attfuse where2comm pyramid
+TRAIN_FLAGS ?=
+
+.PHONY: demo test lint types check bench weights clean
 
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
@@ -24,6 +28,14 @@ check: lint types test
 
 bench: $(VENV)/.dev
 	$(BIN)/python -u -m pytest tests/benchmarks --override-ini=addopts= -s -q
+
+# Train all weights that ship anew, one after the other; what was interrupted goes on.
+weights: $(VENV)/.dev
+	set -e; for name in $(WEIGHTS); do \
+		$(BIN)/coopsim train $$name --out build/weights/$$name $(TRAIN_FLAGS); \
+		cp build/weights/$$name/$$name.safetensors coopsim/weights/; \
+		cp build/weights/$$name/card.json coopsim/weights/$$name.json; \
+	done
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

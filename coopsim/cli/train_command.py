@@ -53,7 +53,6 @@ def run(options: argparse.Namespace) -> int:
                 cache=options.cache,
                 workers=options.workers,
                 show=lambda progress: _show(bar, progress),
-                command=options.typed,
             )
         except KeyboardInterrupt:
             bar.close()

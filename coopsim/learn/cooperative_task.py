@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -14,14 +15,15 @@ from torch import Tensor, nn
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.fused_loss import cooperative_loss, fused_features
-from coopsim.learn.fused_samples import scene_samples
+from coopsim.learn.fused_samples import CooperativeSample, scene_samples
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples import SampleSettings
 from coopsim.learn.scene import Clip
-from coopsim.learn.training_task import FoundMap, TrainingTask, mean_losses
+from coopsim.learn.training_task import FoundMap, TrainingTask, WeightsFile, mean_losses
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_cooperative
 from coopsim.nn.cooperative_net import CooperativeNet
 from coopsim.nn.decode import decode
+from coopsim.nn.detector_net import DetectorNet
 
 
 class CooperativeTask(TrainingTask):
@@ -54,10 +56,10 @@ class CooperativeTask(TrainingTask):
         else:
             self._start(load_cooperative(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
-        self.metadata = {
+        self._metadata = {
             "kind": "cooperative",
             "config": asdict(config),
-            "detector": recipe.detector,
+            "detector": Path(recipe.detector).stem,
             "encoder_digest": encoder_digest(detector),
         }
 
@@ -85,15 +87,23 @@ class CooperativeTask(TrainingTask):
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, CooperativeNet)
-        found: list[FoundMap] = []
-        for sample in batch:
-            with torch.no_grad():
-                features = self.detector.encoder(sample.pillars)
-                values, sure = net.message(features)
-                for view in sample.views:
-                    fused, _ = fused_features(net, features, values, sure, sample.grid, view)
-                    found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
-        return found
+        return find_fused(self.detector, net, batch)
+
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return mean_losses([cooperative_loss(self.detector, self.net, sample) for sample in batch])
+
+
+def find_fused(detector: DetectorNet, net: CooperativeNet, batch: Iterable[CooperativeSample]) -> list[FoundMap]:
+    """Return what a cooperative network finds in the view of every receiver."""
+    found: list[FoundMap] = []
+    for sample in batch:
+        with torch.no_grad():
+            features = detector.encoder(sample.pillars)
+            values, sure = net.message(features)
+            for view in sample.views:
+                fused, _ = fused_features(net, features, values, sure, sample.grid, view)
+                found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
+    return found

@@ -17,7 +17,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples import SampleSettings, collate_detector, detector_loss, detector_samples
 from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets
-from coopsim.learn.training_task import FoundMap, TrainingTask
+from coopsim.learn.training_task import FoundMap, TrainingTask, WeightsFile
 from coopsim.learn.weights import load_detector, make_detector
 from coopsim.nn.decode import decode
 from coopsim.nn.detector_net import DetectorNet
@@ -46,7 +46,6 @@ class DetectorTask(TrainingTask):
             if recipe.network and start.config != self.net.config:
                 raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
             self.net = copy.deepcopy(start).requires_grad_(True)
-        self.metadata = {"kind": "detector", "config": asdict(self.net.config)}
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return detector_samples(clip, rng, self._settings, self.net.config.cell_m)
@@ -68,6 +67,9 @@ class DetectorTask(TrainingTask):
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_detector(samples)
+
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        return [WeightsFile(name, net, {"kind": "detector", "config": asdict(self.net.config)})]
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return detector_loss(self.net, batch)

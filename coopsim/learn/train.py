@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-import numpy as np
 import torch
 
-import coopsim
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
 from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.clips_on_ray import ClipsOnRay
 from coopsim.learn.curves import write_curves
-from coopsim.learn.precision import autocast_type, find_device
+from coopsim.learn.precision import find_device
 from coopsim.learn.ranks import Ranks, joined
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
 from coopsim.learn.sample_order import SampleOrder
 from coopsim.learn.train_loop import TrainingProgress, TrainLoop, Validate
+from coopsim.learn.training_card import CARD, make_card
 from coopsim.learn.training_log import read_log
 from coopsim.learn.training_task import TrainingTask
 from coopsim.learn.validation import HeldOut
@@ -29,12 +27,6 @@ from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.nn.memory import keep_freed_memory
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.rng import require_seed
-
-CARD = "card.json"
-"""Name of the file in a training's folder."""
-
-_LAST = 100
-"""Steps at the end whose mean losses are in the card."""
 
 
 def train(
@@ -48,7 +40,6 @@ def train(
     workers: int | str = 1,
     validate: Validate | None = None,
     show: Callable[[TrainingProgress], object] | None = None,
-    command: str = "",
 ) -> Path:
     """Train a network. Return the path of its weights, in `out`.
 
@@ -65,7 +56,6 @@ def train(
         workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
         validate: looks at held-out places every `validate_every` steps of the recipe.
         show: called after each step.
-        command: for the card.
 
     Raises:
         InvalidValueError, UnknownNameError: of the recipe, or `out` holds another training.
@@ -87,7 +77,7 @@ def train(
                 loop = TrainLoop(task, recipe, order, ranks, folder, run, validate, show)
                 loop.train()
             if ranks.writes:
-                _conclude(loop, folder, seed, command)
+                _conclude(loop, folder, seed)
     finally:
         torch.set_num_threads(threads)
     return folder / f"{recipe.name}{SUFFIX}"
@@ -99,9 +89,13 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.detector_task import DetectorTask
 
         return DetectorTask(recipe, seed)
-    from coopsim.learn.cooperative_task import CooperativeTask
+    if recipe.kind == "cooperative":
+        from coopsim.learn.cooperative_task import CooperativeTask
 
-    return CooperativeTask(recipe, seed)
+        return CooperativeTask(recipe, seed)
+    from coopsim.learn.together_task import TogetherTask
+
+    return TogetherTask(recipe, seed)
 
 
 def _clips(
@@ -127,46 +121,15 @@ def _held_out(
     return HeldOut(task, clips, recipe.held_out, ranks.device)
 
 
-def _conclude(loop: TrainLoop, folder: Path, seed: int, command: str) -> None:
+def _conclude(loop: TrainLoop, folder: Path, seed: int) -> None:
     """Write weights, card and curves of a training that has ended."""
     recipe, task = loop.recipe, loop.task
-    path = folder / f"{recipe.name}{SUFFIX}"
-    save_weights(path, loop.average.net, {**task.metadata, "recipe": recipe.as_data(), "seed": seed})
-    log = read_log(folder)
-    losses = [line for line in log if line["kind"] == "losses"][-_LAST:]
-    last = {
-        "losses": {
-            name: sum(line[name] for line in losses) / len(losses)
-            for name in sorted(losses[0].keys() - {"step", "kind"})
-        },
-        "validation": next((line for line in reversed(log) if line["kind"] == "validation"), {}),
-    }
-    said = {
-        "name": recipe.name,
-        "command": command,
-        "recipe": recipe.as_data(),
-        "seed": seed,
-        "digest": digest(path),
-        "bytes": path.stat().st_size,
-        "parameters": sum(each.numel() for each in task.net.parameters()),
-        "steps": recipe.steps,
-        **last,
-        "precision": str(autocast_type(recipe.precision, loop.ranks.device) or torch.float32).removeprefix("torch."),
-        "threads": recipe.threads,
-        "processes": loop.ranks.ranks,
-        "device": str(loop.ranks.device),
-        "processor": _processor(),
-        "versions": {"coopsim": coopsim.__version__, "torch": torch.__version__, "numpy": np.__version__},
-    }
-    write_whole(folder / CARD, json.dumps(said, indent=2) + "\n")
+    parameters = sum(each.numel() for each in task.net.parameters() if each.requires_grad)
+    card = make_card(recipe, seed, loop.ranks, parameters, read_log(folder))
+    files = task.files(loop.average.net, recipe.name)
+    for file in files:
+        save_weights(folder / f"{file.name}{SUFFIX}", file.net, {**file.metadata, "recipe": recipe.name, "seed": seed})
+    paths = {file.name: folder / f"{file.name}{SUFFIX}" for file in files}
+    card["weights"] = {name: {"digest": digest(path), "bytes": path.stat().st_size} for name, path in paths.items()}
+    write_whole(folder / CARD, json.dumps(card, indent=2) + "\n")
     write_curves(folder)
-
-
-def _processor() -> str:
-    """Return the processor's name, as far as the system says it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return named[0] if named else platform.processor() or platform.machine()

@@ -33,16 +33,29 @@ class FoundMap:
     grid: BevGrid
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightsFile:
+    """A file of weights that a training gives.
+
+    Attributes:
+        name: of the file, without its ending.
+        net: whose weights are in it.
+        metadata: what the file says of them: see `coopsim.learn.weights.save_weights`.
+    """
+
+    name: str
+    net: nn.Module
+    metadata: Mapping[str, Any]
+
+
 class TrainingTask(nn.Module, ABC):
     """A network in training; calling it with a batch gives the losses.
 
     Attributes:
         net: the network whose parameters are trained, and which is stored.
-        metadata: what a file of its weights says: see `coopsim.learn.weights`.
     """
 
     net: nn.Module
-    metadata: Mapping[str, Any]
 
     @abstractmethod
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
@@ -59,6 +72,10 @@ class TrainingTask(nn.Module, ABC):
     def collate(self, samples: Sequence[Any]) -> Any:
         """Return samples as a batch: their list, unless overridden."""
         return list(samples)
+
+    @abstractmethod
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        """Return the files that a trained network is stored in; the first one is of the recipe's name."""
 
     @abstractmethod
     def forward(self, batch: Any) -> dict[str, Tensor]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -169,3 +172,55 @@ def test_held_out_places_are_looked_at(tmp_path: Path) -> None:
     assert [look["step"] for look in looks] == [2, 4]
     assert all(0 <= look["AP@0.5"] <= 1 for look in looks)
     assert "held-out places" in (tmp_path / "curves.svg").read_text()
+
+
+def test_encoder_and_fusion_are_trained_together(encoder: Path, tmp_path: Path) -> None:
+    network = {"fusion": "fcooper", "message_channels": 4}
+    recipe = TrainingRecipe(
+        "both", "together", 2, 1, validate_every=2, held_out=1, detector=str(encoder), network=network,
+        slower={"detector": 0.1}, samples=SMALL["samples"],
+    )  # fmt: skip
+    weights = train(recipe, tmp_path, source=SyntheticClips())
+    with pytest.raises(InvalidValueError, match=r"on another encoder .* take that one, 'both_detector'"):
+        load_cooperative(weights, load_detector(encoder))
+    load_cooperative(weights, load_detector(tmp_path / "both_detector.safetensors"))
+    card = json.loads((tmp_path / "card.json").read_text())
+    assert {name: each["digest"] for name, each in card["weights"].items()} == {
+        name: digest(tmp_path / f"{name}.safetensors") for name in ("both", "both_detector")
+    }
+    assert str(tmp_path) not in json.dumps(card) and str(encoder.parent) not in json.dumps(card)
+
+
+TWO = """
+from pathlib import Path
+import sys
+from synthetic_clips import SyntheticClips
+from coopsim.learn.recipe import TrainingRecipe, find_recipe
+from coopsim.learn.train import train
+train(find_recipe(sys.argv[1]), sys.argv[2], source=SyntheticClips(), device="cpu")
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_train_together(tmp_path: Path) -> None:
+    """By torch's gloo on the processor, as torchrun would start them."""
+    (tmp_path / "tiny.yaml").write_text(json.dumps({**TINY.as_data(), "steps": 6}))
+    (tmp_path / "two.py").write_text(TWO)
+
+    def start(rank: int) -> subprocess.Popen[bytes]:
+        place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "RANK": str(rank), "WORLD_SIZE": "2"}
+        path = os.pathsep.join(each or os.getcwd() for each in sys.path)
+        return subprocess.Popen(
+            [sys.executable, str(tmp_path / "two.py"), str(tmp_path / "tiny.yaml"), str(tmp_path / "out")],
+            env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", **place},
+        )
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    processes = [start(rank) for rank in range(2)]
+    assert [process.wait(100) for process in processes] == [0, 0]
+    card = json.loads((tmp_path / "out" / "card.json").read_text())
+    assert (card["processes"], card["steps"]) == (2, 6)
+    seen = [each["loss"] for each in losses(tmp_path / "out")]
+    assert len(seen) == 6 and all(np.isfinite(seen))
