@@ -10,8 +10,8 @@ from coopsim.learn.targets import Targets
 from coopsim.nn.box_code import AXIS, HEADING, HEIGHT, LOG_VARIANCE, OFFSET, SIZE, VELOCITY, residuals
 from coopsim.nn.centre_head import CentreHead, at_cells
 
-WEIGHTS = {"heat": 1.0, "place": 1.0, "size": 1.0, "yaw": 1.0, "velocity": 0.1, "variance": 0.05}
-"""Weights of the parts of the loss."""
+WEIGHTS = {"velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3}
+"""Weights of the parts of the loss; those of the others are 1."""
 
 
 def head_loss(head: CentreHead, features: Tensor, targets: Targets) -> dict[str, Tensor]:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from coopsim.nn.centre_head import RARE
 from coopsim.nn.fusion.feature_fusion import (
     FUSIONS,
     FeatureFusion,
@@ -47,6 +48,8 @@ class Pyramid(FeatureFusion):
         super().__init__()
         require_count(1, features=features, levels=levels)
         self.believe = nn.ModuleList(nn.Conv2d(features, 1, 1) for _ in range(levels))
+        for head in self.believe:
+            nn.init.constant_(head.bias, RARE)  # type: ignore[arg-type]
         self.sharpness = nn.Parameter(torch.full((levels,), 4.0))
         self.down = nn.ModuleList(_down(features) for _ in range(levels - 1))
         self.up = nn.ModuleList(nn.ConvTranspose2d(features, features, 2, 2) for _ in range(levels - 1))
