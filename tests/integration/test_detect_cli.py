@@ -115,6 +115,22 @@ def test_a_failed_episode_costs_its_row_only(
 
 
 @pytest.mark.slow
+def test_fusions_of_features_have_detections_and_bytes_of_their_own(here: list[DetectJob], tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from tiny_networks import learned, tiny_detector
+
+    settings = ", ".join(f"{name}={value!r}" for name, value in learned("fcooper").items())
+    command = ["detect", "--frames", "1", "--seeds", "0", "--option", "lidar_columns=300", "--json"]
+    out = tmp_path / "out.json"
+    policies = f"no_fusion,fcooper({settings})"
+    assert main([*command, str(out), "--detector", tiny_detector(), "--policies", policies]) == 0
+    alone, fused = json.loads(out.read_text())
+    assert "pillars" in alone["options"]["detector"] and "detector" not in fused["options"]
+    assert fused["bytes_per_message"] > 1000 and fused["ms_uplink"] > 0
+    assert len(here) == 2
+
+
+@pytest.mark.slow
 def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
     found = []
     for jobs in ("1", "2"):

@@ -11,7 +11,7 @@ from typing import Any
 from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
 from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
-from coopsim.bench.detect.detect_rows import EVERYWHERE, row_of
+from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.perceived_files import PerceivedFiles
 from coopsim.errors import StoreError
@@ -40,6 +40,7 @@ def measure_detection(
     plan: DetectPlan,
     *,
     folder: str | Path | None = None,
+    check: bool = True,
     engine: Engine | None = None,
     on_progress: Callable[[DetectProgress], object] = lambda progress: None,
 ) -> list[dict[str, Any]]:
@@ -50,6 +51,7 @@ def measure_detection(
 
     Args:
         plan: what is measured.
+        check: make every policy and environment before the first episode, see `DetectPlan.check`.
         folder: of finished episodes, made if need be; None: nothing is kept.
         engine: runs the episodes; None: processes of this machine, as many as cores.
         on_progress: called before the first episode and after each.
@@ -57,7 +59,8 @@ def measure_detection(
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
-    plan.check()
+    if check:
+        plan.check()
     engine = engine or Engine()
     files = None if folder is None else PerceivedFiles(Path(folder))
     table = _Table(plan)
@@ -94,7 +97,7 @@ class _Table:
     def __init__(self, plan: DetectPlan) -> None:
         self._plan = plan
         self.jobs: dict[_Place, list[DetectJob]] = {place: plan.jobs_of(*place) for place in plan.rows()}
-        self.episodes: dict[DetectJob, Perceived] = {}
+        self.episodes: dict[DetectJob, Measured] = {}
         self._rows: dict[_Place, dict[str, Any]] = {}
         self._wholes: dict[_Place, list[DetectJob]] = {}
         if len(plan.environments) > 1:
@@ -108,7 +111,7 @@ class _Table:
 
     def take(self, place: _Place, job: DetectJob, perceived: Perceived) -> None:
         """Take an episode in, and make the rows that it completes."""
-        self.episodes[job] = perceived
+        self.episodes[job] = Measured.of(perceived, self._plan.protocol)
         policy, _, disturbance = place
         whole = (policy, EVERYWHERE, disturbance)
         for each, jobs in ((place, self.jobs[place]), (whole, self._wholes.get(whole, []))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
@@ -22,8 +23,26 @@ EVERYWHERE = "all"
 """The environment of a row that pools all environments."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """An episode, matched.
+
+    Attributes:
+        perceived: the episode.
+        rankings: by metric, as the protocol makes them.
+    """
+
+    perceived: Perceived
+    rankings: Mapping[str, Ranking]
+
+    @classmethod
+    def of(cls, perceived: Perceived, protocol: str) -> Measured:
+        """Match an episode by a protocol."""
+        return cls(perceived, PROTOCOLS.get(protocol)().rankings(Overlaps.of(perceived)))
+
+
 def row_of(
-    plan: DetectPlan, place: tuple[str, str, Disturbance], options: Mapping[str, Any], episodes: Sequence[Perceived]
+    plan: DetectPlan, place: tuple[str, str, Disturbance], options: Mapping[str, Any], measured: Sequence[Measured]
 ) -> dict[str, Any]:
     """Return the row of a policy, an environment and a disturbance, pooled over its episodes.
 
@@ -31,11 +50,11 @@ def row_of(
         plan: the plan.
         place: policy, environment (or `EVERYWHERE`) and disturbance.
         options: of the environment.
-        episodes: at least one.
+        measured: at least one episode.
     """
     policy, environment, disturbance = place
     protocol = PROTOCOLS.get(plan.protocol)()
-    rankings = [protocol.rankings(Overlaps.of(each)) for each in episodes]
+    episodes, rankings = [each.perceived for each in measured], [each.rankings for each in measured]
     messages, sent_bytes = sum(each.messages for each in episodes), sum(each.sent_bytes for each in episodes)
     return {
         "policy": policy,
@@ -54,7 +73,7 @@ def row_of(
         **_ms(episodes),
         **metrics_of(protocol, rankings),
         "objects": sum(part[_MAIN].objects for part in rankings),
-        "intervals": intervals_of(rankings),
+        "intervals": intervals_of(protocol, rankings),
     }
 
 
@@ -69,9 +88,14 @@ def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> di
     return {name: None if math.isnan(value) else round(value, 6) for name, value in protocol.values(joined).items()}
 
 
-def intervals_of(parts: Sequence[Mapping[str, Ranking]]) -> dict[str, list[float]]:
-    """Return the 95 % intervals of the main areas, by name; empty for too few episodes. Ranked over all frames."""
-    found = {name: area_interval([part[name] for part in parts]) for name in WITH_INTERVALS if name in parts[0]}
+def intervals_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, list[float]]:
+    """Return the 95 % intervals of the main areas, by name; empty for too few episodes. Arguments: `metrics_of`."""
+    pooled = protocol.ranks_frames_together
+    found = {
+        name: area_interval([part[name] for part in parts], pooled=pooled)
+        for name in WITH_INTERVALS
+        if name in parts[0]
+    }
     return {name: [round(end, 6) for end in ends] for name, ends in found.items() if ends is not None}
 
 

@@ -33,6 +33,7 @@ class OpencoodProtocol(AreaProtocol):
     """OpenCOOD's average precision of vehicles in the bird's-eye view."""
 
     _area = "area_by_frame"
+    ranks_frames_together = False
 
     def rankings(self, overlaps: Overlaps) -> dict[str, Ranking]:
         """Match one episode; see the module's table."""

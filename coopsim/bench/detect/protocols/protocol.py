@@ -23,7 +23,12 @@ class Protocol(ABC):
     """A way of computing average precision, as some benchmark does it.
 
     It is in two steps, so that episodes can be pooled and resampled without matching them again.
+
+    Attributes:
+        ranks_frames_together: the detections of all frames are ranked together, not frame after frame.
     """
+
+    ranks_frames_together: ClassVar[bool] = True
 
     @abstractmethod
     def rankings(self, overlaps: Overlaps) -> dict[str, Ranking]:

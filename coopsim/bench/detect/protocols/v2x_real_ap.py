@@ -32,6 +32,7 @@ class V2xRealProtocol(AreaProtocol):
     """V2X-Real's average precision of superclasses."""
 
     _area = "area_by_frame"
+    ranks_frames_together = False
 
     def rankings(self, overlaps: Overlaps) -> dict[str, Ranking]:
         """Match one episode; see the module's table."""

@@ -25,7 +25,14 @@ def test_equal_episodes_have_no_spread_and_unequal_ones_do() -> None:
 
 def test_a_draw_of_each_episode_once_is_the_area() -> None:
     parts = [_ranking(0.6, 1)]
-    assert np.allclose(_drawn_areas(parts), parts[0].area())
+    assert np.allclose(_drawn_areas(parts, pooled=True), parts[0].area())
+
+
+def test_frames_may_be_ranked_one_after_another() -> None:
+    surer, worse = _ranking(0.9, 1), _ranking(0.2, 2)
+    by_frame = Ranking.joined([worse, surer])
+    drawn = _drawn_areas([by_frame], pooled=False)
+    assert np.allclose(drawn, by_frame.area_by_frame()) and not np.allclose(drawn, by_frame.area())
 
 
 def test_two_episodes_say_nothing() -> None:

@@ -9,6 +9,7 @@ import pytest
 from perceived_frames import PERSON, detections, objects, values
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.metrics.average_precision import average_precision_of
 from coopsim.types import Detections, ObjectClass
 
 NOBODY, OTHERS, ME = 2, 1, 0
@@ -83,6 +84,18 @@ def test_what_is_found_outside_the_region_is_not_looked_at() -> None:
 def test_episodes_are_pooled() -> None:
     good, bad = [(detections((0, 0.9)), objects(0))], [(detections((60, 0.95)), objects(0))]
     assert values("coopsim", good, bad)["APBEV@0.5"] == pytest.approx(0.25)  # hit after the false one: 1/2 of 1/2
+
+
+def test_it_is_the_average_precision_of_the_library() -> None:
+    rng = np.random.default_rng(1)
+    frames = []
+    for _ in range(10):
+        places = np.arange(-60, 70, 12.0)
+        scores = rng.uniform(0, 1, len(places))
+        frames.append((detections(*zip(places + rng.normal(0, 1, len(places)), scores, strict=True)), objects(*places)))
+    for least in (0.3, 0.5, 0.7):
+        wanted = average_precision_of(*zip(*frames, strict=True), least, view="3D")
+        assert values("coopsim", frames)[f"AP3D@{least:g}"] == pytest.approx(wanted)
 
 
 def test_nothing_found_and_nothing_there() -> None:

@@ -1,0 +1,278 @@
+"""Measure the tables and the figure of docs/results about detection, pooled over the nine named places.
+
+    python scripts/measure_detection.py --out results [--minutes 25] [--jobs 2] [--frames 40] [--seeds 0]
+        [--only clean,noise] [--method "attention, seed 1=attfuse(weights=mine.safetensors)"]
+
+Studies are measured in order of importance until the time is up; the same command goes on from there, and prints what
+is finished. Into the folder go rows.json, tables.md and ap_over_bytes.svg. 3 cars receive from each other and a mast.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tabulate import tabulate
+from tqdm import tqdm
+
+from coopsim.bench.benchmark import Engine
+from coopsim.bench.detect.detect import DetectProgress, measure_detection
+from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.detect.detect_rows import EVERYWHERE
+from coopsim.bench.report.formats import line_look, to_svg
+from coopsim.cli.arguments import as_json, names, seeds
+from coopsim.support.files import write_whole
+
+PLACES = (
+    "crossing", "urban_grid", "t_junction", "highway", "merge", "roundabout", "parking_street", "occluded_crossing",
+    "platoon",
+)  # fmt: skip
+METHODS = {
+    "none": "no_fusion",
+    "late": "late_fusion(merge=nms)",
+    "early": "early",
+    "F-Cooper": "fcooper",
+    "AttFuse": "attfuse",
+    "Where2comm": "where2comm",
+    "pyramid": "pyramid",
+}
+MESSAGES_PER_S = 10
+PARTS = ("ms_environment", "ms_uplink", "ms_policy")
+_RAIN = {"weather": {"rain_mm_h": 10}}
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One column of the table: a disturbance, or another world.
+
+    Attributes:
+        group: its name on the command line.
+        title: of the column.
+        noise: m and degrees.
+        delay_ms: of messages.
+        options: of the environments.
+        share: of the frames that are measured.
+        sends: methods that send nothing are left out, as nothing changes for them.
+    """
+
+    group: str
+    title: str
+    noise: tuple[float, float] = (0.0, 0.0)
+    delay_ms: float = 0.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    share: float = 1.0
+    sends: bool = False
+
+    def plan(self, methods: Mapping[str, str], frames: int, of_seeds: Sequence[int], protocol: str) -> DetectPlan:
+        """Return the plan of the study."""
+        chosen = tuple(policy for policy in methods.values() if not (self.sends and policy == METHODS["none"]))
+        return DetectPlan(
+            chosen,
+            PLACES,
+            tuple(of_seeds),
+            max(1, round(frames * self.share)),
+            (self.noise,),
+            (self.delay_ms,),
+            # Late messages need frames as far apart as they are late: all of them are measured.
+            every_s=min(0.5, self.delay_ms / 1000) or 0.5,
+            protocol=protocol,
+            options=self.options,
+        )
+
+
+CLEAN = Study("clean", "clean")
+STUDIES = (
+    CLEAN,
+    Study("noise", "0.4 m, 0.4°", (0.4, 0.4), sends=True),
+    Study("delay", "500 ms", delay_ms=500, sends=True),
+    Study("delay", "200 ms", delay_ms=200, sends=True),
+    Study("world", "rain 10 mm/h", options=_RAIN, share=0.5),
+    Study("world", "VLP-16", options={"lidar": "VLP-16"}, share=0.5),
+    Study("world", "OS1-128", options={"lidar": "OS1-128"}, share=0.5),
+    Study("bytes", "10 kB", options={"budget_bytes": 10_000}, share=0.5, sends=True),
+    Study("bytes", "1 kB", options={"budget_bytes": 1_000}, share=0.5, sends=True),
+    Study("bytes", "100 kB", options={"budget_bytes": 100_000}, share=0.5, sends=True),
+    Study("world", "furniture", options={"detail": "full"}, share=0.5),
+    Study("noise", "0.2 m, 0.2°", (0.2, 0.2), share=0.5, sends=True),
+    Study("noise", "0.6 m, 0.6°", (0.6, 0.6), share=0.5, sends=True),
+    Study("delay", "100 ms", delay_ms=100, share=0.5, sends=True),
+    Study("delay", "300 ms", delay_ms=300, share=0.5, sends=True),
+)
+"""In order of importance."""
+
+
+class TimeIsUpError(Exception):
+    """The time that was given is over."""
+
+
+def main() -> None:
+    """Measure what there is time for, and write what is finished."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    parser.add_argument("--minutes", type=float, default=25.0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--frames", type=int, default=40, help="of each of nine places and each seed")
+    parser.add_argument("--seeds", type=seeds, default=(0,))
+    parser.add_argument("--only", type=names, help="groups: clean, noise, delay, world, bytes")
+    parser.add_argument("--methods", type=names, help=", ".join(METHODS))
+    parser.add_argument("--method", action="append", default=[], metavar="TITLE=POLICY", help="one more")
+    given = parser.parse_args()
+    methods = {name: METHODS[name] for name in given.methods or METHODS}
+    methods |= dict(each.split("=", 1) for each in given.method)
+    studies = [study for study in STUDIES if given.only is None or study.group in given.only]
+    given.out.mkdir(parents=True, exist_ok=True)
+    rows = measure(studies, methods, given)
+    protocols = by_protocol(methods, given) if CLEAN in studies else []
+    write_whole(given.out / "rows.json", as_json(rows + protocols))
+    write_whole(given.out / "ap_over_bytes.svg", figure(rows, methods))
+    text = tables(rows, protocols, methods)
+    write_whole(given.out / "tables.md", text)
+    print(text)
+
+
+def measure(studies: Sequence[Study], methods: Mapping[str, str], given: argparse.Namespace) -> list[Row]:
+    """Run the studies until the time is up. Return the rows of all that is finished, each with its `study`."""
+    ends = time.monotonic() + 60 * given.minutes
+    found: dict[str, list[Row]] = {}
+    for number, study in enumerate(studies):
+        plan = study.plan(methods, given.frames, given.seeds, "coopsim")
+        check = number == 0
+        with tqdm(total=1, desc=study.title, disable=None) as bar:
+
+            def show(progress: DetectProgress, study: Study = study, bar: tqdm[Any] = bar) -> None:
+                found[study.title] = [{"study": study.title, **row} for row in progress.rows]
+                bar.total, bar.n = progress.episodes, progress.done
+                bar.refresh()
+                if progress.outcome is not None and progress.outcome.reason is not None:
+                    print(f"failed: {progress.outcome.job.policy.text}: {progress.outcome.reason}")
+                if time.monotonic() > ends and progress.done < progress.episodes:
+                    raise TimeIsUpError
+
+            try:
+                measure_detection(
+                    plan,
+                    check=check,
+                    folder=given.out / "episodes",
+                    engine=Engine(workers=given.jobs),
+                    on_progress=show,
+                )
+            except (TimeIsUpError, KeyboardInterrupt):
+                print(f"stopped in {study.title}: {bar.n} of {bar.total} episodes; the same command goes on")
+                break
+    return [row for rows in found.values() for row in rows]
+
+
+def by_protocol(methods: Mapping[str, str], given: argparse.Namespace) -> list[Row]:
+    """Return the pooled rows of the clean study by the other protocols; nothing is run for them."""
+    rows: list[Row] = []
+
+    def finished(progress: DetectProgress) -> None:
+        rows.extend(row for row in progress.rows if row["environment"] == EVERYWHERE)
+        raise TimeIsUpError  # before anything is run
+
+    for protocol in ("opencood", "dair", "nuscenes", "v2x-real"):
+        plan = CLEAN.plan(methods, given.frames, given.seeds, protocol)
+        try:
+            measure_detection(plan, check=False, folder=given.out / "episodes", on_progress=finished)
+        except TimeIsUpError:
+            continue
+    return rows
+
+
+def tables(rows: Sequence[Row], protocols: Sequence[Row], methods: Mapping[str, str]) -> str:
+    """Return the tables as Markdown."""
+    pooled = {(row["study"], row["policy"]): row for row in rows if row["environment"] == EVERYWHERE}
+    clean = {name: pooled[CLEAN.title, policy] for name, policy in methods.items() if (CLEAN.title, policy) in pooled}
+    titles = [study.title for study in STUDIES if any(title == study.title for title, _ in pooled)]
+    parts = ["## APBEV@0.5 / @0.7 of vehicles\n\n" + _main(pooled, titles, methods)]
+    columns = (
+        "APBEV@0.3", "APBEV@0.5 own", "APBEV@0.5 others_only", "recall others_only", "recall", "false_per_frame",
+        "APBEV@0.3 people", "APBEV@0.3 riders", "APBEV@0.5 0-30m", "APBEV@0.5 30-50m", "APBEV@0.5 50-100m", "AP3D@0.7",
+    )  # fmt: skip
+    parts.append("## Clean\n\n" + _columns(clean, columns))
+    parts.append("## Cost, ms a frame of all agents\n\n" + _columns(clean, PARTS))
+    by_place = {(row["environment"], row["policy"]): row for row in rows if row["study"] == CLEAN.title}
+    cells = [
+        [name, *(_ap(by_place.get((place, policy)), ("APBEV@0.5",)) for place in PLACES)]
+        for name, policy in methods.items()
+    ]
+    parts.append("## APBEV@0.5 by place, clean\n\n" + _table(cells, ("", *PLACES)))
+    others = {(row["protocol"], row["policy"]): row for row in protocols}
+    wanted = {"opencood": "APBEV@0.5", "dair": "APBEV@0.5", "nuscenes": "mAP", "v2x-real": "mAPBEV@0.5"}
+    cells = [
+        [name, _ap(clean.get(name), ("APBEV@0.5",))]
+        + [_ap(others.get((protocol, policy)), (metric,)) for protocol, metric in wanted.items()]
+        for name, policy in methods.items()
+    ]
+    heads = ("", "coopsim APBEV@0.5", *(f"{protocol} {metric}" for protocol, metric in wanted.items()))
+    parts.append("## The same boxes by other protocols\n\n" + _table(cells, heads))
+    return "\n\n".join(parts) + "\n"
+
+
+def _main(pooled: Mapping[tuple[str, str], Row], titles: Sequence[str], methods: Mapping[str, str]) -> str:
+    cells = []
+    for name, policy in methods.items():
+        clean = pooled.get((CLEAN.title, policy))
+        size = "-" if clean is None else f"{clean['bytes_per_message']:,.0f}"
+        cells.append([name, size, *(_ap(pooled.get((title, policy)), ("APBEV@0.5", "APBEV@0.7")) for title in titles)])
+    sizes = {title: {row["frames"] for (of, _), row in pooled.items() if of == title} for title in titles}
+    heads = [f"{title} ({'/'.join(map(str, sorted(sizes[title])))} frames)" for title in titles]
+    return _table(cells, ("", "bytes", *heads))
+
+
+def _ap(row: Row | None, metrics: Sequence[str]) -> str:
+    if row is None:
+        return "-"
+    text = "/".join("-" if row.get(metric) is None else f"{row[metric]:.3f}" for metric in metrics)
+    ends = row["intervals"].get(metrics[0])
+    return text if ends is None else f"{text} ({ends[0]:.2f}-{ends[1]:.2f})"
+
+
+def _columns(rows: Mapping[str, Row], columns: Sequence[str]) -> str:
+    cells = [
+        [name, *("-" if row.get(each) is None else f"{row[each]:.{1 if each[:2] == 'ms' else 3}f}" for each in columns)]
+        for name, row in rows.items()
+    ]
+    return _table(cells, ("", *columns))
+
+
+def _table(cells: Sequence[Sequence[str]], heads: Sequence[str]) -> str:
+    align = ["left"] + ["right"] * (len(heads) - 1)
+    return tabulate(cells, headers=heads, tablefmt="github", colalign=align, disable_numparse=True)
+
+
+def figure(rows: Sequence[Row], methods: Mapping[str, str]) -> str:
+    """Draw average precision over bytes a second of each sender, under budgets and without."""
+    limited = {CLEAN.title, *(study.title for study in STUDIES if study.group == "bytes")}
+
+    def draw(made: Any) -> None:
+        panel = made.subplots()
+        for number, (name, policy) in enumerate(methods.items()):
+            places = sorted(
+                (row["bytes_per_message"] * MESSAGES_PER_S, row["APBEV@0.5"])
+                for row in rows
+                if row["study"] in limited and row["environment"] == EVERYWHERE and row["policy"] == policy
+            )
+            if not places:
+                continue
+            style, color = line_look(number)
+            if places[-1][0] == 0:
+                panel.axhline(places[-1][1], color=color, ls=":", label=name)
+                continue
+            panel.plot(*zip(*places, strict=True), f"o{style}", color=color, ms=4, label=name)
+        panel.set_xscale("log")
+        panel.set(xlabel="bytes a second, of each sender", ylabel="APBEV@0.5, vehicles")
+        panel.grid(alpha=0.25)
+        if panel.get_legend_handles_labels()[0]:
+            panel.legend(fontsize=7, frameon=False)
+
+    return to_svg(draw, 6.0, 4.0)
+
+
+if __name__ == "__main__":
+    main()
