@@ -79,7 +79,7 @@ class CooperativeTask(TrainingTask):
         return self
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return scene_samples(clip, rng, self._settings, self.detector.config.cell_m)
+        return scene_samples(clip, rng, self._settings, self.detector.config.cell_m, self.detector.config.sweeps)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)

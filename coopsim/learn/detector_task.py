@@ -48,7 +48,7 @@ class DetectorTask(TrainingTask):
             self.net = copy.deepcopy(start).requires_grad_(True)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return detector_samples(clip, rng, self._settings, self.net.config.cell_m)
+        return detector_samples(clip, rng, self._settings, self.net.config.cell_m, self.net.config.sweeps)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         merged = round(self._settings.merged)

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
-from coopsim.learn.samples import SampleSettings, boxes_in, mirror, moved, noisy, rotated, thin
-from coopsim.learn.scene import Clip, Scene
+from coopsim.learn.samples import SampleSettings, boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets, make_targets
 from coopsim.nn.encoder import STRIDE
 from coopsim.nn.pillars import PillarBatch, Pillars, collate, pillarize
@@ -72,7 +72,7 @@ class CooperativeSample:
 
 
 def scene_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
 ) -> list[CooperativeSample]:
     """Return a sample for each scene of a clip that two or more agents take part in.
 
@@ -81,13 +81,14 @@ def scene_samples(
         rng: decides who takes part, the errors of poses, delays, and the turn and mirror of the world.
         settings: how.
         cell_m: edge of a pillar.
+        sweeps: frames that the network is given, see `sweeps_of`.
     """
     samples = []
     for number in range(len(clip.scenes)):
         members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
         members = [k for k in members if len(clip.scenes[number].agents[k].points)]
         if len(members) > 1:
-            samples.append(_Draft(clip, number, members, rng, settings, cell_m).sample())
+            samples.append(_Draft(clip, number, members, rng, settings, cell_m, sweeps).sample())
     return samples
 
 
@@ -102,8 +103,10 @@ class _Draft:
         rng: np.random.Generator,
         settings: SampleSettings,
         cell_m: float,
+        sweeps: int,
     ) -> None:
         self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
+        self.sweeps = sweeps
         self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
         self.strength, self.axes_rad = rng.random(), rng.uniform(-np.pi, np.pi)
@@ -129,17 +132,19 @@ class _Draft:
         """Return the number of an agent's map in a scene; it is made when first asked for."""
         if (number, member) not in self.rows:
             self.rows[number, member] = len(self.rows)
-            self._add(self.clip.scenes[number], member)
+            self._add(number, member)
         return self.rows[number, member]
 
-    def _add(self, scene: Scene, member: int) -> None:
-        agent, settings = scene.agents[member], self.settings
+    def _add(self, number: int, member: int) -> None:
+        scene, settings = self.clip.scenes[number], self.settings
+        agent = scene.agents[member]
         noise_rad = np.deg2rad(self.strength * settings.noise_deg)
         believed = noisy(agent.xyz_yaw, self.rng, self.strength * settings.noise_m, noise_rad)
         # The agent turns its points by the heading that it believes in: its map's axes are off by its error.
         frame = agent.xyz_yaw.copy()
         frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
-        points = moved(thin(agent.points, self.rng, settings.thinned), agent.xyz_yaw, frame)
+        points = sweeps_of(self.clip, number, member, self.sweeps)
+        points = moved(thin(points, self.rng, settings.thinned), agent.xyz_yaw, frame)
         shown = scene.returns[:, member] > 0
         boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
         if self.mirrored:

@@ -14,6 +14,7 @@ from coopsim.learn.anchor_loss import Truth, anchor_head_loss
 from coopsim.learn.losses import head_loss
 from coopsim.learn.scene import AgentScene, Clip, Scene
 from coopsim.learn.targets import Targets, join_targets, make_targets
+from coopsim.localization.recent_sweeps import LONGEST_S, Points
 from coopsim.nn.anchor_head import AnchorHead
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import STRIDE
@@ -80,7 +81,7 @@ class DetectorBatch:
 
 
 def detector_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
 ) -> list[DetectorSample]:
     """Return a sample for each agent in each scene of a clip.
 
@@ -89,10 +90,18 @@ def detector_samples(
         rng: decides what is merged, the turn, mirror and part of each sample.
         settings: how.
         cell_m: edge of a pillar.
+        sweeps: frames that the network is given, see `sweeps_of`.
     """
     return [
-        _sample(scene, number, rng, settings, cell_m)
-        for scene in clip.scenes
+        _sample(
+            scene,
+            number,
+            [sweeps_of(clip, k, other, sweeps) for other in range(len(scene.agents))],
+            rng,
+            settings,
+            cell_m,
+        )
+        for k, scene in enumerate(clip.scenes)
         for number, agent in enumerate(scene.agents)
         if len(agent.points)
     ]
@@ -115,23 +124,42 @@ def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
     return head_loss(net.head, features, batch.targets)
 
 
-def moved(points: NDArray[np.float32], xyz_yaw: Floats, to_xyz_yaw: Floats, age_s: float = 0.0) -> NDArray[np.float32]:
-    """Return points (P, 4) in one agent's base frame as points (P, 5) with age in another frame.
+def sweeps_of(clip: Clip, number: int, member: int, sweeps: int) -> Points:
+    """Return an agent's points in a scene, (P, 5) with their age, in its base frame.
 
     Args:
-        points: x, y, z, intensity.
-        xyz_yaw: (4,) pose in the world of the frame that they are in.
-        to_xyz_yaw: (4,) pose in the world of the other frame.
-        age_s: since they were measured.
+        clip: the scenes.
+        number: of the scene.
+        member: number of the agent.
+        sweeps: 1, or 2 with the points of the scene before, moved by odometry. There are none in a first scene, or if
+            the scenes are further apart than frames that a policy joins.
+    """
+    agent = clip.scenes[number].agents[member]
+    points = _with_age(agent.points, 0.0)
+    if sweeps == 1 or number == 0 or clip.dt_s > LONGEST_S:
+        return points
+    before = _with_age(clip.scenes[number - 1].agents[member].points, clip.dt_s)
+    return np.concatenate([points, moved(before, np.zeros(4), agent.odometry)])
+
+
+def _with_age(points: NDArray[np.float32], age_s: float) -> Points:
+    return np.column_stack([points, np.full(len(points), age_s, np.float32)])
+
+
+def moved(points: Points, xyz_yaw: Floats, to_xyz_yaw: Floats) -> Points:
+    """Return points (P, 5), given in one frame, in another.
+
+    Args:
+        points: x, y, z, intensity, age.
+        xyz_yaw: (4,) pose of the frame that they are in.
+        to_xyz_yaw: (4,) pose of the other frame, in the same world.
     """
     cos, sin = np.cos(xyz_yaw[3] - to_xyz_yaw[3]), np.sin(xyz_yaw[3] - to_xyz_yaw[3])
-    out = np.empty((len(points), 5), np.float32)
     dx, dy = rotated((xyz_yaw[:2] - to_xyz_yaw[:2])[None], -to_xyz_yaw[3])[0]
-    x, y = points[:, 0], points[:, 1]
+    out, x, y = points.copy(), points[:, 0], points[:, 1]
     out[:, 0] = cos * x - sin * y + dx
     out[:, 1] = sin * x + cos * y + dy
-    out[:, 2] = points[:, 2] + (xyz_yaw[2] - to_xyz_yaw[2])
-    out[:, 3], out[:, 4] = points[:, 3], age_s
+    out[:, 2] += xyz_yaw[2] - to_xyz_yaw[2]
     return out
 
 
@@ -149,14 +177,14 @@ def noisy(xyz_yaw: Floats, rng: np.random.Generator, noise_m: float, noise_rad: 
     return xyz_yaw + rng.normal(size=4) * [noise_m, noise_m, 0.0, noise_rad]
 
 
-def thin(points: NDArray[np.float32], rng: np.random.Generator, share: float) -> NDArray[np.float32]:
+def thin(points: Points, rng: np.random.Generator, share: float) -> Points:
     """Leave out up to three quarters of the points at random, in this share of calls."""
     if rng.random() >= share:
         return points
     return points[rng.random(len(points)) >= rng.uniform(0.0, 0.75)]
 
 
-def mirror(points: NDArray[np.float32], boxes: Floats, velocity: Floats) -> None:
+def mirror(points: Points, boxes: Floats, velocity: Floats) -> None:
     """Turn left and right around, in place: y becomes -y."""
     points[:, 1] *= -1
     boxes[:, [1, 6]] *= -1
@@ -164,15 +192,21 @@ def mirror(points: NDArray[np.float32], boxes: Floats, velocity: Floats) -> None
 
 
 def _sample(
-    scene: Scene, number: int, rng: np.random.Generator, settings: SampleSettings, cell_m: float
+    scene: Scene,
+    number: int,
+    clouds: Sequence[Points],
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float,
 ) -> DetectorSample:
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
     # The frame of the map is turned at random: streets must not be known by their direction.
     frame = me.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
-    clouds = [_cloud(scene.agents[each], each == number, frame, rng, settings) for each in members]
-    points = np.concatenate(clouds)
+    points = np.concatenate(
+        [_cloud(scene.agents[each], clouds[each], each == number, frame, rng, settings) for each in members]
+    )
     shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
     boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
     if rng.random() < settings.mirrored:
@@ -192,9 +226,9 @@ def _members(scene: Scene, number: int, rng: np.random.Generator, settings: Samp
 
 
 def _cloud(
-    agent: AgentScene, own: bool, frame: Floats, rng: np.random.Generator, settings: SampleSettings
-) -> NDArray[np.float32]:
-    points = thin(agent.points, rng, settings.thinned)
+    agent: AgentScene, points: Points, own: bool, frame: Floats, rng: np.random.Generator, settings: SampleSettings
+) -> Points:
+    points = thin(points, rng, settings.thinned)
     pose = agent.xyz_yaw
     if not own and settings.noise_m + settings.noise_deg > 0:
         strength = rng.random()

@@ -12,7 +12,7 @@ from coopsim.types import NS_PER_S, PointCloud, SensorView
 Points = NDArray[np.float32]
 """(P, 5): x, y, z m, intensity in [0, 1], age s."""
 
-_LONGEST_NS = NS_PER_S // 4
+LONGEST_S = 0.25
 """Sweeps further apart than this are not joined: the odometry of a view covers one frame."""
 
 
@@ -53,7 +53,7 @@ class RecentSweeps:
         if self._sweeps == 1:
             return aged(cloud)
         known, self._before[view.agent] = self._before.get(view.agent), (view.time_ns, cloud)
-        if known is None or not 0 < view.time_ns - known[0] <= _LONGEST_NS:
+        if known is None or not 0 < view.time_ns - known[0] <= LONGEST_S * NS_PER_S:
             return aged(cloud)
         current_SE3_previous: SE3 = view.odometry.previous_SE3_current.inverse()
         before = aged(known[1].transform(current_SE3_previous), (view.time_ns - known[0]) / NS_PER_S)

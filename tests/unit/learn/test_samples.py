@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from coopsim.learn.samples import SampleSettings, boxes_in, collate_detector, detector_samples, mirror, moved, noisy
+from coopsim.learn.samples import (
+    SampleSettings,
+    boxes_in,
+    collate_detector,
+    detector_samples,
+    mirror,
+    moved,
+    noisy,
+    rotated,
+    sweeps_of,
+)
 from coopsim.learn.scene import AgentScene, Clip, Scene
 from coopsim.nn.decode import cell_centers
 from coopsim.types import BevGrid
@@ -25,7 +35,7 @@ def scene(count: int = 12, agents: int = 3, seed: int = 0, time_ns: int = 0) -> 
     for number, pose in enumerate(poses):
         seen = boxes[returns[:, number] > 0]
         world = (seen[:, None, :3] + CORNERS).reshape(-1, 3)
-        cloud = np.column_stack([world, np.full(len(world), 0.5)]).astype(np.float32)
+        cloud = np.column_stack([world, np.full((len(world), 2), 0.5)]).astype(np.float32)
         made.append(
             AgentScene(f"cav_{number}", "cav", pose, np.zeros(4), moved(cloud, np.zeros(4), pose)[:, :4], number)
         )
@@ -39,17 +49,33 @@ def clip(frames: int = 2, agents: int = 3, dt_s: float = 0.5) -> Clip:
 
 def test_moving_there_and_back_changes_nothing() -> None:
     rng = np.random.default_rng(0)
-    points = rng.normal(0, 20, (50, 4)).astype(np.float32)
+    points = rng.normal(0, 20, (50, 5)).astype(np.float32)
     here, there = rng.normal(0, 10, 4), rng.normal(0, 10, 4)
-    again = moved(moved(points, here, there)[:, :4], there, here)
-    np.testing.assert_allclose(again[:, :4], points, atol=1e-4)
-    assert (moved(points, here, there, 0.1)[:, 4] == np.float32(0.1)).all()
+    np.testing.assert_allclose(moved(moved(points, here, there), there, here), points, atol=1e-4)
+
+
+def test_the_sweep_before_is_moved_by_odometry_and_has_an_age() -> None:
+    standing = np.float32([[20.0, 5.0, 1.0, 0.5]])
+    poses = np.array([[0.0, 0.0, 0.0, 0.3]]), np.array([[2.0, 0.5, 0.0, 0.4]])
+    clouds = [moved(np.column_stack([standing, [[0.0]]]).astype(np.float32), np.zeros(4), pose[0]) for pose in poses]
+    turn = poses[1][0, 3] - poses[0][0, 3]
+    ahead = rotated(poses[1][:, :2] - poses[0][:, :2], -0.3)[0]
+    odometry = np.array([*ahead, 0.0, turn])
+    scenes = [
+        Scene(k, (AgentScene("cav_0", "cav", pose[0], odometry, cloud[:, :4], 0),), *[np.zeros(0)] * 5)
+        for k, (pose, cloud) in enumerate(zip(poses, clouds, strict=True))
+    ]
+    both = sweeps_of(Clip("standing", 0.1, tuple(scenes)), 1, 0, 2)
+    np.testing.assert_allclose(both[0, :4], both[1, :4], atol=1e-4)
+    np.testing.assert_allclose(both[:, 4], [0.0, 0.1], atol=1e-6)
+    assert len(sweeps_of(Clip("standing", 0.1, tuple(scenes)), 0, 0, 2)) == 1
+    assert len(sweeps_of(Clip("standing", 0.5, tuple(scenes)), 1, 0, 2)) == 1
 
 
 def test_points_of_an_object_stay_in_its_box_in_any_frame() -> None:
     boxes = np.array([[30.0, -20.0, 1.0, 4.0, 2.0, 1.5, 0.8]])
     pose, frame = np.array([10.0, 5.0, 0.2, 1.1]), np.array([-3.0, 2.0, 0.1, -2.0])
-    point = moved(np.float32([[30, -20, 1, 0]]), np.zeros(4), pose)[:, :4]
+    point = moved(np.float32([[30, -20, 1, 0, 0]]), np.zeros(4), pose)
     placed, velocity = boxes_in(boxes, np.array([[np.cos(0.8), np.sin(0.8)]]), frame)
     np.testing.assert_allclose(moved(point, pose, frame)[0, :3], placed[0, :3], atol=1e-4)
     np.testing.assert_allclose(velocity[0], [np.cos(placed[0, 6]), np.sin(placed[0, 6])], atol=1e-9)
