@@ -102,11 +102,19 @@ class PillarEncoder(nn.Module):
         """Return the pillars' features on their grids, (A, C, H, W); zeros where no point is."""
         rows, columns = batch.shape
         width = self.config.pillar_features
-        each = functional.relu(self.points_norm(self.points(batch.features).float())) if len(batch.features) else None
+        each = functional.relu(self._normed(self.points(batch.features).float())) if len(batch.features) else None
         flat = batch.features.new_zeros(batch.clouds * rows * columns, width)
         if each is not None:
             flat = flat.index_put((batch.cell,), torch.segment_reduce(each, "max", lengths=batch.count, axis=0))
         return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
+
+    def _normed(self, points: Tensor) -> Tensor:
+        """Return points (P, C), normalized: a single one by the statistics of earlier ones, as it has none of its own."""
+        norm = self.points_norm
+        if len(points) > 1 or not self.training:
+            normed: Tensor = norm(points)
+            return normed
+        return functional.batch_norm(points, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
 
 
 def conv(before: int, after: int, stride: int = 1) -> nn.Sequential:

@@ -53,6 +53,10 @@ def test_an_empty_cloud_has_a_map_and_gradients_are_finite() -> None:
     assert torch.isfinite(net(collate([pillars(0, count=0)]))).all()
 
 
+def test_a_single_point_can_be_trained_on() -> None:
+    assert torch.isfinite(encoder().train()(collate([pillars(0, count=1)]))).all()
+
+
 def test_the_largest_point_of_a_pillar_counts() -> None:
     cloud = np.float32([[0.3, 0.3, z, 0.5, 0] for z in (0.5, 1.0, 2.0)])
     batch = collate([pillarize(cloud, BevGrid((-2.4, 2.4), (-2.4, 2.4), 0.6))])

@@ -1,0 +1,33 @@
+"""Clips of a training: shared among processes, made ahead, and none of the test places."""
+
+from itertools import chain
+from pathlib import Path
+
+import pytest
+from synthetic_clips import SyntheticClips
+
+from coopsim.errors import InvalidValueError
+from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
+from coopsim.learn.recipe import TrainingRecipe
+
+
+def test_processes_share_the_blocks() -> None:
+    clips = SyntheticClips()
+    keys = [[ClipsOfRank(clips, 3, rank, 2).clip(k).key for k in range(6)] for rank in range(2)]
+    assert sorted(chain(*keys), key=lambda key: int(key.split()[1])) == [clips.clip(k).key for k in range(12)]
+    assert keys[1][:3] == [clips.clip(k).key for k in (3, 4, 5)]
+
+
+def test_clips_made_ahead_are_the_same_from_anywhere() -> None:
+    clips = SyntheticClips(frames=1)
+    with ClipsAhead(clips, 1, 2) as ahead:
+        assert [ahead.clip(k).key for k in (4, 5, 9, 10)] == [clips.clip(k).key for k in (4, 5, 9, 10)]
+
+
+def test_places_of_training_and_of_looks_differ_and_the_test_places_are_in_neither(tmp_path: Path) -> None:
+    recipe = TrainingRecipe("x", world={"rain_share": 0.0})
+    training, looks = simulated_clips(recipe, 3), held_out_clips(recipe)
+    assert "first_place=100000" in repr(training) and "first_place=1000," in repr(looks)
+    assert LaterClips(SyntheticClips()).clip(0).key == "synthetic 1000000000"
+    with pytest.raises(InvalidValueError, match="environments must not be 'crossing'"):
+        simulated_clips(TrainingRecipe("x", world={"environments": ["crossing"]}), 0)
