@@ -109,7 +109,7 @@ class PillarEncoder(nn.Module):
         return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
 
     def _normed(self, points: Tensor) -> Tensor:
-        """Return points (P, C), normalized: a single one by the statistics of earlier ones, as it has none of its own."""
+        """Return points (P, C), normalized; a single one has no statistics, and takes those of earlier ones."""
         norm = self.points_norm
         if len(points) > 1 or not self.training:
             normed: Tensor = norm(points)
