@@ -52,7 +52,10 @@ class CooperativeNet(nn.Module):
 
     def __init__(self, fusion: FeatureFusion, message_channels: int = 16, features: int = 64) -> None:
         super().__init__()
-        self.compress = nn.Conv2d(features, message_channels, 1)
+        self.message_channels = message_channels
+        self.compress = nn.Sequential(
+            nn.Conv2d(features, features, 1), nn.ReLU(inplace=True), nn.Conv2d(features, message_channels, 1)
+        )
         self.sure = nn.Conv2d(features, len(CLASS_NAMES), 1)
         nn.init.constant_(self.sure.bias, RARE)  # type: ignore[arg-type]
         self.expand = Expand(message_channels, features)

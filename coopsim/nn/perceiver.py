@@ -113,7 +113,7 @@ class Perceiver:
         self._pillars = BevGrid((-reach_m, reach_m), (-reach_m, reach_m), cell_m)
         self.grid = self._pillars.coarser(STRIDE)
         self._encoder, self._net = detector.encoder, net
-        self._channels = net.compress.out_channels
+        self._channels = net.message_channels
 
     def encode(self, clouds: Sequence[NDArray[np.float32]]) -> list[OwnMap]:
         """Return the maps of A agents from their points (P, 5), all in one batch."""

@@ -30,6 +30,7 @@ def test_delay_is_without_effect_until_learned() -> None:
 
 def test_learning_about_delays_leaves_what_is_not_late_alone() -> None:
     before, after = Expand(4, 8), learned()
+    before.hidden.load_state_dict(after.hidden.state_dict())
     before.mix.load_state_dict(after.mix.state_dict())
     now = torch.zeros(2)
     assert torch.equal(before(maps(2), now), after(maps(2), now))
