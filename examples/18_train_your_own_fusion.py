@@ -10,6 +10,7 @@ from coopsim.agents.learned_fusion import LearnedFusion
 from coopsim.learn.recipe import find_recipe
 from coopsim.learn.train import train
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, FusionContext
+from coopsim.testing import check_fusion
 
 
 @FUSIONS.register("gated")
@@ -26,6 +27,7 @@ class GatedSum(FeatureFusion):
         return own + (gate * others).sum(dim=0)
 
 
+check_fusion(GatedSum)
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 4
 recipe = find_recipe("attfuse").changed(name="gated", steps=steps, **{"network.fusion": "gated"})
 if steps < 100:  # to see that it runs
