@@ -66,8 +66,7 @@ def load_checkpoint(
     path = folder / CHECKPOINT
     if not path.exists():
         return None
-    found, texts = read_header(path, _MOST_BYTES)
-    state = _state(path, texts)
+    state, (found, _) = read_state(folder), read_header(path, _MOST_BYTES)
     _require_same(folder, state.run, json.loads(json.dumps(run)))
     wanted, parameters = _net_tensors(net, average), dict(net.named_parameters())
     for name in found:
@@ -86,6 +85,16 @@ def load_checkpoint(
             kept = tensor if kind == "adam.step" else torch.empty_like(parameter).copy_(tensor)
             adam.state[parameter][kind.removeprefix("adam.")] = kept
     return state
+
+
+def read_state(folder: Path) -> Checkpoint:
+    """Read of a folder's checkpoint what is not a tensor.
+
+    Raises:
+        InvalidValueError: there is no checkpoint, or it is broken.
+    """
+    path = folder / CHECKPOINT
+    return _state(path, read_header(path, _MOST_BYTES)[1])
 
 
 def _net_tensors(net: nn.Module, average: nn.Module) -> dict[str, Tensor]:

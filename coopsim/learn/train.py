@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import torch
+from torch import nn
 
+from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
+from coopsim.learn.checkpoint import load_checkpoint, read_state
 from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
 from coopsim.learn.clip_store import ClipSource
 from coopsim.learn.clips_on_ray import ClipsOnRay
@@ -83,6 +88,25 @@ def train(
     return folder / f"{recipe.name}{SUFFIX}"
 
 
+def store_unfinished(folder: str | Path, out: str | Path) -> list[Path]:
+    """Write the weights of a training's last checkpoint, to try them before the training ends. Return the files.
+
+    Args:
+        folder: of the training; may be in use.
+        out: folder for the weights.
+
+    Raises:
+        InvalidValueError: there is no checkpoint, or it is broken.
+    """
+    state = read_state(Path(folder))
+    recipe, seed = load(TrainingRecipe, state.run["recipe"], "recipe"), int(state.run["seed"])
+    task = make_task(recipe, seed)
+    average, adam = copy.deepcopy(task.net), torch.optim.AdamW(task.net.parameters())
+    state = load_checkpoint(Path(folder), state.run, task.net, average, adam) or state
+    make_folder(Path(out))
+    return _store(task, average, recipe, Path(out), {"seed": seed, "step": state.step})
+
+
 def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
     """Return what a recipe trains, with its first weights."""
     if recipe.kind == "detector":
@@ -126,10 +150,18 @@ def _conclude(loop: TrainLoop, folder: Path, seed: int) -> None:
     recipe, task = loop.recipe, loop.task
     parameters = sum(each.numel() for each in task.net.parameters() if each.requires_grad)
     card = make_card(recipe, seed, loop.ranks, parameters, read_log(folder))
-    files = task.files(loop.average.net, recipe.name)
-    for file in files:
-        save_weights(folder / f"{file.name}{SUFFIX}", file.net, {**file.metadata, "recipe": recipe.name, "seed": seed})
-    paths = {file.name: folder / f"{file.name}{SUFFIX}" for file in files}
-    card["weights"] = {name: {"digest": digest(path), "bytes": path.stat().st_size} for name, path in paths.items()}
+    paths = _store(task, loop.average.net, recipe, folder, {"seed": seed})
+    card["weights"] = {path.stem: {"digest": digest(path), "bytes": path.stat().st_size} for path in paths}
     write_whole(folder / CARD, json.dumps(card, indent=2) + "\n")
     write_curves(folder)
+
+
+def _store(
+    task: TrainingTask, net: nn.Module, recipe: TrainingRecipe, folder: Path, said: Mapping[str, Any]
+) -> list[Path]:
+    """Write the files of a trained network. Return their paths."""
+    files = task.files(net, recipe.name)
+    paths = [folder / f"{file.name}{SUFFIX}" for file in files]
+    for file, path in zip(files, paths, strict=True):
+        save_weights(path, file.net, {**file.metadata, "recipe": recipe.name, **said})
+    return paths

@@ -21,9 +21,9 @@ from coopsim.errors import InvalidValueError, TrainingError
 from coopsim.learn import cooperative_task, detector_task, train_loop
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.scene import Clip
-from coopsim.learn.train import train
+from coopsim.learn.train import store_unfinished, train
 from coopsim.learn.train_loop import TrainingProgress
-from coopsim.learn.weights import digest, load_cooperative, load_detector
+from coopsim.learn.weights import digest, load_cooperative, load_detector, read_texts
 
 SMALL: dict[str, Any] = {
     "batch": 4,
@@ -118,6 +118,8 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
     with pytest.raises(MemoryError if end is None else KeyboardInterrupt):
         train(TINY, tmp_path / "cut", source=SyntheticClips(), show=interrupt)
+    unfinished = store_unfinished(tmp_path / "cut", tmp_path / "half")
+    assert read_texts(unfinished[0])["step"] == ("2" if end is None else "5")
     steps = list[int]()
     train(TINY, tmp_path / "cut", source=SyntheticClips(), show=lambda progress: steps.append(progress.step))
     assert steps[0] == (3 if end is None else 6)
