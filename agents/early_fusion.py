@@ -6,7 +6,7 @@ Cooper (Chen et al., "Cooper: Cooperative Perception for Connected Autonomous Ve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +43,18 @@ class EarlyFusion(PerceivingPolicy):
         from coopsim.learn.weights import load_detector
         from coopsim.nn.cloud_detector import CloudDetector
 
-        self._detector = CloudDetector(load_detector(self.weights), self.threads)
+        self._detector = CloudDetector(load_detector(self.weights))
         self._sweeps = RecentSweeps(self._detector.sweeps)
-        self._own: dict[str, tuple[int, Points]] = {}
+        self._own: dict[str, Points] = {}
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         return SharePoints(codec=spec.codec or "points", keep_low=_KEEP_LOW)
 
-    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        super().begin(spec, rng)
-        self._own.pop(spec.name, None)
+    def prepare(self, observations: Mapping[str, Observation]) -> None:
+        for agent, observation in observations.items():
+            if observation.sensed:
+                points = self._sweeps.points(observation.view(self.specs[agent]))
+                self._own[agent] = turned(points, float(observation.pose.xyz_yaw[3]))
 
     def decode(self, message: Message) -> PointCloud:
         cloud = decode_points(message)
@@ -62,18 +64,10 @@ class EarlyFusion(PerceivingPolicy):
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
         heading_rad = float(observation.pose.xyz_yaw[3])
-        clouds = [turned(self._points(agent, observation), heading_rad)]
+        clouds = [self._own[agent]]
         clouds += [aged(each.content.transform(self.compass_SE3_sender(agent, observation, each))) for each in heard]
         return self._detector.detect(np.concatenate(clouds), self.region_m, heading_rad, self.least_score)
 
     def found_by(self, heading_rad: float, content: PointCloud) -> Detections:
         reach = max(self.region_m)
         return self._detector.detect(aged(content), (reach, reach), 0.0, self.least_score)
-
-    def _points(self, agent: str, observation: Observation) -> Points:
-        """Return the agent's own points, which are asked for twice in a frame where poses are aligned."""
-        known = self._own.get(agent)
-        if known is None or known[0] != observation.time_ns:
-            points = self._sweeps.points(observation.view(self.specs[agent]))
-            known = self._own[agent] = observation.time_ns, points
-        return known[1]

@@ -68,6 +68,10 @@ class LearnedFusion(PerceivingPolicy):
         self._served.add(spec.name)
         return self._uplink
 
+    def prepare(self, observations: Mapping[str, Observation]) -> None:
+        sensed = {agent: each for agent, each in observations.items() if each.sensed}
+        self._encode.all([each.view(self.specs[agent]) for agent, each in sensed.items()])
+
     def decode(self, message: Message) -> ReceivedMap:
         return self._perceiver.receive(decode_features(message))
 

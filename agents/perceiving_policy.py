@@ -7,8 +7,9 @@ agent's estimated heading. Maps of all agents then have the same axes, so one br
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,10 @@ from coopsim.fusion.alignment import ReceivedBoxes
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
+from coopsim.support.threads import run_all
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, seconds_to_ns
+from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.valid_detections import drop_unreportable
 
 _MOST_SENDERS = 32
@@ -64,7 +66,7 @@ class PerceivingPolicy(TrackingPolicy):
         region_m: the network looks for objects in |x| <= the first, |y| <= the second of the receiver's base frame,
             and in what the rectangle around it in the world's axes has besides.
         memory_s: for how long after its capture a message is used.
-        threads: of torch. One is best unless nothing else runs.
+        threads: agents' networks are computed side by side on so many threads; the results are the same for any number.
     """
 
     weights: str = "pillars"
@@ -72,7 +74,7 @@ class PerceivingPolicy(TrackingPolicy):
     least_score: float = 0.1
     region_m: tuple[float, float] = (100.0, 40.0)
     memory_s: float = 1.0
-    threads: int = 1
+    threads: int = 2
 
     def __post_init__(self) -> None:
         require_probability(least_score=self.least_score)
@@ -118,8 +120,24 @@ class PerceivingPolicy(TrackingPolicy):
         super().begin(spec, rng)
         self._heard[spec.name] = {}
 
+    def prepare(self, observations: Mapping[str, Observation]) -> None:
+        """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
+
+    def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
+        for agent, observation in observations.items():
+            self._states[agent].frame.move(observation)
+        self.prepare(observations)
+        heard = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
+        tasks = [partial(self._perceive, agent, each, heard[agent]) for agent, each in observations.items()]
+        found = dict(zip(observations, run_all(tasks, self.threads), strict=True))
+        return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
+
     def perceive(self, agent: str, observation: Observation) -> Detections:
-        heard = self._listen(agent, observation)
+        self.prepare({agent: observation})
+        return self._perceive(agent, observation, self._listen(agent, observation))
+
+    def _perceive(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        """Return what the agent and those it heard see together, in its base frame; may run beside other agents'."""
         if not observation.sensed:
             return Detections.empty()
         found = self.find(agent, observation, heard).transform(base_SE3_compass(observation))

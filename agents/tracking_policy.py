@@ -93,10 +93,13 @@ class TrackingPolicy(Policy):
         state.tracks = DELAYED.get(self.delayed)(self.make_tracker, state.fuse_and_remember, first)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
-        state = self._states[agent]
-        state.frame.move(observation)
+        self._states[agent].frame.move(observation)
+        return self._track(agent, observation, self.perceive(agent, observation))
+
+    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        """Return the tracks for what the agent itself detects; its frame is moved already."""
+        state, own = self._states[agent], drop_unreportable(found)
         odom_SE3_base = state.frame.odom_SE3_base
-        own = drop_unreportable(self.perceive(agent, observation))
         reads = self.needs.uplink == "detections"
         received = self.read(agent, within_reach(observation), _decode_reportable) if reads else []
         # In the order in which they are tracked: then groups that are joined here need not be sorted later.

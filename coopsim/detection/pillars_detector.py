@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 class PillarsDetector(Detector):
     """A network that finds objects of all classes in an agent's points, in a square around it.
 
-    All agents of a frame are one batch. Its boxes have covariances, but for a network with an anchor head.
+    Its boxes have covariances, but for a network with an anchor head.
 
     Args:
         weights: of the network, by name or as the path of a file.
         least_score: smallest score of a detection, in [0, 1].
         reach_m: half the edge of the square.
-        threads: of torch.
+        threads: agents are looked at side by side on so many; the results are the same for any number.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -38,7 +38,7 @@ class PillarsDetector(Detector):
     needs = SensorNeeds(lidar=True)
 
     def __init__(
-        self, weights: str = "pillars", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 1
+        self, weights: str = "pillars", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 2
     ) -> None:
         require_probability(least_score=least_score)
         require_between(5, 300, reach_m=reach_m)

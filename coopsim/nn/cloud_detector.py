@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from coopsim.nn.encoder import STRIDE
 from coopsim.nn.inference import inference
 from coopsim.nn.perceiver import compass_region
 from coopsim.nn.pillars import collate, pillarize
+from coopsim.nn.quick import QuickEncoder, folded
+from coopsim.support.threads import run_all
 from coopsim.types import BevGrid, Detections
 
 
@@ -24,11 +27,12 @@ class CloudDetector:
 
     Args:
         net: the network.
-        threads: of torch.
+        threads: clouds are looked at side by side on so many.
     """
 
     def __init__(self, net: DetectorNet, threads: int = 1) -> None:
-        self._net, self._threads, self.sweeps = net, threads, net.config.sweeps
+        self._encoder, self._head = QuickEncoder(net.encoder), folded(net.head)
+        self._cell_m, self._threads, self.sweeps = STRIDE * net.config.cell_m, threads, net.config.sweeps
 
     def detect(
         self, points: NDArray[np.float32], region_m: tuple[float, float], heading_rad: float, least_score: float
@@ -41,19 +45,18 @@ class CloudDetector:
             heading_rad: the heading.
             least_score: smallest score of a detection.
         """
-        region = compass_region(region_m, heading_rad, STRIDE * self._net.config.cell_m)
-        return self._detect([points], region, least_score)[0]
+        region = compass_region(region_m, heading_rad, self._cell_m)
+        return self._detect(region, least_score, points)
 
     def detect_around(
         self, clouds: Sequence[NDArray[np.float32]], reach_m: float, least_score: float
     ) -> list[Detections]:
-        """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each, in one batch."""
-        region = compass_region((reach_m, reach_m), 0.0, STRIDE * self._net.config.cell_m)
-        return self._detect(clouds, region, least_score) if clouds else []
+        """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each."""
+        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
+        return run_all([partial(self._detect, region, least_score, points) for points in clouds], self._threads)
 
-    def _detect(self, clouds: Sequence[NDArray[np.float32]], region: BevGrid, least_score: float) -> list[Detections]:
+    def _detect(self, region: BevGrid, least_score: float, points: NDArray[np.float32]) -> Detections:
         pillars = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
-        batch = collate([pillarize(points, pillars) for points in clouds])
-        with inference(self._threads):
-            features = self._net.encoder(batch)
-            return decode(self._net.head, features, region, least_score=least_score)
+        batch = collate([pillarize(points, pillars)])
+        with inference():
+            return decode(self._head, self._encoder(batch), region, least_score=least_score)[0]

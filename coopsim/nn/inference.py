@@ -1,4 +1,8 @@
-"""Networks at work: without gradients, on a few threads, in bfloat16 where the processor multiplies it."""
+"""Networks at work: without gradients, on one thread of torch, in bfloat16 where the processor multiplies it.
+
+Torch's own threads wait for each other after every operation, which takes ten times as long where cores are busy, and
+add in another order. Agents are computed side by side instead (`coopsim.support.threads`).
+"""
 
 from __future__ import annotations
 
@@ -12,20 +16,20 @@ from coopsim.nn.memory import keep_freed_memory
 
 
 @contextmanager
-def inference(threads: int = 1) -> Iterator[None]:
-    """Compute what is within without gradients, on `threads` threads; afterwards torch has as many as before.
+def inference() -> Iterator[None]:
+    """Compute what is within without gradients, on one thread; afterwards torch has as many as before.
 
     Freed memory stays with the process from the first use on, see `coopsim.nn.memory`.
     """
     _settle()
     before = torch.get_num_threads()
-    if before != threads:
-        torch.set_num_threads(threads)
+    if before != 1:
+        torch.set_num_threads(1)
     try:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=multiplies_bfloat16()):
             yield
     finally:
-        if before != threads:
+        if before != 1:
             torch.set_num_threads(before)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -19,7 +20,9 @@ from coopsim.nn.encoder import COARSEST, STRIDE
 from coopsim.nn.fusion import FusionContext, as_batch
 from coopsim.nn.inference import inference
 from coopsim.nn.pillars import collate, pillarize
+from coopsim.nn.quick import QuickEncoder, folded
 from coopsim.nn.warp import warp
+from coopsim.support.threads import run_all
 from coopsim.types import BevGrid, Detections, FeatureMap
 
 REACH_M = 76.8
@@ -103,7 +106,7 @@ class Perceiver:
         detector: of one agent.
         net: of several.
         space: number of the networks, which their messages carry.
-        threads: of torch.
+        threads: agents are encoded side by side on so many.
     """
 
     def __init__(self, detector: DetectorNet, net: CooperativeNet, space: int, threads: int = 1) -> None:
@@ -112,20 +115,19 @@ class Perceiver:
         self.sweeps, self._space, self._threads = detector.config.sweeps, space, threads
         self._pillars = BevGrid((-reach_m, reach_m), (-reach_m, reach_m), cell_m)
         self.grid = self._pillars.coarser(STRIDE)
-        self._encoder, self._net = detector.encoder, net
+        self._encoder, self._net, self._head = QuickEncoder(detector.encoder), net, folded(net.head)
         self._channels = net.message_channels
 
     def encode(self, clouds: Sequence[NDArray[np.float32]]) -> list[OwnMap]:
-        """Return the maps of A agents from their points (P, 5), all in one batch."""
-        batch = collate([pillarize(points, self._pillars) for points in clouds])
-        with inference(self._threads):
-            features = self._encoder(batch)
+        """Return the maps of A agents from their points (P, 5)."""
+        return run_all([partial(self._encode, points) for points in clouds], self._threads)
+
+    def _encode(self, points: NDArray[np.float32]) -> OwnMap:
+        with inference():
+            features = self._encoder(collate([pillarize(points, self._pillars)]))
             values, confidence = self._net.message(features)
-        told = zip(values.numpy(), confidence.numpy(), strict=True)
-        return [
-            OwnMap(own, FeatureMap(values, self.grid, confidence, space=self._space))
-            for own, (values, confidence) in zip(features, told, strict=True)
-        ]
+        message = FeatureMap(values[0].numpy(), self.grid, confidence[0].numpy(), space=self._space)
+        return OwnMap(features[0], message)
 
     def receive(self, content: FeatureMap) -> ReceivedMap:
         """Return a message as tensors.
@@ -151,7 +153,7 @@ class Perceiver:
 
     def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap]) -> Tensor:
         """Return fused features (64, H, W) on the cells of a region around the receiver."""
-        with inference(self._threads):
+        with inference():
             inside, own_mask = warp(own.features[None], self.grid, region, np.zeros((1, 3)))
             placed = [(each, *_warped(each, region)) for each in received]
             placed = [each for each in placed if each[2].any()]
@@ -167,14 +169,14 @@ class Perceiver:
 
     def alone(self, received: ReceivedMap) -> Tensor:
         """Return a sender's features (64, h, w) as its message alone shows them."""
-        with inference(self._threads):
+        with inference():
             features: Tensor = self._net.expand(received.values[None, : self._channels], torch.zeros(1))[0]
             return features if received.sent is None else features * received.sent
 
     def detect(self, features: Tensor, grid: BevGrid, least_score: float) -> Detections:
         """Return the detections in a map of features (64, H, W), in the frame of its grid."""
-        with inference(self._threads):
-            return decode(self._net.head, as_batch(features), grid, least_score=least_score)[0]
+        with inference():
+            return decode(self._head, as_batch(features), grid, least_score=least_score)[0]
 
 
 def _warped(placed: PlacedMap, region: BevGrid) -> tuple[Tensor, Tensor]:
