@@ -7,12 +7,12 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from coopsim.errors import InvalidValueError
-from coopsim.learn.weights import make_detector
-from coopsim.nn.inference import inference
-from coopsim.nn.pillars import collate, pillarize
-from coopsim.nn.quick import QuickEncoder, folded
-from coopsim.types import BevGrid
+from coopsim.errors import InvalidValueError  # noqa: E402
+from coopsim.learn.weights import make_detector  # noqa: E402
+from coopsim.nn.inference import inference  # noqa: E402
+from coopsim.nn.pillars import collate, pillarize  # noqa: E402
+from coopsim.nn.quick import QuickEncoder, folded  # noqa: E402
+from coopsim.types import BevGrid  # noqa: E402
 
 TINY = {"cell_m": 1.2, "pillar_features": 8, "channels": [8, 8, 8], "layers": [1, 0, 1], "features": 16}
 GRID = BevGrid((-19.2, 19.2), (-19.2, 19.2), 1.2)
