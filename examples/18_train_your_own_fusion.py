@@ -1,4 +1,4 @@
-"""Train a fusion of your own on the shipped encoder: four steps, or, with the argument 1500, a real training."""
+"""Train a fusion of your own on the shipped encoder: four steps, or, with the argument 1500, for ten minutes."""
 
 import sys
 
