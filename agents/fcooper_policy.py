@@ -13,7 +13,7 @@ from coopsim.catalog import POLICIES
 class FCooperFusion(LearnedFusion):
     """Maps fused by the maximum over agents (section 3.3, spatial feature fusion). Parameters: `LearnedFusion`.
 
-    Unlike in the paper, the maps are the sender's own and are warped at the receiver, and 16 channels are sent.
+    Unlike in the paper, the maps are the sender's own and are warped at the receiver, and few channels are sent.
     """
 
     weights: str = "fcooper"

@@ -30,7 +30,7 @@ DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, numb
 class LearnedFusion(PerceivingPolicy):
     """A policy that fuses the feature maps of all agents. Further parameters: `PerceivingPolicy`.
 
-    Each agent encodes its points once a frame, for itself and for the others; all agents in one batch. Maps come
+    Each agent encodes its points once a frame, for itself and for the others. Maps come
     compressed to a few channels, are warped to where their senders were, and expanded and fused there. `align`, the
     correction of poses by objects that several agents see, is then that of CoAlign (Lu et al., ICRA 2023).
 

@@ -15,7 +15,7 @@ from coopsim.catalog import POLICIES
 class PyramidFusion(LearnedFusion):
     """Maps fused at several scales, weighted by each agent's foreground. Parameters: `LearnedFusion`.
 
-    Unlike there, 16 channels are sent, and all agents have the same encoder: heterogeneous ones are not part of it.
+    Unlike there, few channels are sent, and all agents have the same encoder: heterogeneous ones are not part of it.
     """
 
     weights: str = "pyramid"
