@@ -10,8 +10,9 @@ from typing import Any
 
 from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
-from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
+from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
+from coopsim.bench.detect.disturbance import Disturbance
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.perceived_files import PerceivedFiles
 from coopsim.errors import StoreError

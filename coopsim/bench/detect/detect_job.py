@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from coopsim.bench.detect.episode import Boxes, Pace, Receivers, perceive_episode
+from coopsim.bench.detect.episode import Boxes, Receivers, perceive_episode
+from coopsim.bench.detect.pace import Pace
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.engine.job import circumstances, traceback_of
 from coopsim.bench.grid.cell import Cell, Condition

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,46 +11,16 @@ from typing import Any
 
 import coopsim
 from coopsim.bench.detect.detect_job import DetectJob
-from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, receiving
+from coopsim.bench.detect.disturbance import Disturbance
+from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Receivers, receiving
+from coopsim.bench.detect.pace import Pace, pace_of
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.conditions import scenario_options
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.support.checks import require_choice, require_count, require_non_negative, require_positive
-from coopsim.types import NS_PER_S, seconds_to_ns
 
 LEARNED_DETECTOR = "pillars"
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class Disturbance:
-    """The disturbance of a row; None where the environment's own holds.
-
-    Attributes:
-        position_noise_m: standard deviation of x and of y of every agent's estimated pose.
-        heading_noise_deg: standard deviation of its heading.
-        delay_ms: of every message.
-    """
-
-    position_noise_m: float | None = None
-    heading_noise_deg: float | None = None
-    delay_ms: float | None = None
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Options of the environment that make it."""
-        made: dict[str, float] = {}
-        if self.position_noise_m is not None and self.heading_noise_deg is not None:
-            made["position_noise_m"] = self.position_noise_m
-            made["heading_noise_rad"] = math.radians(self.heading_noise_deg)
-        if self.delay_ms is not None:
-            made["latency_s"] = self.delay_ms / 1000
-        return made
-
-    @property
-    def noise(self) -> str | None:
-        """The noise as the command takes it, "0.4/0.4": m and degrees."""
-        return None if self.position_noise_m is None else f"{self.position_noise_m:g}/{self.heading_noise_deg:g}"
 
 
 @dataclass(frozen=True)
@@ -155,30 +124,6 @@ class DetectPlan:
         fixed_s = {**scenario_options(environment), **given}.get("dt_s")
         step_s, pace = pace_of(self.frames, self.every_s, (disturbance.delay_ms or 0.0) / 1000, fixed_s)
         return {"threads": 1, **given, "dt_s": step_s}, pace
-
-
-def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None = None) -> tuple[float, Pace]:
-    """Choose the time between an environment's frames, s, and which of them are measured.
-
-    The delay is a whole number of frames, so that messages are as old as it says. Before the first measured frame a
-    message has gone there and its answer has come back: some methods send what others ask for.
-
-    Args:
-        frames: measured ones.
-        every_s: least time between them.
-        delay_s: of messages.
-        fixed_s: the time between frames, where it is given.
-    """
-    if fixed_s is not None:
-        step_ns = seconds_to_ns(fixed_s)
-    elif delay_s:
-        delay_ns = seconds_to_ns(delay_s)
-        step_ns = -(-delay_ns // math.ceil(delay_s / every_s - 1e-9))
-    else:
-        step_ns = seconds_to_ns(every_s)
-    step_s = step_ns / NS_PER_S
-    ticks = math.ceil(delay_s / step_s - 1e-6)
-    return step_s, Pace(frames, max(1, math.ceil(every_s / step_s - 1e-6)), 1 + 2 * ticks)
 
 
 def detects_itself(spec: PolicySpec) -> bool:

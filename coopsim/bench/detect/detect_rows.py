@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
+from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.detect.disturbance import Disturbance
 from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, Protocol

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from coopsim.bench.detect.pace import Pace
 from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, Detections, GroundTruth
 from coopsim.types.valid_detections import drop_invalid
 
@@ -26,34 +26,6 @@ if TYPE_CHECKING:
 Receivers = Literal["cars", "all"]
 Boxes = Literal["detections", "tracks"]
 RECEIVERS, BOXES = ("cars", "all"), ("detections", "tracks")
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """The frames of an episode that are measured.
-
-    Attributes:
-        frames: their number.
-        every: each so many of the environment's frames is one.
-        warm_up: frames before the first, until messages have arrived.
-    """
-
-    frames: int
-    every: int = 1
-    warm_up: int = 1
-
-    def __post_init__(self) -> None:
-        require_count(1, frames=self.frames, every=self.every)
-        require_count(0, warm_up=self.warm_up)
-
-    @property
-    def cycles(self) -> int:
-        """Frames of the environment altogether."""
-        return self.warm_up + (self.frames - 1) * self.every + 1
-
-    def measures(self, frame: int) -> bool:
-        """Return whether the environment's frame of this number is measured."""
-        return frame >= self.warm_up and (frame - self.warm_up) % self.every == 0
 
 
 def perceive_episode(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.bench.detect.episode import Pace, perceive_episode
+from coopsim.bench.detect.episode import perceive_episode
+from coopsim.bench.detect.pace import Pace
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.perceived_files import PerceivedFiles
 from coopsim.errors import InvalidValueError, StoreError
