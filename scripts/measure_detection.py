@@ -16,14 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tabulate import tabulate
+from detection_tables import CLEAN, Row, figure, tables
 from tqdm import tqdm
 
 from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect import DetectProgress, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.detect_rows import EVERYWHERE
-from coopsim.bench.report.formats import line_look, to_svg
 from coopsim.cli.arguments import as_json, names, seeds
 from coopsim.support.files import write_whole
 
@@ -40,10 +39,7 @@ METHODS = {
     "Where2comm": "where2comm",
     "pyramid": "pyramid",
 }
-MESSAGES_PER_S = 10
-PARTS = ("ms_environment", "ms_uplink", "ms_policy")
 _RAIN = {"weather": {"rain_mm_h": 10}}
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -85,9 +81,9 @@ class Study:
         )
 
 
-CLEAN = Study("clean", "clean")
+FIRST = Study("clean", CLEAN)
 STUDIES = (
-    CLEAN,
+    FIRST,
     Study("noise", "0.4 m, 0.4°", (0.4, 0.4), sends=True),
     Study("delay", "500 ms", delay_ms=500, sends=True),
     Study("delay", "200 ms", delay_ms=200, sends=True),
@@ -127,7 +123,7 @@ def main() -> None:
     studies = [study for study in STUDIES if given.only is None or study.group in given.only]
     given.out.mkdir(parents=True, exist_ok=True)
     rows = measure(studies, methods, given)
-    protocols = by_protocol(methods, given) if CLEAN in studies else []
+    protocols = by_protocol(methods, given) if FIRST in studies else []
     write_whole(given.out / "rows.json", as_json(rows + protocols))
     write_whole(given.out / "ap_over_bytes.svg", figure(rows, methods))
     text = tables(rows, protocols, methods)
@@ -145,7 +141,7 @@ def measure(studies: Sequence[Study], methods: Mapping[str, str], given: argpars
         with tqdm(total=1, desc=study.title, disable=None) as bar:
 
             def show(progress: DetectProgress, study: Study = study, bar: tqdm[Any] = bar) -> None:
-                found[study.title] = [{"study": study.title, **row} for row in progress.rows]
+                found[study.title] = [{"study": study.title, "group": study.group, **row} for row in progress.rows]
                 bar.total, bar.n = progress.episodes, progress.done
                 bar.refresh()
                 if progress.outcome is not None and progress.outcome.reason is not None:
@@ -176,102 +172,12 @@ def by_protocol(methods: Mapping[str, str], given: argparse.Namespace) -> list[R
         raise TimeIsUpError  # before anything is run
 
     for protocol in ("opencood", "dair", "nuscenes", "v2x-real"):
-        plan = CLEAN.plan(methods, given.frames, given.seeds, protocol)
+        plan = FIRST.plan(methods, given.frames, given.seeds, protocol)
         try:
             measure_detection(plan, check=False, folder=given.out / "episodes", on_progress=finished)
         except TimeIsUpError:
             continue
     return rows
-
-
-def tables(rows: Sequence[Row], protocols: Sequence[Row], methods: Mapping[str, str]) -> str:
-    """Return the tables as Markdown."""
-    pooled = {(row["study"], row["policy"]): row for row in rows if row["environment"] == EVERYWHERE}
-    clean = {name: pooled[CLEAN.title, policy] for name, policy in methods.items() if (CLEAN.title, policy) in pooled}
-    titles = [study.title for study in STUDIES if any(title == study.title for title, _ in pooled)]
-    parts = ["## APBEV@0.5 / @0.7 of vehicles\n\n" + _main(pooled, titles, methods)]
-    columns = (
-        "APBEV@0.3", "APBEV@0.5 own", "APBEV@0.5 others_only", "recall others_only", "recall", "false_per_frame",
-        "APBEV@0.3 people", "APBEV@0.3 riders", "APBEV@0.5 0-30m", "APBEV@0.5 30-50m", "APBEV@0.5 50-100m", "AP3D@0.7",
-    )  # fmt: skip
-    parts.append("## Clean\n\n" + _columns(clean, columns))
-    parts.append("## Cost, ms a frame of all agents\n\n" + _columns(clean, PARTS))
-    by_place = {(row["environment"], row["policy"]): row for row in rows if row["study"] == CLEAN.title}
-    cells = [
-        [name, *(_ap(by_place.get((place, policy)), ("APBEV@0.5",)) for place in PLACES)]
-        for name, policy in methods.items()
-    ]
-    parts.append("## APBEV@0.5 by place, clean\n\n" + _table(cells, ("", *PLACES)))
-    others = {(row["protocol"], row["policy"]): row for row in protocols}
-    wanted = {"opencood": "APBEV@0.5", "dair": "APBEV@0.5", "nuscenes": "mAP", "v2x-real": "mAPBEV@0.5"}
-    cells = [
-        [name, _ap(clean.get(name), ("APBEV@0.5",))]
-        + [_ap(others.get((protocol, policy)), (metric,)) for protocol, metric in wanted.items()]
-        for name, policy in methods.items()
-    ]
-    heads = ("", "coopsim APBEV@0.5", *(f"{protocol} {metric}" for protocol, metric in wanted.items()))
-    parts.append("## The same boxes by other protocols\n\n" + _table(cells, heads))
-    return "\n\n".join(parts) + "\n"
-
-
-def _main(pooled: Mapping[tuple[str, str], Row], titles: Sequence[str], methods: Mapping[str, str]) -> str:
-    cells = []
-    for name, policy in methods.items():
-        clean = pooled.get((CLEAN.title, policy))
-        size = "-" if clean is None else f"{clean['bytes_per_message']:,.0f}"
-        cells.append([name, size, *(_ap(pooled.get((title, policy)), ("APBEV@0.5", "APBEV@0.7")) for title in titles)])
-    sizes = {title: {row["frames"] for (of, _), row in pooled.items() if of == title} for title in titles}
-    heads = [f"{title} ({'/'.join(map(str, sorted(sizes[title])))} frames)" for title in titles]
-    return _table(cells, ("", "bytes", *heads))
-
-
-def _ap(row: Row | None, metrics: Sequence[str]) -> str:
-    if row is None:
-        return "-"
-    text = "/".join("-" if row.get(metric) is None else f"{row[metric]:.3f}" for metric in metrics)
-    ends = row["intervals"].get(metrics[0])
-    return text if ends is None else f"{text} ({ends[0]:.2f}-{ends[1]:.2f})"
-
-
-def _columns(rows: Mapping[str, Row], columns: Sequence[str]) -> str:
-    cells = [
-        [name, *("-" if row.get(each) is None else f"{row[each]:.{1 if each[:2] == 'ms' else 3}f}" for each in columns)]
-        for name, row in rows.items()
-    ]
-    return _table(cells, ("", *columns))
-
-
-def _table(cells: Sequence[Sequence[str]], heads: Sequence[str]) -> str:
-    align = ["left"] + ["right"] * (len(heads) - 1)
-    return tabulate(cells, headers=heads, tablefmt="github", colalign=align, disable_numparse=True)
-
-
-def figure(rows: Sequence[Row], methods: Mapping[str, str]) -> str:
-    """Draw average precision over bytes a second of each sender, under budgets and without."""
-    limited = {CLEAN.title, *(study.title for study in STUDIES if study.group == "bytes")}
-
-    def draw(made: Any) -> None:
-        panel = made.subplots()
-        for number, (name, policy) in enumerate(methods.items()):
-            places = sorted(
-                (row["bytes_per_message"] * MESSAGES_PER_S, row["APBEV@0.5"])
-                for row in rows
-                if row["study"] in limited and row["environment"] == EVERYWHERE and row["policy"] == policy
-            )
-            if not places:
-                continue
-            style, color = line_look(number)
-            if places[-1][0] == 0:
-                panel.axhline(places[-1][1], color=color, ls=":", label=name)
-                continue
-            panel.plot(*zip(*places, strict=True), f"o{style}", color=color, ms=4, label=name)
-        panel.set_xscale("log")
-        panel.set(xlabel="bytes a second, of each sender", ylabel="APBEV@0.5, vehicles")
-        panel.grid(alpha=0.25)
-        if panel.get_legend_handles_labels()[0]:
-            panel.legend(fontsize=7, frameon=False)
-
-    return to_svg(draw, 6.0, 4.0)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,40 @@
+"""Rows: what they pool, and how they are shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from perceived_frames import detections, objects
+
+from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
+from coopsim.bench.detect.detect_table import markdown_table
+from coopsim.bench.detect.disturbance import Disturbance
+from coopsim.bench.detect.perceived import Perceived
+
+GOOD = Perceived.of([detections((0, 0.9))], [objects(0)], messages=3, sent_bytes=300, ms={"policy": 10.0})
+EMPTY = Perceived.of([detections()] * 3, [objects()] * 3, messages=1, sent_bytes=20, ms={"policy": 2.0})
+PLACE = ("no_fusion", EVERYWHERE, Disturbance(0.4, 0.2))
+
+
+def test_episodes_count_by_their_frames() -> None:
+    measured = [Measured.of(each, "coopsim") for each in (GOOD, EMPTY)]
+    row = row_of(DetectPlan(), PLACE, {"lidar": "VLP-16"}, measured)
+    assert row["frames"] == row["receiver_frames"] == 4 and row["objects"] == 1
+    assert row["bytes_per_message"] == 80 and row["ms_policy"] == 4
+    assert row["APBEV@0.5"] == 1 and row["APBEV@0.3 people"] is None and row["intervals"] == {}
+    assert (row["noise"], row["delay_ms"], row["options"]) == ("0.4/0.2", None, {"lidar": "VLP-16"})
+
+
+def test_without_messages_there_are_no_bytes() -> None:
+    silent = replace(GOOD, messages=0, sent_bytes=0)
+    row = row_of(DetectPlan(), PLACE, {}, [Measured.of(silent, "coopsim")])
+    assert row["bytes_per_message"] == 0
+
+
+def test_the_table_shows_intervals_and_leaves_out_empty_columns() -> None:
+    row = row_of(DetectPlan(protocol="opencood"), PLACE, {}, [Measured.of(GOOD, "opencood")] * 3)
+    text = markdown_table([row])
+    assert text.startswith("protocol opencood") and "1.000 (1.00-1.00)" in text and "0.4/0.2" in text
+    assert "delay_ms" not in text
+    assert markdown_table([]) == "no results"
