@@ -15,13 +15,17 @@ from torch import Tensor
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.tensor_file import read_header, write_tensors
 from coopsim.learn.weights import (
+    card,
     digest,
     encoder_digest,
+    find_weights,
     load_cooperative,
     load_detector,
     make_cooperative,
     make_detector,
+    read_texts,
     save_weights,
+    shipped_weights,
 )
 
 TINY = {"pillar_features": 8, "channels": [8, 8, 8], "layers": [0, 0, 0], "features": 8}
@@ -126,3 +130,17 @@ def test_names_that_are_unknown_say_what_is_known() -> None:
 def test_texts_are_json(detector: Path) -> None:
     texts = read_header(detector)[1]
     assert json.loads(texts["config"])["features"] == 8 and texts["kind"] == "detector"
+
+
+@pytest.mark.parametrize("name", shipped_weights())
+def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) -> None:
+    texts, bytes_ = read_texts(name), find_weights(name).stat().st_size
+    if texts["kind"] == "detector":
+        load_detector(name)
+        assert bytes_ <= 3e6
+    else:
+        load_cooperative(name, load_detector(texts["detector"]))
+        assert bytes_ <= 1.5e6
+    said = card(name)
+    assert said["weights"][name] == {"digest": digest(name), "bytes": bytes_}
+    assert said["command"].startswith(f"coopsim train {name} ")
