@@ -1,4 +1,4 @@
-"""Installed packages add policies, detectors, embedders, uplinks, codecs and metrics by name, through entry points."""
+"""Installed packages add parts of every kind by name, through entry points: policies, detectors, codecs, fusions, ..."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 PLUGIN = """
 from coopsim.agents.late_fusion import LateFusion
@@ -75,15 +77,60 @@ assert CODECS.name_of(CODECS.get("mine")) == "mine"
 """
 
 
+FUSION = """
+import torch
+from coopsim.nn.fusion import FeatureFusion
+
+class Weighted(FeatureFusion):
+    def __init__(self, features, *, weight=1.0):
+        super().__init__()
+        self.weight = weight
+
+    def fuse(self, own, own_mask, others, mask, context):
+        return torch.maximum(own, self.weight * (others * mask[:, None]).amax(0))
+"""
+
+FUSION_POINTS = """
+[coopsim.fusions]
+mine = plugged_in:Weighted
+"""
+
+FUSION_PROGRAM = """
+import sys
+from coopsim.nn.cooperative_net import CooperativeConfig, CooperativeNet
+from coopsim.nn.fusion import FUSIONS
+
+assert "mine" in FUSIONS.names() and "plugged_in" not in sys.modules
+net = CooperativeNet.from_config(CooperativeConfig(fusion="mine", parameters={"weight": 0.5}))
+assert net.fusion.weight == 0.5 and type(net.fusion).__module__ == "plugged_in"
+"""
+
+
 def test_entry_points_add_to_every_registry(tmp_path: Path) -> None:
-    (tmp_path / "plugged_in.py").write_text(PLUGIN)
-    folder = tmp_path / "plugged_in-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged-in\nVersion: 1.0\n")
-    (folder / "entry_points.txt").write_text(ENTRY_POINTS)
-    paths = os.pathsep.join([str(tmp_path), *(path for path in sys.path if path)])
+    _plug_in(tmp_path, PLUGIN, ENTRY_POINTS)
+    _run(tmp_path, PROGRAM)
+
+
+def test_entry_points_add_fusions(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    _plug_in(tmp_path, FUSION, FUSION_POINTS)
+    _run(tmp_path, FUSION_PROGRAM)
+
+
+def _plug_in(folder: Path, module: str, entry_points: str) -> None:
+    """Install a package in a folder."""
+    (folder / "plugged_in.py").write_text(module)
+    info = folder / "plugged_in-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged-in\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(entry_points)
+
+
+def _run(folder: Path, program: str) -> None:
+    """Run a program that finds the packages in a folder."""
+    paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
+        [sys.executable, "-c", program],
         capture_output=True,
         text=True,
         check=False,
