@@ -1,4 +1,4 @@
-"""Installed packages add parts of every kind by name, through entry points: policies, detectors, codecs, fusions, ..."""
+"""Installed packages add parts of every kind by name, through entry points: policies, detectors, codecs, fusions..."""
 
 from __future__ import annotations
 
