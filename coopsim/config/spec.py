@@ -1,12 +1,14 @@
 """Specs: things with parameters as a user writes them down, `name` or `name(parameter=value, ...)`.
 
-Values are numbers, True, False, None, texts (without quotes if they are names) and lists of these. Nothing is executed.
+Values are numbers, True, False, None, texts (without quotes if they are names or look like paths) and lists of these.
+Nothing is executed.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
+import keyword
 import re
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -17,6 +19,8 @@ from coopsim.support.checks import require_choice
 T = TypeVar("T")
 
 _SHAPE = re.compile(r"(?P<target>[^()\s][^()]*?)\s*(?:\((?P<parameters>.*)\))?", re.DOTALL)
+_QUOTED_OR_BARE = re.compile(r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|(?P<bare>[\w.~/-]+)(?=\s*(?:[,\])]|$))""")
+_PATH = re.compile(r"(?=.*[^\W\d_])(?:[\w.~-]*/[\w.~/-]*|[\w~-][\w.~-]*\.[^\W\d_]\w*)")  # a letter, and / or a suffix
 
 
 def parse_spec(
@@ -86,15 +90,35 @@ def instantiate(kind: str, name: str, make: Callable[..., T], parameters: Mappin
 
 def _parameters(kind: str, text: str, given: str) -> dict[str, Any]:
     try:
-        call = ast.parse(f"spec({given})", mode="eval").body
-        if not isinstance(call, ast.Call) or call.args or any(keyword.arg is None for keyword in call.keywords):
+        call = ast.parse(f"spec({_with_quoted_paths(given)})", mode="eval").body
+        if not isinstance(call, ast.Call) or call.args or any(each.arg is None for each in call.keywords):
             raise ValueError("a parameter has no name")
-        return {str(keyword.arg): _value(keyword.value) for keyword in call.keywords}
+        return {str(each.arg): _value(each.value) for each in call.keywords}
     except (SyntaxError, ValueError) as error:
         raise InvalidValueError(
             f"{kind} {text!r}: parameters must be name=value with commas between them, the values numbers, True, "
-            f"False, None, texts or lists of these, got {given!r}"
+            f"False, None, names, paths, other texts in quotes, or lists of these, got {given!r}"
         ) from error
+
+
+def _with_quoted_paths(given: str) -> str:
+    """Put quotes around values that look like paths: letters, digits and _ . ~ / -, with a / or a file's suffix."""
+
+    def quoted(found: re.Match[str]) -> str:
+        is_value = given[: found.start()].rstrip().endswith(("=", ",", "[", "("))
+        return repr(found["bare"]) if found["bare"] and is_value and _is_path(found["bare"]) else found[0]
+
+    return _QUOTED_OR_BARE.sub(quoted, given)
+
+
+def _is_path(text: str) -> bool:
+    if _PATH.fullmatch(text) is None:
+        return False
+    try:
+        float(text)
+    except ValueError:
+        return True
+    return False
 
 
 def _value(node: ast.expr) -> Any:
@@ -109,6 +133,10 @@ def _value(node: ast.expr) -> Any:
 
 
 def _spelled(value: Any) -> str:
-    if isinstance(value, str) and value.isidentifier() and value not in ("True", "False", "None"):
+    if isinstance(value, str) and (_is_name(value) or _is_path(value)):
         return value
     return f"[{', '.join(map(_spelled, value))}]" if isinstance(value, list) else repr(value)
+
+
+def _is_name(text: str) -> bool:
+    return text.isidentifier() and not keyword.iskeyword(text)
