@@ -104,7 +104,7 @@ class TrackingPolicy(Policy):
         received = self.read(agent, within_reach(observation), _decode_reportable) if reads else []
         # In the order in which they are tracked: then groups that are joined here need not be sorted later.
         received.sort(key=lambda each: each[0].sender)
-        measured = _measurements(own, received, observation, state)
+        measured = _measurements(own, received, observation, state, state.alignment if reads else None)
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
     def detections(self, agent: str) -> Detections:
@@ -127,20 +127,25 @@ def _decode_reportable(message: Message) -> Detections:
 
 
 def _measurements(
-    own: Detections, received: Sequence[tuple[Message, Detections]], observation: Observation, state: _AgentState
+    own: Detections,
+    received: Sequence[tuple[Message, Detections]],
+    observation: Observation,
+    state: _AgentState,
+    alignment: PoseAlignment | None,
 ) -> Measurements:
     """Return the receiver's own boxes and those of each message, in the odometry frame.
 
-    Those on the receiver itself are left out: it is not its own object.
+    Those on the receiver itself are left out: it is not its own object. A policy that reads messages elsewhere places
+    them by its alignment there, once in each frame, and gives none here.
     """
     frame, messages = state.frame, [message for message, _ in received]
     captured_ns = [observation.time_ns, *(message.captured_ns for message in messages)]
-    if state.alignment is None:
+    if alignment is None:
         senders = frame.odom_SE3_senders(messages, observation)
     else:
         heard = [ReceivedBoxes(message, found) for message, found in received]
         placed = own.transform(frame.odom_SE3_base)
-        senders = SE3Batch.of(state.alignment.place(observation, frame, placed, heard))
+        senders = SE3Batch.of(alignment.place(observation, frame, placed, heard))
     groups = DetectionGroups.of([own, *(found for _, found in received)])
     groups = groups.transform_each(senders.with_first(frame.odom_SE3_base))
     if state.is_object and messages:

@@ -24,7 +24,7 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_policy, check_uplink
-from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, PoseEstimate, Sweep, Tracks
+from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes()})
 EVERY = pytest.mark.parametrize("name", NAMES)
@@ -354,3 +354,15 @@ def test_any_tracker_tracks_what_a_network_finds(tracker: str) -> None:
 def test_policies_on_boxes_run_on_the_networks(policy: str) -> None:
     result = coopsim.evaluate(policy, seed=1, **{**SMALL, "detector": tiny_detector()})
     assert result.score["TP"] + result.score["FP"] > 0
+
+
+@EVERY
+def test_alignment_follows_a_moving_agent_once_a_frame(name: str) -> None:
+    """Random networks see nothing in common that poses could be corrected by: they stay as stated."""
+    policy, step_m = begin(make(name, align=True)), 1.5
+    policy.found_by = lambda *args: Detections.empty()  # type: ignore[method-assign]
+    for k in range(6):
+        at = observe(k * FRAME_NS, said(policy, k * FRAME_NS), pose=(k * step_m, 0, 0, 0))
+        policy.track("cav_0", replace(at, odometry=Odometry(np.array([step_m if k else 0.0, 0, 0, 0]))))
+    (heard,) = policy._heard["cav_0"].values()
+    np.testing.assert_allclose(heard.odom_SE3_sender.translation[:2], ELSEWHERE[:2], atol=1e-3)
