@@ -10,7 +10,6 @@ import numpy as np
 
 from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy
 from coopsim.agents.policy import Needs
-from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_maps import ShareMaps
@@ -53,7 +52,7 @@ class LearnedFusion(PerceivingPolicy):
         net = load_cooperative(self.weights, detector)
         space = int(digest(self.weights)[:8], 16)
         self._kinds, self._perceiver = KINDS, Perceiver(detector, net, space, self.threads)
-        self._sweeps, self._decoded_maps = RecentSweeps(self._perceiver.sweeps), DecodeOnce()
+        self._sweeps = RecentSweeps(self._perceiver.sweeps)
         self._encode: EncodeOnce[OwnMap] = EncodeOnce(
             lambda view: self._encoded({view.agent: view})[view.agent], self._encoded
         )
@@ -97,7 +96,7 @@ class LearnedFusion(PerceivingPolicy):
         return found.transform(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
 
     def _encoded(self, views: Mapping[str, SensorView]) -> dict[str, OwnMap]:
-        """Return the maps of several agents, made in one batch."""
+        """Return the maps of several agents, made side by side."""
         clouds = [
             turned(self._sweeps.points(view), 0.0 if view.pose is None else float(view.pose.xyz_yaw[3]))
             for view in views.values()

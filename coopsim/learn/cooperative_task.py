@@ -83,7 +83,7 @@ class CooperativeTask(TrainingTask):
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)
-        return scene_samples(clip, rng, settings, self.detector.config.cell_m)
+        return scene_samples(clip, rng, settings, self.detector.config.cell_m, self.detector.config.sweeps)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, CooperativeNet)

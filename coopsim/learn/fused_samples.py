@@ -13,11 +13,9 @@ from coopsim.learn.samples import SampleSettings, boxes_in, mirror, moved, noisy
 from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets, make_targets
 from coopsim.nn.encoder import STRIDE
+from coopsim.nn.perceiver import KINDS
 from coopsim.nn.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.types import BevGrid
-
-KINDS = ("cav", "rsu", "drone")
-"""Kinds of agents, in the order in which networks number them."""
 
 LATEST_S = 0.5
 """The longest delay of a message in a sample."""

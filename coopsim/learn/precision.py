@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from coopsim.errors import InvalidValueError
+from coopsim.nn.inference import multiplies_bfloat16
 
 
 def find_device(name: str | None = None) -> torch.device:
@@ -40,8 +41,7 @@ def _has_bfloat16(device: torch.device) -> bool:
     """Return whether a device multiplies bfloat16 itself; a processor that does not is slower with it."""
     if device.type == "cuda":
         return bool(torch.cuda.is_bf16_supported())
-    checks = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
-    return any(bool(getattr(torch.cpu, check, bool)()) for check in checks)
+    return multiplies_bfloat16()
 
 
 def to_device(batch: Any, device: torch.device) -> Any:
