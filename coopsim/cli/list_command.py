@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
@@ -25,6 +26,7 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
+    from coopsim.learn.recipe import RECIPES
     from coopsim.metrics.metric import METRICS
     from coopsim.sensors.camera.rig_names import RIG_NAMES
 
@@ -39,6 +41,8 @@ def run(options: argparse.Namespace) -> int:
         "camera rigs": RIG_NAMES,
         "metrics": METRICS.names(),
         "presets": PRESETS,
+        "recipes": RECIPES,
+        "weights": _weights(),
     }
     for kind, names in listed.items():
         print(f"{kind + ':':<16}{', '.join(names) or '(none)'}")
@@ -47,3 +51,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _with_aliases(registry: Registry[Any], name: str) -> str:
     return f"{name} (or {', '.join(aliases)})" if (aliases := registry.aliases_of(name)) else name
+
+
+def _weights() -> list[str]:
+    """Return the names of the weights that come along, also where torch is not installed."""
+    import coopsim.weights
+
+    return sorted(path.stem for path in Path(coopsim.weights.__path__[0]).glob("*.safetensors"))

@@ -56,12 +56,19 @@ def run(options: argparse.Namespace) -> int:
             )
         except KeyboardInterrupt:
             bar.close()
-            kept = f"its state is stored in {options.out}"
-            print(f"coopsim: interrupted; {kept}, and the same command goes on from there", file=sys.stderr)
+            print(f"coopsim: interrupted; {_kept(options.out)}", file=sys.stderr)
             return INTERRUPTED
     for path in (weights, *(options.out / name for name in ("card.json", "curves.svg"))):
         print(f"written: {path}")
     return 0
+
+
+def _kept(folder: Path) -> str:
+    from coopsim.learn.checkpoint import CHECKPOINT
+
+    if (folder / CHECKPOINT).exists():
+        return f"its state is stored in {folder}, and the same command goes on from there"
+    return "there is no state yet to be stored"
 
 
 def _show(bar: tqdm[Any], progress: TrainingProgress) -> None:

@@ -24,8 +24,9 @@ def find_device(name: str | None = None) -> torch.device:
         device = torch.device(name)
         torch.empty(1, device=device)
     except (RuntimeError, AssertionError) as error:  # torch without CUDA raises the latter
+        reason = str(error).splitlines()[0] if name.startswith("cuda") else "torch cannot use it here"
         raise InvalidValueError(
-            f"device must be cpu or a GPU that torch has, as cuda, got {name!r}: {error}"
+            f"device must be cpu or a GPU that torch has, as cuda, got {name!r}: {reason}"
         ) from error
     return device
 

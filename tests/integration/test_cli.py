@@ -293,6 +293,7 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
         "town-v1",
         "village.yaml",
         "pointpillars_v2v4real",
+        "attfuse_together",
     ):
         assert name in out
     for name in ("town-v1", "sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):

@@ -56,6 +56,17 @@ def test_it_writes_all_files_and_goes_on_after_ctrl_c(
     assert card["command"] == "coopsim train mine.yaml --out mine --seed 0"
 
 
+def test_ctrl_c_before_the_first_step_promises_nothing(
+    recipe: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_module, "simulated_clips", interrupted)
+    assert main(["train", recipe, "--out", str(tmp_path / "out")]) == INTERRUPTED
+    assert "interrupted; there is no state yet" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
