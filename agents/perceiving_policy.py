@@ -22,7 +22,6 @@ from coopsim.fusion.alignment import ReceivedBoxes
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
-from coopsim.support.threads import run_all
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks, seconds_to_ns
@@ -124,12 +123,14 @@ class PerceivingPolicy(TrackingPolicy):
         """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
 
     def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
+        from coopsim.nn.inference import side_by_side
+
         for agent, observation in observations.items():
             self._states[agent].frame.move(observation)
         self.prepare(observations)
         heard = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
         tasks = [partial(self._perceive, agent, each, heard[agent]) for agent, each in observations.items()]
-        found = dict(zip(observations, run_all(tasks, self.threads), strict=True))
+        found = dict(zip(observations, side_by_side(tasks, self.threads), strict=True))
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
 
     def perceive(self, agent: str, observation: Observation) -> Detections:

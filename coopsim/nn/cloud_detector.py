@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from coopsim.nn.decode import decode
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import STRIDE
-from coopsim.nn.inference import inference
+from coopsim.nn.inference import inference, side_by_side
 from coopsim.nn.perceiver import compass_region
 from coopsim.nn.pillars import collate, pillarize
 from coopsim.nn.quick import QuickEncoder, folded
-from coopsim.support.threads import run_all
 from coopsim.types import BevGrid, Detections
 
 
@@ -53,7 +52,7 @@ class CloudDetector:
     ) -> list[Detections]:
         """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each."""
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
-        return run_all([partial(self._detect, region, least_score, points) for points in clouds], self._threads)
+        return side_by_side([partial(self._detect, region, least_score, points) for points in clouds], self._threads)
 
     def _detect(self, region: BevGrid, least_score: float, points: NDArray[np.float32]) -> Detections:
         pillars = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)

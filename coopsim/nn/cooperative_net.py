@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.nn.centre_head import RARE, CentreHead
+from coopsim.nn.encoder import MOST_CHANNELS
 from coopsim.nn.expand import Expand
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
 from coopsim.support.checks import require_count
@@ -26,7 +27,7 @@ class CooperativeConfig:
         features: numbers a cell in the encoder's maps.
 
     Raises:
-        InvalidValueError: a count is not positive.
+        InvalidValueError: a count is not positive, or larger than any network's.
     """
 
     fusion: str = "attfuse"
@@ -35,7 +36,7 @@ class CooperativeConfig:
     features: int = 64
 
     def __post_init__(self) -> None:
-        require_count(1, message_channels=self.message_channels, features=self.features)
+        require_count(1, MOST_CHANNELS, message_channels=self.message_channels, features=self.features)
 
 
 class CooperativeNet(nn.Module):

@@ -18,6 +18,9 @@ STRIDE = 2
 COARSEST = 8
 """Rows and columns of a grid of pillars must divide by this."""
 
+MOST_CHANNELS, _MOST_LAYERS = 1024, 32
+"""Files of weights say how large their network is: none takes more memory than this allows."""
+
 HEADS = ("centre", "anchor", "anchor_direction")
 """The centre head for all classes; or anchors for vehicles as one class, as OpenCOOD has them, which know headings but
 for half a turn, or as HEAL has them, with a classifier of direction."""
@@ -47,14 +50,15 @@ class EncoderConfig:
 
     def __post_init__(self) -> None:
         require_positive(cell_m=self.cell_m)
-        require_count(1, pillar_features=self.pillar_features, features=self.features)
+        require_count(1, MOST_CHANNELS, pillar_features=self.pillar_features, features=self.features)
         require_count(1, 2, sweeps=self.sweeps)
         require_choice("head", self.head, HEADS)
         for name in ("channels", "layers"):
             given = tuple(getattr(self, name))
             if len(given) != 3:
                 raise InvalidValueError(f"{name} must have 3 numbers, one for each scale, got {given}")
-            require_count(1 if name == "channels" else 0, **{f"{name}[{k}]": one for k, one in enumerate(given)})
+            least, most = (1, MOST_CHANNELS) if name == "channels" else (0, _MOST_LAYERS)
+            require_count(least, most, **{f"{name}[{k}]": one for k, one in enumerate(given)})
             object.__setattr__(self, name, given)
 
 

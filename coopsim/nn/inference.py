@@ -6,13 +6,17 @@ add in another order. Agents are computed side by side instead (`coopsim.support
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from typing import TypeVar
 
 import torch
 
 from coopsim.nn.memory import keep_freed_memory
+from coopsim.support.threads import run_all
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -31,6 +35,16 @@ def inference() -> Iterator[None]:
     finally:
         if before != 1:
             torch.set_num_threads(before)
+
+
+def side_by_side(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
+    """Return the results of tasks that use networks, computed on so many threads of Python's.
+
+    Torch's own threads are one until the last task has ended. Parts of their number belong to the whole process: a task
+    that ends first would give it back while others are still computing.
+    """
+    with inference():
+        return run_all(tasks, threads)
 
 
 @cache

@@ -18,11 +18,10 @@ from coopsim.nn.decode import decode
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import COARSEST, STRIDE
 from coopsim.nn.fusion import FusionContext, as_batch
-from coopsim.nn.inference import inference
+from coopsim.nn.inference import inference, side_by_side
 from coopsim.nn.pillars import collate, pillarize
 from coopsim.nn.quick import QuickEncoder, folded
 from coopsim.nn.warp import warp
-from coopsim.support.threads import run_all
 from coopsim.types import BevGrid, Detections, FeatureMap
 
 REACH_M = 76.8
@@ -120,7 +119,7 @@ class Perceiver:
 
     def encode(self, clouds: Sequence[NDArray[np.float32]]) -> list[OwnMap]:
         """Return the maps of A agents from their points (P, 5)."""
-        return run_all([partial(self._encode, points) for points in clouds], self._threads)
+        return side_by_side([partial(self._encode, points) for points in clouds], self._threads)
 
     def _encode(self, points: NDArray[np.float32]) -> OwnMap:
         with inference():

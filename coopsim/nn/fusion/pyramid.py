@@ -46,7 +46,8 @@ class Pyramid(FeatureFusion):
 
     def __init__(self, features: int = 64, *, levels: int = 3) -> None:
         super().__init__()
-        require_count(1, features=features, levels=levels)
+        require_count(1, features=features)
+        require_count(1, 8, levels=levels)
         self.believe = nn.ModuleList(nn.Conv2d(features, 1, 1) for _ in range(levels))
         for head in self.believe:
             nn.init.constant_(head.bias, RARE)  # type: ignore[arg-type]

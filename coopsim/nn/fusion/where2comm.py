@@ -44,7 +44,8 @@ class Where2comm(FeatureFusion):
 
     def __init__(self, features: int = 64, *, depth: int = 32) -> None:
         super().__init__()
-        require_count(1, features=features, depth=depth)
+        require_count(1, features=features)
+        require_count(1, 1024, depth=depth)
         self.depth = depth
         self.query = nn.Conv2d(features, depth, 1)
         self.key = nn.Conv2d(features, depth, 1, bias=False)

@@ -144,3 +144,11 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
     said = card(name)
     assert said["weights"][name] == {"digest": digest(name), "bytes": bytes_}
     assert said["command"].startswith(f"coopsim train {name} ")
+
+
+@pytest.mark.parametrize("size", [{"features": 10**6}, {"channels": [8, 8, 10**6]}, {"layers": [0, 0, 10**6]}])
+def test_a_file_cannot_ask_for_a_network_without_measure(tmp_path: Path, size: dict[str, Any]) -> None:
+    path = tmp_path / "huge.safetensors"
+    save_weights(path, make_detector(TINY), {"kind": "detector", "config": TINY | size})
+    with pytest.raises(InvalidValueError, match=next(iter(size))):
+        load_detector(path)
