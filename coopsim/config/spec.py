@@ -1,7 +1,7 @@
 """Specs: things with parameters as a user writes them down, `name` or `name(parameter=value, ...)`.
 
-Values are numbers, True, False, None, texts (without quotes if they are names or look like paths) and lists of these.
-Nothing is executed.
+Values are numbers, True, False (also true, false, as in YAML), None, texts (without quotes if they are names or look
+like paths) and lists of these. Nothing is executed.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ T = TypeVar("T")
 _SHAPE = re.compile(r"(?P<target>[^()\s][^()]*?)\s*(?:\((?P<parameters>.*)\))?", re.DOTALL)
 _QUOTED_OR_BARE = re.compile(r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|(?P<bare>[\w.~/-]+)(?=\s*(?:[,\])]|$))""")
 _PATH = re.compile(r"(?=.*[^\W\d_])(?:[\w.~-]*/[\w.~/-]*|[\w~-][\w.~-]*\.[^\W\d_]\w*)")  # a letter, and / or a suffix
+_YAML_WORDS = {"true": True, "false": False}
 
 
 def parse_spec(
@@ -123,7 +124,7 @@ def _is_path(text: str) -> bool:
 
 def _value(node: ast.expr) -> Any:
     if isinstance(node, ast.Name):  # a text need not be quoted: delayed=replay
-        return node.id
+        return _YAML_WORDS.get(node.id, node.id)
     if isinstance(node, (ast.List, ast.Tuple)):
         return [_value(each) for each in node.elts]
     value = ast.literal_eval(node)
@@ -139,4 +140,4 @@ def _spelled(value: Any) -> str:
 
 
 def _is_name(text: str) -> bool:
-    return text.isidentifier() and not keyword.iskeyword(text)
+    return text.isidentifier() and not keyword.iskeyword(text) and text not in _YAML_WORDS

@@ -32,6 +32,7 @@ NO_PATHS = (
     "",
     "class",
     "True",
+    "true",
     "1",
     "nan.5",
 )
@@ -54,6 +55,10 @@ def test_what_is_spelled_is_read(value: object) -> None:
 @pytest.mark.parametrize("number", ["1.5", "-.5", "1e-3", "1.", "1_000.0"])
 def test_numbers_are_no_paths(number: str) -> None:
     assert parse_spec("x", f"a(b={number})")[1] == {"b": float(number)}
+
+
+def test_true_and_false_may_be_written_as_in_yaml() -> None:
+    assert parse_spec("x", "a(b=true, c=false, d='true', e=True)")[1] == {"b": True, "c": False, "d": "true", "e": True}
 
 
 def test_quoted_texts_are_left_alone() -> None:
