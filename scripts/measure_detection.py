@@ -84,9 +84,9 @@ class Study:
 FIRST = Study("clean", CLEAN)
 STUDIES = (
     FIRST,
-    Study("noise", "0.4 m, 0.4°", (0.4, 0.4), sends=True),
-    Study("delay", "500 ms", delay_ms=500, sends=True),
-    Study("delay", "200 ms", delay_ms=200, sends=True),
+    Study("noise", "0.4 m, 0.4°", (0.4, 0.4), share=0.5, sends=True),
+    Study("delay", "500 ms", delay_ms=500, share=0.5, sends=True),
+    Study("delay", "200 ms", delay_ms=200, share=0.5, sends=True),
     Study("world", "rain 10 mm/h", options=_RAIN, share=0.5),
     Study("world", "VLP-16", options={"lidar": "VLP-16"}, share=0.5),
     Study("world", "OS1-128", options={"lidar": "OS1-128"}, share=0.5),
