@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
-from coopsim.learn.samples import SampleSettings, boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.learn.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.learn.samples import SampleSettings
 from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets, make_targets
 from coopsim.nn.encoder import STRIDE
@@ -21,7 +22,8 @@ LATEST_S = 0.5
 """The longest delay of a message in a sample."""
 
 VIEW_CELLS, VIEW_REACH_M = 96, 100.8
-"""Edge of the part of a receiver's map that a sample shows, in cells, and how far from the receiver it lies at most."""
+"""Most cells of an edge of the part of a receiver's map that a sample shows, and how far from the receiver it lies at
+most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,10 +191,11 @@ class _Draft:
         """Return a part of the receiver's surroundings, of whole cells of its own map, mostly around an object."""
         cell_m = self.grid.cell_m
         low = round(VIEW_REACH_M / cell_m)
-        corner = self.rng.integers(-low, low - VIEW_CELLS + 1, size=2)
+        size = min(VIEW_CELLS, 2 * low)
+        corner = self.rng.integers(-low, low - size + 1, size=2)
         near = np.flatnonzero(np.abs(boxes[:, :2]).max(axis=1, initial=0.0) < VIEW_REACH_M)
         if len(near) and self.rng.random() < 0.8:
-            middle = boxes[self.rng.choice(near), :2] / cell_m + self.rng.uniform(-0.4, 0.4, 2) * VIEW_CELLS
-            corner = np.clip(np.round(middle).astype(int) - VIEW_CELLS // 2, -low, low - VIEW_CELLS)
-        start, end = corner * cell_m, (corner + VIEW_CELLS) * cell_m
+            middle = boxes[self.rng.choice(near), :2] / cell_m + self.rng.uniform(-0.4, 0.4, 2) * size
+            corner = np.clip(np.round(middle).astype(int) - size // 2, -low, low - size)
+        start, end = corner * cell_m, (corner + size) * cell_m
         return BevGrid((start[0], end[0]), (start[1], end[1]), cell_m)

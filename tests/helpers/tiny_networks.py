@@ -21,7 +21,7 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     """Return a folder with the weights `pillars`, `early` and one of each fusion; it is there as long as the tests."""
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
-    _make_it_see(detector)
+    make_it_see(detector)
     for name in ("pillars", "early"):
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     for name in FUSIONS:
@@ -33,7 +33,7 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     return folder
 
 
-def _make_it_see(net: Any) -> None:
+def make_it_see(net: Any) -> None:
     """Let a random network see height: what has points above the ground is hot, and taken for a car."""
     with torch.no_grad():
         for weights in (*net.encoder.parameters(), *net.head.shared.parameters()):
