@@ -44,7 +44,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     Raises:
         UnknownNameError: there is neither.
     """
-    path = Path(name_or_path)
+    path = Path(name_or_path).expanduser()
     if path.suffix == SUFFIX:
         return path
     if str(name_or_path) not in shipped_weights():

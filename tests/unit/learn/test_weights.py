@@ -127,6 +127,11 @@ def test_names_that_are_unknown_say_what_is_known() -> None:
         load_detector("missing.safetensors")
 
 
+def test_a_path_may_begin_at_home(detector: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(detector.parent))
+    assert find_weights(f"~/{detector.name}") == detector
+
+
 def test_texts_are_json(detector: Path) -> None:
     texts = read_header(detector)[1]
     assert json.loads(texts["config"])["features"] == 8 and texts["kind"] == "detector"
