@@ -14,10 +14,10 @@ from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
+from coopsim.learn.cloud_samples import SampleSettings
 from coopsim.learn.fused_loss import cooperative_loss, fused_features
 from coopsim.learn.fused_samples import CooperativeSample, scene_samples
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.samples import SampleSettings
 from coopsim.learn.scene import Clip
 from coopsim.learn.training_task import FoundMap, TrainingTask, WeightsFile, mean_losses
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_cooperative

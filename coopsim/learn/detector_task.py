@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
+from coopsim.learn.cloud_samples import SampleSettings, collate_detector, detector_loss, detector_samples
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.samples import SampleSettings, collate_detector, detector_loss, detector_samples
 from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets
 from coopsim.learn.training_task import FoundMap, TrainingTask, WeightsFile

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
+from coopsim.learn.cloud_samples import SampleSettings
 from coopsim.learn.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
-from coopsim.learn.samples import SampleSettings
 from coopsim.learn.scene import Clip
 from coopsim.learn.targets import Targets, make_targets
 from coopsim.nn.encoder import STRIDE

@@ -16,10 +16,10 @@ from street_scene import spec_of  # noqa: E402
 from tiny_networks import TINY, make_it_see  # noqa: E402
 
 import coopsim  # noqa: E402
+from coopsim.learn.cloud_samples import SampleSettings  # noqa: E402
 from coopsim.learn.fused_loss import fused_features  # noqa: E402
 from coopsim.learn.fused_samples import _Draft  # noqa: E402
 from coopsim.learn.sample_frames import rotated  # noqa: E402
-from coopsim.learn.samples import SampleSettings  # noqa: E402
 from coopsim.learn.weights import (  # noqa: E402
     encoder_digest,
     load_cooperative,
@@ -31,7 +31,7 @@ from coopsim.learn.weights import (  # noqa: E402
 from coopsim.types import Detections, Observation, Odometry, PoseEstimate, Sweep  # noqa: E402
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "learn"))
-from test_samples import clip  # noqa: E402
+from test_cloud_samples import clip  # noqa: E402
 
 NAMES = ("cav_0", "cav_1", "cav_2")
 

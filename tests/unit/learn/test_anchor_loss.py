@@ -12,7 +12,7 @@ from synthetic_clips import SyntheticClips
 from coopsim.errors import InvalidValueError
 from coopsim.learn.anchor_loss import AnchorLossConfig, Truth, anchor_head_loss, anchor_loss
 from coopsim.learn.anchor_targets import AnchorAssignment, anchor_targets, join_anchor_targets
-from coopsim.learn.samples import SampleSettings, collate_detector, detector_loss, detector_samples
+from coopsim.learn.cloud_samples import SampleSettings, collate_detector, detector_loss, detector_samples
 from coopsim.nn.anchor_head import AnchorDecoding, AnchorHead, AnchorMaps
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import EncoderConfig

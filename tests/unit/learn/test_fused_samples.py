@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from coopsim.learn.cloud_samples import SampleSettings
 from coopsim.learn.fused_samples import scene_samples
-from coopsim.learn.samples import SampleSettings
 from coopsim.nn.warp import warp
 
 sys.path.append(str(Path(__file__).parent))
-from test_samples import clip
+from test_cloud_samples import clip
 
 torch.set_num_threads(1)
 PLAIN = {"dropout": 0.0, "thinned": 0.0, "late": 0.0}

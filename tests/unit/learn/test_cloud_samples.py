@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from coopsim.learn.cloud_samples import SampleSettings, collate_detector, detector_samples
 from coopsim.learn.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of
-from coopsim.learn.samples import SampleSettings, collate_detector, detector_samples
 from coopsim.learn.scene import AgentScene, Clip, Scene
 from coopsim.nn.decode import cell_centers
 from coopsim.types import BevGrid
