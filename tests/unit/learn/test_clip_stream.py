@@ -73,11 +73,13 @@ def test_workers_are_not_far_ahead_and_end_with_the_stream(tmp_path: Path) -> No
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path, how: signal.Signals) -> None:
     program = (
-        "from pathlib import Path; from helpers.clip_sources import NumberedClips\n"
+        "import signal, time; from pathlib import Path; from helpers.clip_sources import NumberedClips\n"
+        # Started in the background, the tests ignore SIGINT, and what they start would, too.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from coopsim.learn.clip_stream import ClipStream\n"
         f"stream = ClipStream(NumberedClips(notes=Path({str(tmp_path)!r}), values=200_000), 0, workers=1)\n"
         "next(stream); print('ready', flush=True)\n"
-        "while True: pass\n"
+        "while True: time.sleep(0.01)\n"
     )
     path = os.pathsep.join(sys.path)
     with subprocess.Popen(
