@@ -18,6 +18,7 @@ from coopsim.localization.recent_sweeps import Points
 from coopsim.nn.anchor_head import AnchorHead
 from coopsim.nn.detector_net import DetectorNet
 from coopsim.nn.encoder import STRIDE
+from coopsim.nn.perceiver import REACH_M
 from coopsim.nn.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.types import BevGrid
@@ -40,7 +41,7 @@ class SampleSettings:
         sparse: share of fused samples of which only the surest cells arrive.
     """
 
-    reach_m: float = 76.8
+    reach_m: float = REACH_M
     crop_cells: int | None = 128
     merged: float = 0.25
     thinned: float = 0.3

@@ -65,8 +65,8 @@ def fused_features(
     received, mask = warp(whole, grid, view.grid, view.source_SE2_target, sent)
     own_sure, _ = warp(sure[view.own][None, None].detach(), grid, view.grid, [[0.0, 0.0, 0.0]])
     context = FusionContext(view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0])
-    arguments = own[0], own_mask[0], received[:, :-1], mask, context
-    return as_batch(net(*arguments)), net.foreground(*arguments)
+    fused, beliefs = net.with_beliefs(own[0], own_mask[0], received[:, :-1], mask, context)
+    return as_batch(fused), beliefs
 
 
 def _view_losses(

@@ -24,9 +24,6 @@ larger a box is, so these need not be exact, but are part of the networks' weigh
 OFFSET, HEIGHT, SIZE = slice(0, 2), slice(2, 3), slice(3, 6)
 AXIS, HEADING, VELOCITY = slice(6, 8), slice(8, 10), slice(10, 12)
 LOG_VARIANCE = slice(12, 19)
-VALUES = 12
-"""Numbers of a code that describe the box; the rest are log variances."""
-
 CODE = 19
 """All numbers of a predicted code."""
 

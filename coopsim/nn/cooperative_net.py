@@ -106,28 +106,34 @@ class CooperativeNet(nn.Module):
         """
         if not len(received):
             return own
-        own, others, context = self._prepare(own, received, context)
+        return self._refined(*self._prepare(own, own_mask, received, mask, context))
+
+    def with_beliefs(
+        self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext
+    ) -> tuple[Tensor, list[Foreground]]:
+        """Return fused features, and what the fusion believes about where objects are, for a loss that teaches both.
+
+        Arguments as of `forward`, with one sender at least. What was received is expanded once for both.
+        """
+        prepared = self._prepare(own, own_mask, received, mask, context)
+        return self._refined(*prepared), self.fusion.foreground(*prepared)
+
+    def _refined(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
+        """Return fused features after the neck, from expanded maps of the others."""
         fused: Tensor = self.fusion(own, own_mask, others, mask, context)
         refined: Tensor = self.neck(as_batch(fused))[0]
         return fused + refined * mask.any(0).to(refined.dtype)
 
-    def foreground(
+    def _prepare(
         self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext
-    ) -> list[Foreground]:
-        """Return what the fusion believes about where objects are, for a loss; arguments as of `forward`."""
-        own, others, context = self._prepare(own, received, context)
-        return self.fusion.foreground(own, own_mask, others, mask, context)
-
-    def _prepare(self, own: Tensor, received: Tensor, context: FusionContext) -> tuple[Tensor, Tensor, FusionContext]:
-        """Expand what was received, in the memory layout that is fastest here, and complete the context."""
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, FusionContext]:
+        """Return the fusion's arguments: received maps expanded, in the fastest memory layout, the context complete."""
         own = own.permute(1, 2, 0).contiguous().permute(2, 0, 1)
-        others = own[None][:0]
-        if len(received):
-            others = self.expand(received.contiguous(memory_format=torch.channels_last), context.delay_s)
+        others: Tensor = self.expand(received.contiguous(memory_format=torch.channels_last), context.delay_s)
         sure = context.own_confidence
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
-        return own, others, FusionContext(context.delay_s, context.kind, context.confidence, sure)
+        return own, own_mask, others, mask, FusionContext(context.delay_s, context.kind, context.confidence, sure)
 
 
 def _start_as_nothing(layer: nn.Module) -> None:

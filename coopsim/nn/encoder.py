@@ -107,9 +107,11 @@ class PillarEncoder(nn.Module):
         rows, columns = batch.shape
         width = self.config.pillar_features
         each = functional.relu(self._normed(self.points(batch.features).float())) if len(batch.features) else None
-        flat = batch.features.new_zeros(batch.clouds * rows * columns, width)
+        numbers = next(self.join.parameters()).dtype  # shorter than the points' in a quick encoder
+        flat = batch.features.new_zeros(batch.clouds * rows * columns, width, dtype=numbers)
         if each is not None:
-            flat = flat.index_put((batch.cell,), torch.segment_reduce(each, "max", lengths=batch.count, axis=0))
+            most = torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
+            flat.index_put_((batch.cell,), most.to(flat.dtype))
         return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
 
     def _normed(self, points: Tensor) -> Tensor:

@@ -9,11 +9,9 @@ from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval, fuse_linear_bn_eval
 
-from coopsim.errors import InvalidValueError
-from coopsim.nn.encoder import COARSEST, PillarEncoder
+from coopsim.nn.encoder import PillarEncoder
 from coopsim.nn.inference import multiplies_bfloat16
 from coopsim.nn.pillars import PillarBatch
 
@@ -40,12 +38,12 @@ class QuickEncoder:
     """
 
     def __init__(self, encoder: PillarEncoder) -> None:
-        made = folded(encoder)
-        self._points = fuse_linear_bn_eval(encoder.points, encoder.points_norm).requires_grad_(False)
-        self._type = torch.bfloat16 if multiplies_bfloat16() else torch.float32
-        made.to(self._type)
-        made.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._scales, self._sides, self._join = made.scales, made.sides, made.join
+        made = self._encoder = folded(encoder)
+        made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
+        made.points_norm = nn.Identity()  # type: ignore[assignment]
+        for maps in (made.scales, made.sides, made.join):
+            maps.to(torch.bfloat16 if multiplies_bfloat16() else torch.float32)
+            maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def __call__(self, batch: PillarBatch) -> Tensor:
         """Return features (A, C, H / 2, W / 2), not negative; without gradients.
@@ -53,24 +51,6 @@ class QuickEncoder:
         Raises:
             InvalidValueError: rows or columns of the grid do not divide by 8.
         """
-        if any(cells % COARSEST for cells in batch.shape):
-            raise InvalidValueError(f"rows and columns of pillars must divide by {COARSEST}, got {batch.shape}")
         with torch.autocast("cpu", enabled=False):
-            below, sides = self._canvas(batch), []
-            for scale, side in zip(self._scales, self._sides, strict=True):
-                below = scale(below)
-                sides.append(side(below))
-            finest = sides[0].shape[-2:]
-            sides[1:] = [functional.interpolate(each, size=finest, mode="nearest") for each in sides[1:]]
-            features: Tensor = self._join(torch.cat(sides, dim=1))
+            features: Tensor = self._encoder(batch)
         return features
-
-    def _canvas(self, batch: PillarBatch) -> Tensor:
-        rows, columns = batch.shape
-        width = self._points.out_features
-        flat = torch.zeros(batch.clouds * rows * columns, width, dtype=self._type)
-        if len(batch.features):
-            each = functional.linear(batch.features, self._points.weight, self._points.bias).relu_()
-            most = torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
-            flat[batch.cell] = most.to(self._type)
-        return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
