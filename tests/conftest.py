@@ -11,6 +11,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import coopsim
+from coopsim.comms.channel import channel
+from coopsim.comms.envelope import encode_message
+from coopsim.types import Message
 from coopsim.world.towns.scenario_choice import scenario_names
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
@@ -64,6 +67,20 @@ def v2v4real() -> Path:
     if not path.is_dir():
         pytest.skip(f"needs recordings: COOPSIM_DATA is {root}, which has no v2v4real/val")
     return path
+
+
+@pytest.fixture
+def sizes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The bytes of each message on the air."""
+    seen: list[int] = []
+
+    def count(message: Message) -> bytes:
+        wire = encode_message(message)
+        seen.append(len(wire))
+        return wire
+
+    monkeypatch.setattr(channel, "encode_message", count)
+    return seen
 
 
 def _write(path: Path, lines: list[str]) -> None:

@@ -18,8 +18,7 @@ from tiny_networks import FUSIONS, learned, tiny_detector
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.catalog import policies_on_boxes
-from coopsim.comms.channel import channel
-from coopsim.comms.envelope import decode_features, encode_message
+from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -262,20 +261,6 @@ def test_turning_the_agent_turns_nothing_in_the_world(name: str) -> None:
     assert len(found[0])
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], atol=0.05)
-
-
-@pytest.fixture
-def sizes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The bytes of each message on the air."""
-    seen: list[int] = []
-
-    def count(message: Message) -> bytes:
-        wire = encode_message(message)
-        seen.append(len(wire))
-        return wire
-
-    monkeypatch.setattr(channel, "encode_message", count)
-    return seen
 
 
 @EVERY

@@ -13,8 +13,7 @@ from scipy import ndimage
 
 import coopsim
 from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
-from coopsim.comms.channel import channel
-from coopsim.comms.envelope import decode_features, decode_queries, encode_message
+from coopsim.comms.envelope import decode_features, decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_features import ShareFeatures, ShareQueries
 from coopsim.comms.uplinks.uplink import Uplink
@@ -26,7 +25,6 @@ from coopsim.types import (
     Detections,
     FeatureMap,
     InstanceQueries,
-    Message,
     Observation,
     SensorView,
 )
@@ -111,20 +109,6 @@ def test_features_are_delayed_and_lost_as_anything_else() -> None:
     result = coopsim.evaluate(policy, seed=3, **SHORT, **LATE)
     assert result.messages.lost > 0 and min(policy.delays_ns) > 0
     assert len(policy.delays_ns) <= result.messages.delivered
-
-
-@pytest.fixture
-def sizes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The bytes of each message on the air."""
-    seen: list[int] = []
-
-    def count(message: Message) -> bytes:
-        wire = encode_message(message)
-        seen.append(len(wire))
-        return wire
-
-    monkeypatch.setattr(channel, "encode_message", count)
-    return seen
 
 
 def test_a_budget_leaves_the_surest_cells(sizes: list[int]) -> None:
