@@ -41,7 +41,7 @@ class EarlyFusion(PerceivingPolicy):
     def load(self) -> None:
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_detector
-        from coopsim.nn.cloud_detector import CloudDetector
+        from coopsim.nn.inference.cloud_detector import CloudDetector
 
         self._detector = CloudDetector(load_detector(self.weights))
         self._sweeps = RecentSweeps(self._detector.sweeps)

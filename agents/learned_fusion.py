@@ -19,7 +19,7 @@ from coopsim.localization.recent_sweeps import RecentSweeps, turned
 from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
-    from coopsim.nn.perceiver import OwnMap, ReceivedMap
+    from coopsim.nn.inference.perceiver import OwnMap, ReceivedMap
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
 """Codecs: all cells, and as many of the surest ones as a budget has room for."""
@@ -46,7 +46,7 @@ class LearnedFusion(PerceivingPolicy):
     def load(self) -> None:
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import digest, load_cooperative, load_detector
-        from coopsim.nn.perceiver import KINDS, Perceiver
+        from coopsim.nn.inference.perceiver import KINDS, Perceiver
 
         detector = load_detector(self.detector_weights)
         net = load_cooperative(self.weights, detector)
@@ -75,7 +75,7 @@ class LearnedFusion(PerceivingPolicy):
         return self._perceiver.receive(decode_features(message))
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        from coopsim.nn.perceiver import PlacedMap, compass_region
+        from coopsim.nn.inference.perceiver import PlacedMap, compass_region
 
         perceiver, heading_rad = self._perceiver, float(observation.pose.xyz_yaw[3])
         own = self._encode(observation.view(self.specs[agent]))

@@ -123,7 +123,7 @@ class PerceivingPolicy(TrackingPolicy):
         """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
 
     def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
-        from coopsim.nn.inference import side_by_side
+        from coopsim.nn.inference.inference import side_by_side
 
         for agent, observation in observations.items():
             self._states[agent].frame.move(observation)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopsim.bench.engine.job import Job, Outcome
+from coopsim.bench.engine.jobs_on_ray import run_on_ray
 from coopsim.bench.engine.local import run_locally
-from coopsim.bench.engine.on_ray import run_on_ray
 from coopsim.bench.engine.schedule import Schedule
 from coopsim.bench.engine.work import DoneT, Work
 from coopsim.bench.evaluate import listening_env

@@ -12,7 +12,7 @@ from coopsim.cli.arguments import INTERRUPTED, add_options, count, count_or_zero
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from coopsim.learn.train_loop import TrainingProgress
+    from coopsim.learn.loop.train_loop import TrainingProgress
 
 HELP = "train a network on what the simulator shows; the same command goes on after an interruption"
 
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _kept(folder: Path) -> str:
-    from coopsim.learn.checkpoint import CHECKPOINT
+    from coopsim.learn.loop.checkpoint import CHECKPOINT
 
     if (folder / CHECKPOINT).exists():
         return f"its state is stored in {folder}, and the same command goes on from there"

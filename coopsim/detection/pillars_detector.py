@@ -14,7 +14,7 @@ from coopsim.support.checks import require_between, require_count, require_proba
 from coopsim.types import AgentSpec, Detections, SensorView
 
 if TYPE_CHECKING:
-    from coopsim.nn.cloud_detector import CloudDetector
+    from coopsim.nn.inference.cloud_detector import CloudDetector
 
 
 @DETECTORS.register("pillars")
@@ -45,7 +45,7 @@ class PillarsDetector(Detector):
         require_count(1, threads=threads)
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_detector
-        from coopsim.nn.cloud_detector import CloudDetector
+        from coopsim.nn.inference.cloud_detector import CloudDetector
 
         self._least_score, self._reach_m = least_score, reach_m
         net = load_detector(weights)

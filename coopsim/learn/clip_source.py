@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Self
 
 from coopsim.config.load import load
-from coopsim.learn.clip_store import CachedClips, ClipSource
-from coopsim.learn.clip_stream import ClipStream
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.clips.clip_store import CachedClips, ClipSource
+from coopsim.learn.clips.clip_stream import ClipStream
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.rollout import SimulatedClips
-from coopsim.learn.scene import Clip
-from coopsim.learn.world_recipe import WorldRecipe
+from coopsim.learn.rollout.rollout import SimulatedClips
+from coopsim.learn.rollout.world_recipe import WorldRecipe
 
 _LATER = 10**9
 

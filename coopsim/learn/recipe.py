@@ -50,7 +50,7 @@ class TrainingRecipe:
         precision: of the arithmetic; the weights themselves are float32. "auto": bfloat16 where the processor has it.
         threads: of torch; only the same number of them gives the same bits.
         validate_every: steps between two looks at held-out places; 0: never.
-        held_out: number of clips of held-out places, see `coopsim.learn.validation`.
+        held_out: number of clips of held-out places, see `coopsim.learn.loop.validation`.
         start: weights to begin with, by name or path; None: random ones.
         detector: weights that stage B and C stand on, by name or path.
         network: options of the network: of `EncoderConfig` for stage A, of `CooperativeConfig` for B and C.

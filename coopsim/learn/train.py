@@ -14,22 +14,22 @@ from torch import nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
-from coopsim.learn.checkpoint import load_checkpoint, read_state
 from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
-from coopsim.learn.clip_store import ClipSource
-from coopsim.learn.clips_on_ray import ClipsOnRay
-from coopsim.learn.curves import write_curves
-from coopsim.learn.precision import find_device
-from coopsim.learn.ranks import Ranks, joined
+from coopsim.learn.clips.clip_store import ClipSource
+from coopsim.learn.clips.clips_on_ray import ClipsOnRay
+from coopsim.learn.loop.checkpoint import load_checkpoint, read_state
+from coopsim.learn.loop.precision import find_device
+from coopsim.learn.loop.ranks import Ranks, joined
+from coopsim.learn.loop.train_loop import TrainingProgress, TrainLoop, Validate
+from coopsim.learn.loop.training_card import CARD, make_card
+from coopsim.learn.loop.training_curves import write_curves
+from coopsim.learn.loop.training_log import read_log
+from coopsim.learn.loop.validation import HeldOut
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
-from coopsim.learn.sample_order import SampleOrder
-from coopsim.learn.train_loop import TrainingProgress, TrainLoop, Validate
-from coopsim.learn.training_card import CARD, make_card
-from coopsim.learn.training_log import read_log
-from coopsim.learn.training_task import TrainingTask
-from coopsim.learn.validation import HeldOut
+from coopsim.learn.samples.sample_order import SampleOrder
+from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
-from coopsim.nn.memory import keep_freed_memory
+from coopsim.nn.inference.memory import keep_freed_memory
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.rng import require_seed
 
@@ -110,14 +110,14 @@ def store_unfinished(folder: str | Path, out: str | Path) -> list[Path]:
 def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
     """Return what a recipe trains, with its first weights."""
     if recipe.kind == "detector":
-        from coopsim.learn.detector_task import DetectorTask
+        from coopsim.learn.tasks.detector_task import DetectorTask
 
         return DetectorTask(recipe, seed)
     if recipe.kind == "cooperative":
-        from coopsim.learn.cooperative_task import CooperativeTask
+        from coopsim.learn.tasks.cooperative_task import CooperativeTask
 
         return CooperativeTask(recipe, seed)
-    from coopsim.learn.together_task import TogetherTask
+    from coopsim.learn.tasks.together_task import TogetherTask
 
     return TogetherTask(recipe, seed)
 

@@ -20,9 +20,9 @@ from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
-from coopsim.nn.cooperative_net import CooperativeConfig, CooperativeNet
-from coopsim.nn.detector_net import DetectorNet
-from coopsim.nn.encoder import EncoderConfig
+from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
+from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"

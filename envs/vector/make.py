@@ -13,10 +13,10 @@ from typing import Any, Literal, overload
 from gymnasium.vector import AutoresetMode
 
 from coopsim.envs.vector.crew import Crew, StartWorker
+from coopsim.envs.vector.env_recipe import Recipe, Wrap
 from coopsim.envs.vector.multi_agent import MultiAgentVector
 from coopsim.envs.vector.on_ray import RayWorkers
 from coopsim.envs.vector.process import Process
-from coopsim.envs.vector.recipe import Recipe, Wrap
 from coopsim.envs.vector.single_agent import SingleAgentVector
 from coopsim.envs.vector.stepper import Stepper, require_vector_seed
 from coopsim.envs.vector.worker import InProcess

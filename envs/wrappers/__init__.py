@@ -30,7 +30,7 @@ import gymnasium
 
 from coopsim.envs.options import sort_options
 from coopsim.envs.wrappers.bev_image import BevImageView
-from coopsim.envs.wrappers.driving import Driving
+from coopsim.envs.wrappers.driving_wrapper import Driving
 from coopsim.envs.wrappers.fixed_size import FixedSizeView
 from coopsim.envs.wrappers.flat import FlatForm
 from coopsim.envs.wrappers.forms import ActionForm, ObservationForm, cooperative_env

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.scene import Clip, Scene
+from coopsim.learn.clips.clip import Clip, Scene
 
 
 @dataclass

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.learn.scene import AgentScene, Clip, Scene
+from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.support.rng import stream
 from coopsim.types import ObjectClass
 

@@ -18,11 +18,12 @@ import pytest
 from synthetic_clips import SyntheticClips
 
 from coopsim.errors import InvalidValueError, TrainingError
-from coopsim.learn import cooperative_task, detector_task, train_loop
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.loop import train_loop
+from coopsim.learn.loop.train_loop import TrainingProgress
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.scene import Clip
+from coopsim.learn.tasks import cooperative_task, detector_task
 from coopsim.learn.train import store_unfinished, train
-from coopsim.learn.train_loop import TrainingProgress
 from coopsim.learn.weights import digest, load_cooperative, load_detector, read_texts
 
 SMALL: dict[str, Any] = {

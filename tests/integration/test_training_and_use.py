@@ -16,10 +16,10 @@ from street_scene import spec_of  # noqa: E402
 from tiny_networks import TINY, make_it_see  # noqa: E402
 
 import coopsim  # noqa: E402
-from coopsim.learn.cloud_samples import SampleSettings  # noqa: E402
-from coopsim.learn.fused_loss import fused_features  # noqa: E402
-from coopsim.learn.fused_samples import _Draft  # noqa: E402
-from coopsim.learn.sample_frames import rotated  # noqa: E402
+from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
+from coopsim.learn.samples.fused_samples import _Draft  # noqa: E402
+from coopsim.learn.samples.sample_frames import rotated  # noqa: E402
+from coopsim.learn.tasks.fused_loss import fused_features  # noqa: E402
 from coopsim.learn.weights import (  # noqa: E402
     encoder_digest,
     load_cooperative,
@@ -30,7 +30,7 @@ from coopsim.learn.weights import (  # noqa: E402
 )
 from coopsim.types import Detections, Observation, Odometry, PoseEstimate, Sweep  # noqa: E402
 
-sys.path.append(str(Path(__file__).parents[1] / "unit" / "learn"))
+sys.path.append(str(Path(__file__).parents[1] / "unit" / "learn" / "samples"))
 from test_cloud_samples import clip  # noqa: E402
 
 NAMES = ("cav_0", "cav_1", "cav_2")
@@ -90,7 +90,7 @@ def test_a_policy_fuses_what_its_network_was_trained_on(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for place in ("quick", "inference"):  # float32, as the training here
-        monkeypatch.setattr(f"coopsim.nn.{place}.multiplies_bfloat16", lambda: False)
+        monkeypatch.setattr(f"coopsim.nn.inference.{place}.multiplies_bfloat16", lambda: False)
     torch.set_num_threads(1)
     files = weights(tmp_path)
     settings = SampleSettings(noise_m=1.0, noise_deg=4.0, mirrored=0.0, thinned=0.0, dropout=0.0, late=0.0)

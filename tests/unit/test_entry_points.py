@@ -97,7 +97,7 @@ mine = plugged_in:Weighted
 
 FUSION_PROGRAM = """
 import sys
-from coopsim.nn.cooperative_net import CooperativeConfig, CooperativeNet
+from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.fusion import FUSIONS
 
 assert "mine" in FUSIONS.names() and "plugged_in" not in sys.modules

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from import_graph import arrows, circles, file_graph, room_graph
+from import_graph import arrows, circles, file_graph, folder_graph, module_files, room_graph
 
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -62,7 +62,7 @@ SIMULATOR = ("coopsim.envs", "coopsim.world", "coopsim.detection", "highway_env"
         ("coopsim.comms.uplinks.share_maps", HEAVY),
         ("coopsim.bench.detect.detect", HEAVY),
         ("coopsim.learn.recipe", HEAVY),
-        ("coopsim.learn.rollout", HEAVY),
+        ("coopsim.learn.rollout.rollout", HEAVY),
         ("coopsim.agents", HEAVY + SIMULATOR),
         ("coopsim.agents.learned_fusion", HEAVY + SIMULATOR),
         ("coopsim.agents.early_fusion", HEAVY + SIMULATOR),
@@ -90,6 +90,20 @@ def test_no_file_imports_itself_by_way_of_others() -> None:
 def test_no_room_imports_itself_by_way_of_others() -> None:
     files = file_graph()
     assert {", ".join(group): arrows(files, group) for group in circles(room_graph(files))} == {}
+
+
+@pytest.mark.parametrize("package", ["coopsim.bench.detect", "coopsim.learn", "coopsim.nn"])
+def test_no_folder_of_a_room_imports_itself_by_way_of_others(package: str) -> None:
+    assert circles(folder_graph(package, loose_apart=True)) == []
+
+
+def test_no_two_files_have_the_same_name() -> None:
+    """A newcomer who searches for a file by its name finds one."""
+    places: dict[str, list[str]] = {}
+    for module, path in module_files().items():
+        places.setdefault(path.name, []).append(module)
+    del places["__init__.py"]
+    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
 
 
 def runtime_imports(tree: ast.AST) -> list[str]:

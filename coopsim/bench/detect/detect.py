@@ -13,8 +13,8 @@ from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
 from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.perceived import Perceived
-from coopsim.bench.detect.perceived_files import PerceivedFiles
+from coopsim.bench.detect.perceived.perceived import Perceived
+from coopsim.bench.detect.perceived.perceived_files import PerceivedFiles
 from coopsim.errors import StoreError
 
 _Place = tuple[str, str, Disturbance]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from coopsim.bench.detect.episode import Boxes, Receivers, perceive_episode
-from coopsim.bench.detect.pace import Pace
-from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.detect.perceived.episode import Boxes, Receivers, perceive_episode
+from coopsim.bench.detect.perceived.pace import Pace
+from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.bench.engine.job import circumstances, traceback_of
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.policy_spec import PolicySpec

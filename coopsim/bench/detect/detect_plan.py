@@ -12,8 +12,8 @@ from typing import Any
 import coopsim
 from coopsim.bench.detect.detect_job import DetectJob
 from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Receivers, receiving
-from coopsim.bench.detect.pace import Pace, pace_of
+from coopsim.bench.detect.perceived.episode import BOXES, RECEIVERS, Boxes, Receivers, receiving
+from coopsim.bench.detect.perceived.pace import Pace, pace_of
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.conditions import scenario_options

@@ -9,11 +9,11 @@ from typing import Any
 
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.overlaps import Overlaps
-from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, Protocol
-from coopsim.bench.detect.ranking import Ranking
-from coopsim.bench.detect.ranking_intervals import area_interval
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
+from coopsim.bench.detect.ranking.ranking_intervals import area_interval
 
 _MAIN = "APBEV@0.5"
 

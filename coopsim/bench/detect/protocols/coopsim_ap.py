@@ -22,9 +22,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.protocols.protocol import PEOPLE, PROTOCOLS, RIDERS, VEHICLES, Protocol, among, ranked
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.types import Ints, Mask, ObjectClass

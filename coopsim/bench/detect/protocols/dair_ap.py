@@ -13,9 +13,9 @@ DAIR-V2X's own region is x 0 to 100 m of the vehicle; here it is the environment
 
 from __future__ import annotations
 
-from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.protocols.protocol import PEOPLE, PROTOCOLS, RIDERS, VEHICLES, AreaProtocol, among, ranked
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 
 _KINDS = {
     "": (VEHICLES, (0.3, 0.5, 0.7)),

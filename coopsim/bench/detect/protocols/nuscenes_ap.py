@@ -20,10 +20,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.protocols.coopsim_ap import CoopsimProtocol
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, VEHICLES, Protocol, ranked
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Mask, ObjectClass
 

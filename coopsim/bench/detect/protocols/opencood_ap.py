@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, VEHICLES, AreaProtocol, among, ranked
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.types import Mask

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from coopsim.bench.detect.overlaps import Overlaps
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.support.registry import Registry
 from coopsim.types import Ints, Mask, ObjectClass
 

@@ -16,10 +16,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coopsim.bench.detect.overlaps import Overlaps
 from coopsim.bench.detect.protocols.opencood_ap import LEAST_SCORE, corners_within
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS, VEHICLES, AreaProtocol, among, ranked
-from coopsim.bench.detect.ranking import Ranking
+from coopsim.bench.detect.ranking.overlaps import Overlaps
+from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.types.taxonomy import Superclass
 
 REGION_M = (100.0, 40.0)

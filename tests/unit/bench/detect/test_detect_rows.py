@@ -10,7 +10,7 @@ from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
 from coopsim.bench.detect.detect_table import markdown_table
 from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.detect.perceived.perceived import Perceived
 
 GOOD = Perceived.of([detections((0, 0.9))], [objects(0)], messages=3, sent_bytes=300, ms={"policy": 10.0})
 EMPTY = Perceived.of([detections()] * 3, [objects()] * 3, messages=1, sent_bytes=20, ms={"policy": 2.0})

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 torch = pytest.importorskip("torch")
+from coopsim.nn.cooperative.warp import warp  # noqa: E402
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, FusionContext  # noqa: E402
 from coopsim.nn.fusion.feature_fusion import masked_softmax  # noqa: E402
-from coopsim.nn.warp import warp  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)

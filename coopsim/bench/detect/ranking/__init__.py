@@ -1,0 +1,1 @@
+"""What protocols share: overlaps of detections with objects, ranked hits and misses, and intervals of areas."""

@@ -1,0 +1,74 @@
+"""A look at held-out places in the middle of a training: average precision on samples of them.
+
+It is quick and comparable only within one training: samples show parts of maps, and their truth is what their agents
+see. `coopsim detect` measures networks as they are used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.learn.clips.clip_store import ClipSource
+from coopsim.learn.loop.precision import to_device
+from coopsim.learn.losses.targets import Targets
+from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
+from coopsim.metrics.average_precision import average_precision_of
+from coopsim.nn.detector.box_code import decode_boxes
+from coopsim.nn.detector.decode import GROUPS, cell_centers
+from coopsim.support.rng import stream
+from coopsim.types import BevGrid
+
+_VEHICLES, _, _PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
+
+
+class HeldOut:
+    """Held-out samples, cut once and then kept.
+
+    Args:
+        task: cuts them, and finds objects in them.
+        source: of their clips.
+        clips: number of clips.
+        device: of the networks.
+    """
+
+    def __init__(self, task: TrainingTask, source: ClipSource, clips: int, device: torch.device) -> None:
+        self._task, self._source, self._clips, self._device = task, source, clips, device
+        self._batches: list[Any] = []
+
+    def __call__(self, net: nn.Module) -> dict[str, float]:
+        """Return average precisions of a network by name, seen from above: of vehicles and of people."""
+        if not self._batches:
+            for index in range(self._clips):
+                samples = self._task.cut_held_out(self._source.clip(index), stream(0, "training.held_out", str(index)))
+                self._batches += [self._task.collate([sample]) for sample in samples]
+        maps = [each for batch in self._batches for each in self._task.find(net, to_device(batch, self._device))]
+        return {
+            "AP@0.5": _precision(maps, _VEHICLES, 0.5),
+            "AP@0.7": _precision(maps, _VEHICLES, 0.7),
+            "people AP@0.3": _precision(maps, _PEOPLE, 0.3),
+        }
+
+
+def _precision(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> float:
+    found, truth = [], []
+    for each in maps:
+        kept = np.isin(each.detections.label, labels)
+        found.append((Boxes3D.from_array(each.detections.boxes.array[kept]), each.detections.score[kept]))
+        truth.append(_true_boxes(each.targets.to("cpu"), each.grid, labels))
+    return average_precision_of(found, truth, iou, view="BEV")
+
+
+def _true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes3D:
+    """Return the boxes of the objects whose centres are in a map."""
+    cells = targets.cell % (grid.shape[0] * grid.shape[1])
+    centres = (targets.weight == 1) & torch.isin(targets.label, torch.tensor(labels))
+    boxes, _ = decode_boxes(
+        targets.code[centres], targets.label[centres], cell_centers(cells[centres], grid), grid.cell_m
+    )
+    return Boxes3D.from_array(boxes.double().numpy())

@@ -1,0 +1,1 @@
+"""Targets of the heads, and how far their predictions are from them."""

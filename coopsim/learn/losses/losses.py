@@ -1,0 +1,64 @@
+"""Losses of a head: heat of centres, codes of boxes, log variances of the codes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from coopsim.learn.losses.targets import Targets
+from coopsim.nn.detector.box_code import AXIS, HEADING, HEIGHT, LOG_VARIANCE, OFFSET, SIZE, VELOCITY, residuals
+from coopsim.nn.detector.centre_head import CentreHead, at_cells
+
+WEIGHTS = {"velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3}
+"""Weights of the parts of the loss; those of the others are 1."""
+
+
+def head_loss(head: CentreHead, features: Tensor, targets: Targets) -> dict[str, Tensor]:
+    """Return the loss of a head on features (B, C, h, w): "loss", the weighted sum, and its parts by name."""
+    shared, logits = head.heat(features)
+    parts = {"heat": heat_loss(logits, targets.heat, targets.objects)}
+    parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets)
+    return {"loss": sum_of(parts), **parts}
+
+
+def heat_loss(logits: Tensor, heat: Tensor, objects: int) -> Tensor:
+    """Return the focal loss of heat (B, K, h, w), less for cells near a centre, per object.
+
+    CenterPoint's (Yin et al., section 3; Law and Deng, "CornerNet", eq. 1) with alpha 2 and beta 4.
+    """
+    hot = heat == 1
+    log_p, log_q = functional.logsigmoid(logits), functional.logsigmoid(-logits)
+    p = logits.sigmoid()
+    found = (log_p * (1 - p) ** 2)[hot].sum()
+    empty = (log_q * p**2 * (1 - heat) ** 4 * ~hot).sum()
+    return -(found + empty) / max(objects, 1)
+
+
+def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
+    """Return the losses of codes (M, 19): smooth L1 of the values, and the Gaussian likelihood of their errors.
+
+    Gradients of the likelihood reach the log variances alone, so that a large variance does not excuse a bad box.
+    """
+    weight, true = targets.weight, targets.code
+    total = weight.sum().clamp(min=1.0)
+
+    def loss(part: slice) -> Tensor:
+        error = functional.smooth_l1_loss(code[:, part], true[:, part], reduction="none", beta=0.1)
+        return (error.sum(dim=1) * weight).sum() / total
+
+    error = residuals(code, true, targets.yaw, targets.cell_m).detach()
+    spread = code[:, LOG_VARIANCE].clamp(-8.0, 4.0)
+    likelihood = 0.5 * (spread + error**2 * torch.exp(-spread)).sum(dim=1)
+    return {
+        "place": 2 * loss(OFFSET) + loss(HEIGHT),
+        "size": loss(SIZE),
+        "yaw": loss(AXIS) + 0.5 * loss(HEADING),
+        "velocity": loss(VELOCITY),
+        "variance": (likelihood * weight).sum() / total,
+    }
+
+
+def sum_of(parts: dict[str, Tensor]) -> Tensor:
+    """Return the weighted sum of the parts; parts without a weight count once."""
+    return torch.stack([WEIGHTS.get(name, 1.0) * part for name, part in parts.items()]).sum()

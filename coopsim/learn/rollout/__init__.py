@@ -1,0 +1,1 @@
+"""Clips from the simulator: worlds drawn from a recipe, and what their agents sense."""

@@ -1,0 +1,177 @@
+"""What the clips of a training are drawn from: places, agents, sensors, weather."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from coopsim.config.load import load, read_mapping
+from coopsim.errors import InvalidValueError
+from coopsim.learn.rollout.recipe_checks import (
+    as_count_range,
+    as_list,
+    as_range,
+    as_weights,
+    require_training_place,
+)
+from coopsim.support.checks import require_count, require_flag, require_frame_time, require_probability
+from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.town_scenarios import TOWN
+
+_COUNTS = ("cars", "masts", "drones", "buses")
+_RANGES = {
+    "start_s": (0.0, 3600.0),
+    "density": (0.0, 100.0),
+    "truck_share": (0.0, 1.0),
+    "rain_mm_h": (0.0, 200.0),
+    "fog_visibility_m": (5.0, 100_000.0),
+    "range_noise_m": (0.0, 10.0),
+}
+"""What the ends of ranges may be."""
+_SHARES = ("plain_share", "drone_share", "rain_share", "fog_share")
+_FARTHEST_PLACE = 2**62
+
+
+@dataclass(frozen=True, slots=True)
+class WorldRecipe:
+    """What each clip is drawn from; the defaults are those of an encoder's training (stage A).
+
+    A range is a pair of its ends, both of which may be drawn; numbers in it are equally likely unless
+    it says otherwise.
+
+    Attributes:
+        environments: "town" or paths of scenario files, of which each clip takes one. Paths are relative to the working
+            directory.
+        first_place: seed of the first town: clips are in the towns of `first_place` to `first_place + places - 1`.
+        places: number of towns.
+        junctions: number of places where streets meet, of all towns; None: drawn for each, as are the next two.
+        openness: how far one can see past corners, in [0, 1].
+        lanes: most lanes a direction.
+        plain_share: share of the clips without street furniture.
+        frames: frames of a clip.
+        dt_s: times between two frames, of which each clip takes one.
+        start_s: range of the time that traffic has run when a clip begins.
+        lidars: names of beam tables, with their weights.
+        range_noise_m: range of the LiDARs' standard deviation along the ray.
+        cars: range of the number of connected cars.
+        masts: range of the number of roadside units.
+        drones: range of the number of drones, where there are any.
+        drone_share: share of the clips in which there are.
+        density: range of the factor on the numbers of vehicles and people.
+        truck_share: range of the share of trucks among the vehicles.
+        buses: range of the number of buses, which towns have none of otherwise.
+        rain_share: share of the clips with rain.
+        rain_mm_h: range of its rate.
+        fog_share: share of the clips with fog.
+        fog_visibility_m: range of the visibility in it; its logarithm is uniform.
+        allow_test_places: accept also what results are measured on and no shipped network was trained on: the named
+            scenarios, the shipped scenario files, and the sensors VLP-16 and OS1-128.
+    """
+
+    environments: Sequence[str] = (TOWN,)
+    first_place: int = 100_000
+    places: int = 1_000_000
+    junctions: int | None = None
+    openness: float | None = None
+    lanes: int | None = None
+    plain_share: float = 0.25
+    frames: int = 6
+    dt_s: Sequence[float] = (1.0,)
+    start_s: Sequence[float] = (0.0, 20.0)
+    lidars: Mapping[str, float] = field(default_factory=lambda: {"HDL-32E": 0.8, "HDL-64E": 0.2})
+    range_noise_m: Sequence[float] = (0.01, 0.04)
+    cars: Sequence[int] = (1, 4)
+    masts: Sequence[int] = (0, 2)
+    drones: Sequence[int] = (1, 1)
+    drone_share: float = 0.15
+    density: Sequence[float] = (0.6, 1.6)
+    truck_share: Sequence[float] = (0.05, 0.3)
+    buses: Sequence[int] = (0, 2)
+    rain_share: float = 0.2
+    rain_mm_h: Sequence[float] = (0.5, 25.0)
+    fog_share: float = 0.1
+    fog_visibility_m: Sequence[float] = (60.0, 600.0)
+    allow_test_places: bool = False
+
+    def __post_init__(self) -> None:
+        require_flag(allow_test_places=self.allow_test_places)
+        require_count(1, frames=self.frames, places=self.places)
+        require_count(0, _FARTHEST_PLACE - self.places, first_place=self.first_place)
+        require_probability(**{name: getattr(self, name) for name in _SHARES})
+        TownOptions(self.junctions, self.openness, self.lanes)  # its own checks
+        environments = as_list("environments", self.environments)
+        for name in environments:
+            require_training_place(name, allowed=self.allow_test_places)
+        times_s = as_list("dt_s", self.dt_s)
+        for dt_s in times_s:
+            require_frame_time(dt_s)
+        changed: dict[str, Any] = {
+            "environments": environments,
+            "dt_s": tuple(map(float, times_s)),
+            "lidars": as_weights(self.lidars, allowed=self.allow_test_places),
+        }
+        changed |= {name: as_count_range(name, getattr(self, name)) for name in _COUNTS}
+        changed |= {name: as_range(name, getattr(self, name), *ends) for name, ends in _RANGES.items()}
+        # Floats also where a file has 25 for 25.0: recipes that are equal are written alike.
+        changed |= {name: float(getattr(self, name)) for name in _SHARES}
+        for name, value in changed.items():
+            object.__setattr__(self, name, value)
+        if not (self.cars[0] or self.masts[0]):
+            raise InvalidValueError("cars or masts must be at least 1, so that every clip has an agent")
+
+    @classmethod
+    def for_fusion(cls, **changed: Any) -> WorldRecipe:
+        """Return the recipe for training a fusion (stages B and C): at least two agents, and frames close in time.
+
+        Args:
+            **changed: fields that differ from that.
+        """
+        usual: dict[str, Any] = {"dt_s": (0.1, 0.2, 0.3, 0.4, 0.5), "cars": (2, 3), "start_s": (0.0, 25.0)}
+        return cls(**{**usual, **changed})
+
+    @classmethod
+    def for_validation(cls, **changed: Any) -> WorldRecipe:
+        """Return the recipe of validation: towns 1000 to 1099, three cars and one or two masts, HDL-32E, dry air.
+
+        Args:
+            **changed: fields that differ from that.
+        """
+        usual: dict[str, Any] = {
+            "first_place": 1000,
+            "places": 100,
+            "frames": 4,
+            "dt_s": (0.5,),
+            "lidars": {"HDL-32E": 1.0},
+            "range_noise_m": (0.02, 0.02),
+            "cars": (3, 3),
+            "masts": (1, 2),
+            "drone_share": 0.0,
+            "density": (1.0, 1.0),
+            "rain_share": 0.0,
+            "fog_share": 0.0,
+        }
+        return cls(**{**usual, **changed})
+
+    @classmethod
+    def of(cls, given: WorldRecipe | Mapping[str, Any] | str | Path) -> WorldRecipe:
+        """Return the recipe that is given as itself, as a mapping of its fields, or as the path of a YAML file.
+
+        Raises:
+            InvalidValueError: it is none of these, or a value is not accepted.
+            UnknownNameError: there is no such field.
+        """
+        if isinstance(given, cls):
+            return given
+        recipe: WorldRecipe = load(cls, read_mapping("world", "a WorldRecipe", given), "world")
+        return recipe
+
+    def with_frames(self, frames: int) -> WorldRecipe:
+        """Return the recipe with clips of so many frames."""
+        return replace(self, frames=frames)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the fields as plain data, which `of` reads."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}

@@ -1,0 +1,184 @@
+"""Samples for stage A: one cloud, of one agent or of several together, and the objects that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+
+from coopsim.geometry.se3 import Floats
+from coopsim.learn.clips.clip import AgentScene, Clip, Scene
+from coopsim.learn.losses.anchor_loss import Truth, anchor_head_loss
+from coopsim.learn.losses.losses import head_loss
+from coopsim.learn.losses.targets import Targets, join_targets, make_targets
+from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, sweeps_of, thin
+from coopsim.localization.recent_sweeps import Points
+from coopsim.nn.detector.anchor_head import AnchorHead
+from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.encoder import STRIDE
+from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.inference.perceiver import REACH_M
+from coopsim.support.checks import require_between, require_count, require_positive, require_probability
+from coopsim.types import BevGrid
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSettings:
+    """How samples are made of scenes.
+
+    Attributes:
+        reach_m: half the edge of the square in which an agent's map lies.
+        crop_cells: edge of the part of it that a sample shows, in pillars; None: the whole square.
+        merged: share of samples with the points of several agents, for early fusion.
+        thinned: share of samples of which points are left out at random, up to three quarters.
+        mirrored: share of samples seen in a mirror.
+        noise_m: largest standard deviation of the agents' positions where clouds are merged or maps fused.
+        noise_deg: the same of their headings.
+        dropout: probability that an agent does not take part in a merged or fused sample.
+        late: share of fused samples with messages from earlier scenes.
+        sparse: share of fused samples of which only the surest cells arrive.
+    """
+
+    reach_m: float = REACH_M
+    crop_cells: int | None = 128
+    merged: float = 0.25
+    thinned: float = 0.3
+    mirrored: float = 0.5
+    noise_m: float = 0.0
+    noise_deg: float = 0.0
+    dropout: float = 0.2
+    late: float = 0.5
+    sparse: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(reach_m=self.reach_m)
+        if self.crop_cells is not None:
+            require_count(8, crop_cells=self.crop_cells)
+        require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
+        require_probability(
+            merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, dropout=self.dropout, late=self.late,
+            sparse=self.sparse,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectorSample:
+    """One cloud in pillars, the targets of its map, and the objects that they are made of."""
+
+    pillars: Pillars
+    targets: Targets
+    truth: Truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectorBatch:
+    """Samples of one shape."""
+
+    pillars: PillarBatch
+    targets: Targets
+    truth: tuple[Truth, ...]
+
+
+def detector_samples(
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
+) -> list[DetectorSample]:
+    """Return a sample for each agent in each scene of a clip.
+
+    Args:
+        clip: the scenes.
+        rng: decides what is merged, the turn, mirror and part of each sample.
+        settings: how.
+        cell_m: edge of a pillar.
+        sweeps: frames that the network is given, see `sweeps_of`.
+    """
+    return [
+        _sample(
+            scene,
+            number,
+            [sweeps_of(clip, k, other, sweeps) for other in range(len(scene.agents))],
+            rng,
+            settings,
+            cell_m,
+        )
+        for k, scene in enumerate(clip.scenes)
+        for number, agent in enumerate(scene.agents)
+        if len(agent.points)
+    ]
+
+
+def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
+    """Join samples into a batch."""
+    return DetectorBatch(
+        collate([sample.pillars for sample in samples]),
+        join_targets([sample.targets for sample in samples]),
+        tuple(sample.truth for sample in samples),
+    )
+
+
+def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
+    """Return the loss of a batch: "loss", the weighted sum, and its parts."""
+    features = net.encoder(batch.pillars)
+    if isinstance(net.head, AnchorHead):
+        return anchor_head_loss(net.head, features, batch.truth)
+    return head_loss(net.head, features, batch.targets)
+
+
+def _sample(
+    scene: Scene,
+    number: int,
+    clouds: Sequence[Points],
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float,
+) -> DetectorSample:
+    me = scene.agents[number]
+    members = _members(scene, number, rng, settings)
+    # The frame of the map is turned at random: streets must not be known by their direction.
+    frame = me.xyz_yaw.copy()
+    frame[3] = rng.uniform(-np.pi, np.pi)
+    points = np.concatenate(
+        [_cloud(scene.agents[each], clouds[each], each == number, frame, rng, settings) for each in members]
+    )
+    shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
+    boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
+    if rng.random() < settings.mirrored:
+        mirror(points, boxes, velocity)
+    grid = _part(boxes, rng, settings, cell_m)
+    truth = Truth(boxes, scene.label[shown], grid.coarser(STRIDE))
+    targets = make_targets(boxes, velocity, truth.label, truth.grid)
+    return DetectorSample(pillarize(points, grid), targets, truth)
+
+
+def _members(scene: Scene, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:
+    """Return the numbers of the agents whose points a sample has, that of `number` first."""
+    others = [each for each in range(len(scene.agents)) if each != number]
+    if not others or rng.random() >= settings.merged:
+        return [number]
+    return [number, *(each for each in others if rng.random() >= settings.dropout)]
+
+
+def _cloud(
+    agent: AgentScene, points: Points, own: bool, frame: Floats, rng: np.random.Generator, settings: SampleSettings
+) -> Points:
+    points = thin(points, rng, settings.thinned)
+    pose = agent.xyz_yaw
+    if not own and settings.noise_m + settings.noise_deg > 0:
+        strength = rng.random()
+        pose = noisy(pose, rng, strength * settings.noise_m, np.deg2rad(strength * settings.noise_deg))
+    return moved(points, pose, frame)
+
+
+def _part(boxes: Floats, rng: np.random.Generator, settings: SampleSettings, cell_m: float) -> BevGrid:
+    """Return the part of an agent's square that a sample shows: mostly around one of the objects."""
+    cells = round(2 * settings.reach_m / cell_m)
+    size = cells if settings.crop_cells is None else min(settings.crop_cells, cells)
+    corner = rng.integers(0, cells - size + 1, size=2)
+    reach = np.abs(boxes[:, :2]).max(axis=1, initial=0.0) < settings.reach_m
+    if reach.any() and rng.random() < 0.7:
+        middle = boxes[rng.choice(np.flatnonzero(reach)), :2] + rng.uniform(-0.4, 0.4, 2) * size * cell_m
+        corner = np.clip(np.round((middle + settings.reach_m) / cell_m).astype(int) - size // 2, 0, cells - size)
+    low = -settings.reach_m + corner * cell_m
+    high = low + size * cell_m
+    return BevGrid((low[0], high[0]), (low[1], high[1]), cell_m)

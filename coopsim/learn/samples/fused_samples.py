@@ -1,0 +1,201 @@
+"""Samples for stage B: a scene of several agents whose messages are late and whose poses are estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from coopsim.geometry.se3 import Floats
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.targets import Targets, make_targets
+from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.nn.detector.encoder import STRIDE
+from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.inference.perceiver import KINDS
+from coopsim.types import BevGrid
+
+LATEST_S = 0.5
+"""The longest delay of a message in a sample."""
+
+VIEW_CELLS, VIEW_REACH_M = 96, 100.8
+"""Most cells of an edge of the part of a receiver's map that a sample shows, and how far from the receiver it lies at
+most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceiverView:
+    """One receiver, and the messages that it fuses.
+
+    Attributes:
+        own: number of its own map in the sample.
+        others: numbers of the maps that it received.
+        source_SE2_target: (S, 3) where it believes itself in each sender's frame: x m, y m, yaw rad.
+        delay_s: (S,) age of each.
+        kind: (S,) of the senders, by `KINDS`.
+        most_cells: number of the surest cells that each message has; None: all.
+        grid: the part of its map that is taught.
+        targets: there, of all objects that the receiver or a sender has seen. The receiver is among them where a sender
+            has seen it: a network cannot know who it is, so a policy drops the boxes over its agent.
+    """
+
+    own: int
+    others: tuple[int, ...]
+    source_SE2_target: Floats
+    delay_s: Tensor
+    kind: Tensor
+    most_cells: int | None
+    grid: BevGrid
+    targets: Targets
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CooperativeSample:
+    """The clouds of one moment, and of earlier ones where messages are late, and the receivers among them.
+
+    Attributes:
+        pillars: A clouds, each in its agent's compass frame.
+        seen: (A, 9, h, w) heat of the objects that each cloud shows.
+        objects: their number.
+        grid: the cells of all features.
+        views: of every receiver.
+    """
+
+    pillars: PillarBatch
+    seen: Tensor
+    objects: int
+    grid: BevGrid
+    views: tuple[ReceiverView, ...]
+
+
+def scene_samples(
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
+) -> list[CooperativeSample]:
+    """Return a sample for each scene of a clip that two or more agents take part in.
+
+    Args:
+        clip: the scenes.
+        rng: decides who takes part, the errors of poses, delays, and the turn and mirror of the world.
+        settings: how.
+        cell_m: edge of a pillar.
+        sweeps: frames that the network is given, see `sweeps_of`.
+    """
+    samples = []
+    for number in range(len(clip.scenes)):
+        members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
+        members = [k for k in members if len(clip.scenes[number].agents[k].points)]
+        if len(members) > 1:
+            samples.append(_Draft(clip, number, members, rng, settings, cell_m, sweeps).sample())
+    return samples
+
+
+class _Draft:
+    """One sample in the making."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        number: int,
+        members: list[int],
+        rng: np.random.Generator,
+        settings: SampleSettings,
+        cell_m: float,
+        sweeps: int,
+    ) -> None:
+        self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
+        self.sweeps = sweeps
+        self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
+        self.grid = self.pillar_grid.coarser(STRIDE)
+        self.strength, self.axes_rad = rng.random(), rng.uniform(-np.pi, np.pi)
+        self.mirrored = rng.random() < settings.mirrored
+        self.ages = {member: self._age() for member in members}
+        self.rows: dict[tuple[int, int], int] = {}
+        self.clouds: list[Pillars] = []
+        self.seen: list[Targets] = []
+        self.frames: list[Floats] = []
+        self.believed: list[Floats] = []
+
+    def sample(self) -> CooperativeSample:
+        views = tuple(self._view(member) for member in self.members)
+        return CooperativeSample(
+            collate(self.clouds),
+            torch.cat([targets.heat for targets in self.seen]),
+            sum(targets.objects for targets in self.seen),
+            self.grid,
+            views,
+        )
+
+    def _row(self, number: int, member: int) -> int:
+        """Return the number of an agent's map in a scene; it is made when first asked for."""
+        if (number, member) not in self.rows:
+            self.rows[number, member] = len(self.rows)
+            self._add(number, member)
+        return self.rows[number, member]
+
+    def _add(self, number: int, member: int) -> None:
+        scene, settings = self.clip.scenes[number], self.settings
+        agent = scene.agents[member]
+        noise_rad = np.deg2rad(self.strength * settings.noise_deg)
+        believed = noisy(agent.xyz_yaw, self.rng, self.strength * settings.noise_m, noise_rad)
+        # The agent turns its points by the heading that it believes in: its map's axes are off by its error.
+        frame = agent.xyz_yaw.copy()
+        frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
+        points = sweeps_of(self.clip, number, member, self.sweeps)
+        points = moved(thin(points, self.rng, settings.thinned), agent.xyz_yaw, frame)
+        shown = scene.returns[:, member] > 0
+        boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
+        if self.mirrored:
+            mirror(points, boxes, velocity)
+        self.clouds.append(pillarize(points, self.pillar_grid))
+        self.seen.append(make_targets(boxes, velocity, scene.label[shown], self.grid))
+        self.frames.append(frame)
+        self.believed.append(believed)
+
+    def _view(self, member: int) -> ReceiverView:
+        scene, own = self.clip.scenes[self.number], self._row(self.number, member)
+        known = scene.returns[:, member] > 0
+        others, delays, kinds, offsets = [], [], [], []
+        for sender in self.members:
+            if sender == member:
+                continue
+            then = self.number - self.ages[sender]
+            others.append(self._row(then, sender))
+            delays.append((self.number - then) * self.clip.dt_s)
+            kinds.append(KINDS.index(scene.agents[sender].kind))
+            offsets.append(self._offset(own, others[-1]))
+            before = self.clip.scenes[then]
+            known |= np.isin(scene.object_id, before.object_id[before.returns[:, sender] > 0])
+        boxes, velocity = boxes_in(scene.boxes[known], scene.velocity[known], self.frames[own])
+        if self.mirrored:
+            mirror(np.zeros((0, 5), np.float32), boxes, velocity)
+        grid = self._part(boxes)
+        most = int(2 ** self.rng.uniform(4.0, 10.0)) if self.rng.random() < self.settings.sparse else None
+        return ReceiverView(
+            own, tuple(others), np.array(offsets), torch.tensor(delays), torch.tensor(kinds), most,
+            grid, make_targets(boxes, velocity, scene.label[known], grid),
+        )  # fmt: skip
+
+    def _age(self) -> int:
+        """Return how many scenes a sender's messages are late: all receivers get the same ones."""
+        most = min(self.number, int(LATEST_S / self.clip.dt_s + 1e-6))
+        return int(self.rng.integers(1, most + 1)) if most and self.rng.random() < self.settings.late else 0
+
+    def _offset(self, own: int, other: int) -> Floats:
+        x, y = rotated((self.believed[own] - self.believed[other])[None, :2], -self.axes_rad)[0]
+        return np.array([x, -y if self.mirrored else y, 0.0])
+
+    def _part(self, boxes: Floats) -> BevGrid:
+        """Return a part of the receiver's surroundings, of whole cells of its own map, mostly around an object."""
+        cell_m = self.grid.cell_m
+        low = round(VIEW_REACH_M / cell_m)
+        size = min(VIEW_CELLS, 2 * low)
+        corner = self.rng.integers(-low, low - size + 1, size=2)
+        near = np.flatnonzero(np.abs(boxes[:, :2]).max(axis=1, initial=0.0) < VIEW_REACH_M)
+        if len(near) and self.rng.random() < 0.8:
+            middle = boxes[self.rng.choice(near), :2] / cell_m + self.rng.uniform(-0.4, 0.4, 2) * size
+            corner = np.clip(np.round(middle).astype(int) - size // 2, -low, low - size)
+        start, end = corner * cell_m, (corner + size) * cell_m
+        return BevGrid((start[0], end[0]), (start[1], end[1]), cell_m)

@@ -1,0 +1,97 @@
+"""The order of a training's samples: a pure function of the seed, so that a resumed training sees the same ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from coopsim.errors import TrainingError
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.clips.clip_store import ClipSource
+from coopsim.support.rng import stream
+
+_MOST_EMPTY = 20
+"""Blocks in a row without any sample, after which a training gives up."""
+
+
+Cut = Callable[[Clip, np.random.Generator], Sequence[Any]]
+"""Draws samples from a clip."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Position:
+    """What a training has used of its data.
+
+    Attributes:
+        block: number of the block, from 0.
+        turn: number of the pass over it, from 0.
+        batches: batches of that pass that are used.
+    """
+
+    block: int = 0
+    turn: int = 0
+    batches: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleOrder:
+    """Batches of a training, in order.
+
+    Clips are read in blocks, in order of their index. All samples of a block are shuffled; a block is used several
+    times, each time cut and shuffled anew. Samples that do not fill a batch are left out.
+
+    Attributes:
+        source: of the clips.
+        cut: draws samples from a clip.
+        seed: of the cuts and shuffles.
+        batch: samples a batch.
+        block: clips a block.
+        passes: over each block.
+        rank: of this process among those that train together, whose draws differ.
+    """
+
+    source: ClipSource
+    cut: Cut
+    seed: int
+    batch: int
+    block: int
+    passes: int
+    rank: int = 0
+
+    def batches(self, start: Position) -> Iterator[tuple[Position, list[Any]]]:
+        """Yield batches without end, each with the position after it.
+
+        Raises:
+            TrainingError: many blocks in a row have no sample.
+        """
+        block, turn, used, empty = start.block, start.turn, start.batches, 0
+        while True:
+            first = block * self.block
+            clips = [self.source.clip(first + k) for k in range(self.block)]
+            empty += 1
+            while turn < self.passes:
+                found = self._shuffled(clips, block, turn)
+                while used < len(found):
+                    used, empty = used + 1, 0
+                    yield Position(block, turn, used), found[used - 1]
+                turn, used = turn + 1, 0
+            if empty >= _MOST_EMPTY:
+                raise TrainingError(
+                    f"{empty * self.block} clips up to number {first + self.block - 1} have no sample: "
+                    "the recipe's world must have agents that see something"
+                )
+            block, turn = block + 1, 0
+
+    def _shuffled(self, clips: Sequence[Clip], block: int, turn: int) -> list[list[Any]]:
+        """Return all full batches of one pass over a block; a block of fewer samples than a batch is one batch."""
+        owners = (str(self.rank), str(block), str(turn))
+        samples: list[Any] = []
+        for k, clip in enumerate(clips):
+            samples += self.cut(clip, stream(self.seed, "training.cut", *owners, str(k)))
+        places = stream(self.seed, "training.shuffle", *owners).permutation(len(samples)).tolist()
+        size = min(self.batch, len(samples))
+        full = len(samples) // size if size else 0
+        return [[samples[place] for place in places[k * size : (k + 1) * size]] for k in range(full)]

@@ -1,0 +1,89 @@
+"""What a training trains: a network, how its samples are drawn, and the losses on a batch of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from torch import Tensor, nn
+
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.targets import Targets
+from coopsim.types import BevGrid, Detections
+
+LOSS = "loss"
+"""Name of the total among the losses: what is made smaller."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundMap:
+    """What a network found in a map, and what is there.
+
+    Attributes:
+        detections: in the frame of `grid`.
+        targets: of this map alone.
+        grid: the cells of the targets.
+    """
+
+    detections: Detections
+    targets: Targets
+    grid: BevGrid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightsFile:
+    """A file of weights that a training gives.
+
+    Attributes:
+        name: of the file, without its ending.
+        net: whose weights are in it.
+        metadata: what the file says of them: see `coopsim.learn.weights.save_weights`.
+    """
+
+    name: str
+    net: nn.Module
+    metadata: Mapping[str, Any]
+
+
+class TrainingTask(nn.Module, ABC):
+    """A network in training; calling it with a batch gives the losses.
+
+    Attributes:
+        net: the network whose parameters are trained, and which is stored.
+    """
+
+    net: nn.Module
+
+    @abstractmethod
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        """Draw samples from a clip; none is accepted."""
+
+    @abstractmethod
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        """Draw samples that show more, and without what is there only to make training harder, for a look at AP."""
+
+    @abstractmethod
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        """Return what a network finds in the maps of a batch."""
+
+    def collate(self, samples: Sequence[Any]) -> Any:
+        """Return samples as a batch: their list, unless overridden."""
+        return list(samples)
+
+    @abstractmethod
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        """Return the files that a trained network is stored in; the first one is of the recipe's name."""
+
+    @abstractmethod
+    def forward(self, batch: Any) -> dict[str, Tensor]:
+        """Return losses by name, each a scalar; `LOSS` is their total."""
+
+
+def mean_losses(losses: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Return the means of losses by name; a name that some lack counts as zero there."""
+    names = dict.fromkeys(name for each in losses for name in each)
+    found = {name: [each[name] for each in losses if name in each] for name in names}
+    return {name: sum(values[1:], values[0]) / len(losses) for name, values in found.items()}

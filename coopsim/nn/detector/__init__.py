@@ -1,0 +1,1 @@
+"""The network of one agent: pillars, encoder, and heads that find boxes."""

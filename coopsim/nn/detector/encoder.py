@@ -1,0 +1,132 @@
+"""The encoder: pillars of points to a map of features seen from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from coopsim.errors import InvalidValueError
+from coopsim.nn.detector.pillars import POINT_FEATURES, PillarBatch
+from coopsim.support.checks import require_choice, require_count, require_positive
+
+STRIDE = 2
+"""Cells of the features are this many pillars wide."""
+
+COARSEST = 8
+"""Rows and columns of a grid of pillars must divide by this."""
+
+MOST_CHANNELS, _MOST_LAYERS = 1024, 32
+"""Files of weights say how large their network is: none takes more memory than this allows."""
+
+HEADS = ("centre", "anchor", "anchor_direction")
+"""The centre head for all classes; or anchors for vehicles as one class, as OpenCOOD has them, which know headings but
+for half a turn, or as HEAL has them, with a classifier of direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderConfig:
+    """Sizes of an encoder, and which head is on it.
+
+    Attributes:
+        cell_m: edge of a pillar.
+        pillar_features: channels of a pillar.
+        channels: channels of the three scales, at 2, 4 and 8 pillars.
+        layers: convolutions of each scale after the first one.
+        features: channels of the result.
+        sweeps: number of sweeps that it is given: 1, or 2 (the one before is moved by odometry).
+        head: one of `HEADS`.
+    """
+
+    cell_m: float = 0.6
+    pillar_features: int = 32
+    channels: tuple[int, int, int] = (48, 64, 96)
+    layers: tuple[int, int, int] = (2, 3, 3)
+    features: int = 64
+    sweeps: int = 1
+    head: str = "centre"
+
+    def __post_init__(self) -> None:
+        require_positive(cell_m=self.cell_m)
+        require_count(1, MOST_CHANNELS, pillar_features=self.pillar_features, features=self.features)
+        require_count(1, 2, sweeps=self.sweeps)
+        require_choice("head", self.head, HEADS)
+        for name in ("channels", "layers"):
+            given = tuple(getattr(self, name))
+            if len(given) != 3:
+                raise InvalidValueError(f"{name} must have 3 numbers, one for each scale, got {given}")
+            least, most = (1, MOST_CHANNELS) if name == "channels" else (0, _MOST_LAYERS)
+            require_count(least, most, **{f"{name}[{k}]": one for k, one in enumerate(given)})
+            object.__setattr__(self, name, given)
+
+
+class PillarEncoder(nn.Module):
+    """PointPillars' encoder, small: a linear layer and a maximum over each pillar's points, then three scales, joined.
+
+    Args:
+        config: its sizes.
+    """
+
+    def __init__(self, config: EncoderConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or EncoderConfig()
+        self.points = nn.Linear(POINT_FEATURES, config.pillar_features, bias=False)
+        self.points_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
+        widths = (config.pillar_features, *config.channels)
+        self.scales = nn.ModuleList(
+            nn.Sequential(conv(before, after, 2), *(conv(after, after) for _ in range(layers)))
+            for before, after, layers in zip(widths, config.channels, config.layers, strict=False)
+        )
+        joined = max(8, config.features // 2)
+        self.sides = nn.ModuleList(nn.Conv2d(width, joined, 1, bias=False) for width in config.channels)
+        self.join = conv(3 * joined, config.features)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # how canvases lie: faster
+
+    def forward(self, batch: PillarBatch) -> Tensor:
+        """Return features (A, C, H / 2, W / 2), not negative.
+
+        Raises:
+            InvalidValueError: rows or columns of the grid do not divide by 8.
+        """
+        if any(cells % COARSEST for cells in batch.shape):
+            raise InvalidValueError(f"rows and columns of pillars must divide by {COARSEST}, got {batch.shape}")
+        below = self.canvas(batch)
+        sides = []
+        for scale, side in zip(self.scales, self.sides, strict=True):
+            below = scale(below)
+            sides.append(side(below))
+        finest = sides[0].shape[-2:]
+        sides[1:] = [functional.interpolate(each, size=finest, mode="nearest") for each in sides[1:]]
+        features: Tensor = self.join(torch.cat(sides, dim=1))
+        return features
+
+    def canvas(self, batch: PillarBatch) -> Tensor:
+        """Return the pillars' features on their grids, (A, C, H, W); zeros where no point is."""
+        rows, columns = batch.shape
+        width = self.config.pillar_features
+        each = functional.relu(self._normed(self.points(batch.features).float())) if len(batch.features) else None
+        numbers = next(self.join.parameters()).dtype  # shorter than the points' in a quick encoder
+        flat = batch.features.new_zeros(batch.clouds * rows * columns, width, dtype=numbers)
+        if each is not None:
+            most = torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
+            flat.index_put_((batch.cell,), most.to(flat.dtype))
+        return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
+
+    def _normed(self, points: Tensor) -> Tensor:
+        """Return points (P, C), normalized; a single one has no statistics, and takes those of earlier ones."""
+        norm = self.points_norm
+        if len(points) > 1 or not self.training:
+            normed: Tensor = norm(points)
+            return normed
+        return functional.batch_norm(points, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
+
+
+def conv(before: int, after: int, stride: int = 1) -> nn.Sequential:
+    """Return a 3 x 3 convolution with batch normalisation and ReLU."""
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, stride, 1, bias=False),
+        nn.BatchNorm2d(after, eps=1e-3, momentum=0.05),
+        nn.ReLU(),
+    )

@@ -1,0 +1,1 @@
+"""Networks at work: from points to messages and detections, quickly and without gradients."""

@@ -1,0 +1,185 @@
+"""The networks of cooperating agents at work: from points to messages, and from maps to detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from coopsim.errors import CodecError
+from coopsim.geometry.se3 import Floats
+from coopsim.nn.cooperative.cooperative_net import CooperativeNet
+from coopsim.nn.cooperative.warp import warp
+from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.encoder import COARSEST, STRIDE
+from coopsim.nn.detector.pillars import collate, pillarize
+from coopsim.nn.fusion import FusionContext, as_batch
+from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.quick import QuickEncoder, folded
+from coopsim.types import BevGrid, Detections, FeatureMap
+
+REACH_M = 76.8
+"""Half the edge of the square that an agent's map covers."""
+
+KINDS = ("cav", "rsu", "drone")
+"""Kinds of agents, in the order in which networks number them."""
+
+_LARGEST = 1e4
+"""Beyond any feature of a network, and far within all its numbers."""
+
+_MOST_CELLS, _CELLS_M = 2**18, (0.1, 20.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnMap:
+    """What an agent's encoder makes of its points.
+
+    Attributes:
+        features: (64, h, w), for its own use.
+        message: for the others.
+    """
+
+    features: Tensor
+    message: FeatureMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceivedMap:
+    """A message as tensors.
+
+    Attributes:
+        content: the message.
+        values: (C + 1, h, w), with the confidences.
+        sent: (h, w) the cells that were sent; None: all.
+    """
+
+    content: FeatureMap
+    values: Tensor
+    sent: Tensor | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedMap:
+    """A received map at its place.
+
+    Attributes:
+        map: the map.
+        sender_SE2_receiver: (3,) x m, y m, yaw rad of the receiver's frame in the sender's.
+        delay_s: its age.
+        kind: of the sender, by `KINDS`.
+    """
+
+    map: ReceivedMap
+    sender_SE2_receiver: Floats
+    delay_s: float
+    kind: int
+
+
+def compass_region(region_m: tuple[float, float], heading_rad: float, cell_m: float) -> BevGrid:
+    """Return the cells around a region |x| <= X, |y| <= Y of an agent's base frame, in axes in which it is turned.
+
+    Args:
+        region_m: X and Y.
+        heading_rad: the agent's heading in those axes.
+        cell_m: edge of a cell; edges of cells go through the agent, and rows and columns divide by 8.
+    """
+    cos, sin = abs(np.cos(heading_rad)), abs(np.sin(heading_rad))
+    step_m = COARSEST / 2 * cell_m
+    reach = [
+        step_m * float(np.ceil(extent_m / step_m - 1e-9))
+        for extent_m in (cos * region_m[0] + sin * region_m[1], sin * region_m[0] + cos * region_m[1])
+    ]
+    return BevGrid((-reach[0], reach[0]), (-reach[1], reach[1]), cell_m)
+
+
+class Perceiver:
+    """An agent's network, and the cooperative one that stands on it.
+
+    Args:
+        detector: of one agent.
+        net: of several.
+        space: number of the networks, which their messages carry.
+        threads: agents are encoded side by side on so many.
+    """
+
+    def __init__(self, detector: DetectorNet, net: CooperativeNet, space: int, threads: int = 1) -> None:
+        cell_m = detector.config.cell_m
+        reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
+        self.sweeps, self._space, self._threads = detector.config.sweeps, space, threads
+        self._pillars = BevGrid((-reach_m, reach_m), (-reach_m, reach_m), cell_m)
+        self.grid = self._pillars.coarser(STRIDE)
+        self._encoder, self._net, self._head = QuickEncoder(detector.encoder), net, folded(net.head)
+        self._channels = net.message_channels
+
+    def encode(self, clouds: Sequence[NDArray[np.float32]]) -> list[OwnMap]:
+        """Return the maps of A agents from their points (P, 5)."""
+        return side_by_side([partial(self._encode, points) for points in clouds], self._threads)
+
+    def _encode(self, points: NDArray[np.float32]) -> OwnMap:
+        with inference():
+            features = self._encoder(collate([pillarize(points, self._pillars)]))
+            values, confidence = self._net.message(features)
+        message = FeatureMap(values[0].numpy(), self.grid, confidence[0].numpy(), space=self._space)
+        return OwnMap(features[0], message)
+
+    def receive(self, content: FeatureMap) -> ReceivedMap:
+        """Return a message as tensors.
+
+        Raises:
+            CodecError: it is of another network, or not what any network sends.
+        """
+        channels, rows, columns = content.values.shape
+        if content.space != self._space:
+            raise CodecError(
+                f"the features are of network {content.space}, not of {self._space}: nobody here reads them"
+            )
+        if channels != self._channels:
+            raise CodecError(f"features must have {self._channels} channels, got {channels}")
+        if rows * columns > _MOST_CELLS or not _CELLS_M[0] <= content.grid.cell_m <= _CELLS_M[1]:
+            raise CodecError(f"a map of {rows} x {columns} cells of {content.grid.cell_m:g} m is none of a network")
+        if not np.abs(content.values).max(initial=0.0) <= _LARGEST:
+            raise CodecError(f"features must be finite and within {_LARGEST:g}")
+        confidence = np.zeros((rows, columns), np.float32) if content.confidence is None else content.confidence
+        values = np.concatenate([content.values, confidence[None]])
+        sent = None if content.sent is None else torch.from_numpy(content.sent.copy())
+        return ReceivedMap(content, torch.from_numpy(values), sent)
+
+    def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap]) -> Tensor:
+        """Return fused features (64, H, W) on the cells of a region around the receiver."""
+        with inference():
+            inside, own_mask = warp(own.features[None], self.grid, region, np.zeros((1, 3)))
+            placed = [(each, *_warped(each, region)) for each in received]
+            placed = [each for each in placed if each[2].any()]
+            values = torch.cat([each[1] for each in placed]) if placed else inside[:0]
+            mask = torch.cat([each[2] for each in placed]) if placed else own_mask[:0]
+            context = FusionContext(
+                torch.tensor([each[0].delay_s for each in placed]),
+                torch.tensor([each[0].kind for each in placed], dtype=torch.long),
+                values[:, -1],
+            )
+            fused: Tensor = self._net(inside[0], own_mask[0], values[:, : self._channels], mask, context)
+        return fused
+
+    def alone(self, received: ReceivedMap) -> Tensor:
+        """Return a sender's features (64, h, w) as its message alone shows them."""
+        with inference():
+            features: Tensor = self._net.expand(received.values[None, : self._channels], torch.zeros(1))[0]
+            return features if received.sent is None else features * received.sent
+
+    def detect(self, features: Tensor, grid: BevGrid, least_score: float) -> Detections:
+        """Return the detections in a map of features (64, H, W), in the frame of its grid."""
+        with inference():
+            return decode(self._head, as_batch(features), grid, least_score=least_score)[0]
+
+
+def _warped(placed: PlacedMap, region: BevGrid) -> tuple[Tensor, Tensor]:
+    """Return values (1, C + 1, H, W) and valid cells (1, H, W) of a map in the receiver's region."""
+    received = placed.map
+    present = None if received.sent is None else received.sent[None]
+    return warp(received.values[None], received.content.grid, region, placed.sender_SE2_receiver[None], present)

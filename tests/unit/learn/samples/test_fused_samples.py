@@ -1,0 +1,67 @@
+"""Samples of stage B: maps, messages and truth fit together."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.fused_samples import scene_samples
+from coopsim.nn.cooperative.warp import warp
+
+sys.path.append(str(Path(__file__).parent))
+from test_cloud_samples import clip
+
+torch.set_num_threads(1)
+PLAIN = {"dropout": 0.0, "thinned": 0.0, "late": 0.0}
+
+
+def hit(sample, view) -> float:
+    """Return the share of the true centres at which some map, moved as the receiver believes, is warm."""
+    rows = [view.own, *view.others]
+    offsets = np.concatenate([np.zeros((1, 3)), view.source_SE2_target])
+    moved, _ = warp(sample.seen[rows], sample.grid, view.grid, offsets)
+    centre = view.targets.heat[0, 0] == 1
+    return float((moved[:, 0].amax(0)[centre] > 0.1).float().mean())
+
+
+@pytest.mark.parametrize("mirrored", [0.0, 1.0])
+def test_every_true_object_is_where_a_map_shows_it(mirrored: float) -> None:
+    for sample in scene_samples(clip(3), np.random.default_rng(0), SampleSettings(mirrored=mirrored, **PLAIN)):
+        assert len(sample.views) == 3
+        assert all(hit(sample, view) == 1 for view in sample.views)
+
+
+def test_with_errors_of_poses_some_are_not() -> None:
+    settings = SampleSettings(noise_m=3.0, **PLAIN)
+    shares = [hit(s, v) for s in scene_samples(clip(4), np.random.default_rng(0), settings) for v in s.views]
+    assert np.mean(shares) < 0.97
+
+
+def test_truth_is_what_the_receiver_or_a_sender_has_seen() -> None:
+    for number, sample in enumerate(scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**PLAIN))):
+        scene = clip(3).scenes[number]
+        seen = (scene.returns > 0).any(axis=1).sum()
+        assert all(view.targets.objects <= seen for view in sample.views)
+        assert max(view.targets.objects for view in sample.views) > (scene.returns > 0).sum(axis=0).max()
+
+
+def test_late_messages_are_of_earlier_scenes_and_say_how_late() -> None:
+    settings = SampleSettings(late=1.0, dropout=0.0)
+    first, *others = scene_samples(clip(3, dt_s=0.2), np.random.default_rng(0), settings)
+    assert not first.views[0].delay_s.any()
+    for sample in others:
+        assert all(0.19 < delay < 0.41 for view in sample.views for delay in view.delay_s.tolist())
+        assert sample.pillars.clouds == 6  # each agent's map of now, and of then
+
+
+def test_a_lone_agent_has_no_sample() -> None:
+    assert scene_samples(clip(2, agents=1), np.random.default_rng(0), SampleSettings()) == []
+
+
+def test_some_messages_are_sparse() -> None:
+    samples = scene_samples(clip(4), np.random.default_rng(0), SampleSettings(sparse=0.5, dropout=0.0))
+    most = {view.most_cells is None for sample in samples for view in sample.views}
+    assert most == {True, False}

@@ -1,0 +1,54 @@
+"""Networks at work run on one thread of torch each, and leave torch as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from threading import Barrier
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from coopsim.nn.inference.inference import inference, side_by_side  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def two_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+def process_threads() -> str:
+    """The number of threads of the process' linear algebra, as torch tells it."""
+    lines = torch.__config__.parallel_info().splitlines()
+    return next((line.split()[-1] for line in lines if "mkl_get_max_threads" in line), "1")
+
+
+def test_torch_is_left_as_it_was() -> None:
+    with inference():
+        assert torch.get_num_threads() == 1 and torch.is_inference_mode_enabled()
+        with inference():
+            pass
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == 2 and not torch.is_inference_mode_enabled()
+
+
+def test_tasks_have_one_thread_until_the_last_one_ends() -> None:
+    both, one_ended = Barrier(2), Barrier(2)
+
+    def short() -> tuple[int, str]:
+        with inference():
+            both.wait(10)
+        one_ended.wait(10)
+        return torch.get_num_threads(), process_threads()
+
+    def long() -> tuple[int, str]:
+        with inference():
+            both.wait(10)
+            one_ended.wait(10)
+            return torch.get_num_threads(), process_threads()
+
+    assert side_by_side([short, long], 2) == [(1, "1")] * 2
+    assert torch.get_num_threads() == 2
