@@ -75,11 +75,11 @@ class LearnedFusion(PerceivingPolicy):
         return self._perceiver.receive(decode_features(message))
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        from coopsim.nn.inference.perceiver import PlacedMap, compass_region
+        from coopsim.nn.inference.perceiver import PlacedMap
 
-        perceiver, heading_rad = self._perceiver, float(observation.pose.xyz_yaw[3])
+        perceiver, pose = self._perceiver, observation.pose.xyz_yaw
         own = self._encode(observation.view(self.specs[agent]))
-        region = compass_region(self.region_m, heading_rad, perceiver.grid.cell_m)
+        region = perceiver.region(self.region_m, float(pose[3]), pose[:2])
         placed = [
             PlacedMap(
                 each.content,
@@ -97,11 +97,10 @@ class LearnedFusion(PerceivingPolicy):
 
     def _encoded(self, views: Mapping[str, SensorView]) -> dict[str, OwnMap]:
         """Return the maps of several agents, made side by side."""
-        clouds = [
-            turned(self._sweeps.points(view), 0.0 if view.pose is None else float(view.pose.xyz_yaw[3]))
-            for view in views.values()
-        ]
-        return dict(zip(views, self._perceiver.encode(clouds), strict=True))
+        poses = [np.zeros(4) if view.pose is None else view.pose.xyz_yaw for view in views.values()]
+        points = map(self._sweeps.points, views.values())
+        clouds = [turned(each, float(pose[3])) for each, pose in zip(points, poses, strict=True)]
+        return dict(zip(views, self._perceiver.encode(clouds, [pose[:2] for pose in poses]), strict=True))
 
     def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""

@@ -97,7 +97,10 @@ def test_a_policy_fuses_what_its_network_was_trained_on(
     draft = _Draft(clip(3), 1, [0, 1, 2], np.random.default_rng(seed), settings, 0.6, 1)
     expected, view, telling = trained_on(draft, load_detector(files[0]), load_cooperative(files[1]))
     found, region = used(draft, files, monkeypatch)
-    start = np.round(np.subtract([view.y_m[0], view.x_m[0]], [region.y_m[0], region.x_m[0]]) / 1.2).astype(int)
+    x_m, y_m = draft.middles[0] - observation(draft, 0).pose.xyz_yaw[:2]  # of the sample's frame, seen from the agent
+    start = np.subtract([view.y_m[0] + y_m, view.x_m[0] + x_m], [region.y_m[0], region.x_m[0]]) / 1.2
+    np.testing.assert_allclose(start, np.round(start), atol=1e-6)
+    start = np.round(start).astype(int)
     first, last = np.maximum(start, 0), np.minimum(start + expected.shape[1:], found.shape[1:])
     assert ((last - first) >= 20).all()
     (i, j), (a, b) = first, first - start

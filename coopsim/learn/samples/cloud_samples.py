@@ -135,9 +135,11 @@ def _sample(
 ) -> DetectorSample:
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
-    # The frame of the map is turned at random: streets must not be known by their direction.
+    # The frame of the map is turned at random: streets must not be known by their direction. The agent is anywhere in
+    # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.perceiver`).
     frame = me.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
+    frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
     points = np.concatenate(
         [_cloud(scene.agents[each], clouds[each], each == number, frame, rng, settings) for each in members]
     )

@@ -15,7 +15,7 @@ from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
-from coopsim.nn.inference.perceiver import KINDS
+from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells
 from coopsim.types import BevGrid
 
 LATEST_S = 0.5
@@ -33,7 +33,7 @@ class ReceiverView:
     Attributes:
         own: number of its own map in the sample.
         others: numbers of the maps that it received.
-        source_SE2_target: (S, 3) where it believes itself in each sender's frame: x m, y m, yaw rad.
+        source_SE2_target: (S, 3) the place of its map in each sender's, as they believe: x m, y m, yaw rad.
         delay_s: (S,) age of each.
         kind: (S,) of the senders, by `KINDS`.
         most_cells: number of the surest cells that each message has; None: all.
@@ -57,7 +57,7 @@ class CooperativeSample:
     """The clouds of one moment, and of earlier ones where messages are late, and the receivers among them.
 
     Attributes:
-        pillars: A clouds, each in its agent's compass frame.
+        pillars: A clouds, each in its agent's compass frame, moved to the nearest corner of the world's cells.
         seen: (A, 9, h, w) heat of the objects that each cloud shows.
         objects: their number.
         grid: the cells of all features.
@@ -117,6 +117,7 @@ class _Draft:
         self.seen: list[Targets] = []
         self.frames: list[Floats] = []
         self.believed: list[Floats] = []
+        self.middles: list[Floats] = []
 
     def sample(self) -> CooperativeSample:
         views = tuple(self._view(member) for member in self.members)
@@ -140,9 +141,13 @@ class _Draft:
         agent = scene.agents[member]
         noise_rad = np.deg2rad(self.strength * settings.noise_deg)
         believed = noisy(agent.xyz_yaw, self.rng, self.strength * settings.noise_m, noise_rad)
-        # The agent turns its points by the heading that it believes in: its map's axes are off by its error.
+        # The agent turns its points by the heading that it believes in: its map's axes are off by its error. The map
+        # lies on the cells of the world, of which those nearest to where the agent believes to be are in its middle.
+        place = rotated(believed[None, :2], -self.axes_rad)[0]
+        way = way_to_world_cells(place, self.grid.cell_m)
         frame = agent.xyz_yaw.copy()
         frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
+        frame[:2] += rotated(way[None], frame[3])[0]
         points = sweeps_of(self.clip, number, member, self.sweeps)
         points = moved(thin(points, self.rng, settings.thinned), agent.xyz_yaw, frame)
         shown = scene.returns[:, member] > 0
@@ -153,6 +158,7 @@ class _Draft:
         self.seen.append(make_targets(boxes, velocity, scene.label[shown], self.grid))
         self.frames.append(frame)
         self.believed.append(believed)
+        self.middles.append(place + way)
 
     def _view(self, member: int) -> ReceiverView:
         scene, own = self.clip.scenes[self.number], self._row(self.number, member)
@@ -184,7 +190,7 @@ class _Draft:
         return int(self.rng.integers(1, most + 1)) if most and self.rng.random() < self.settings.late else 0
 
     def _offset(self, own: int, other: int) -> Floats:
-        x, y = rotated((self.believed[own] - self.believed[other])[None, :2], -self.axes_rad)[0]
+        x, y = self.middles[own] - self.middles[other]
         return np.array([x, -y if self.mirrored else y, 0.0])
 
     def _part(self, boxes: Floats) -> BevGrid:

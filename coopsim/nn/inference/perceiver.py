@@ -42,7 +42,7 @@ class OwnMap:
 
     Attributes:
         features: (64, h, w), for its own use.
-        message: for the others.
+        message: for the others, with the same cells.
     """
 
     features: Tensor
@@ -81,21 +81,40 @@ class PlacedMap:
     kind: int
 
 
-def compass_region(region_m: tuple[float, float], heading_rad: float, cell_m: float) -> BevGrid:
+def way_to_world_cells(position_m: Floats, cell_m: float) -> Floats:
+    """Return the way from an agent to the nearest corner of the world's coarse cells, (2,) m, in the world's axes.
+
+    On cells of the world, the maps of all agents have the same cells: a warp copies, and blurs nothing. The cells are
+    those of the encoder's coarsest scale, so that its finer ones are alike, too.
+
+    Args:
+        position_m: (2,) of the agent in the world, as it is estimated.
+        cell_m: edge of a cell of features.
+    """
+    step_m = COARSEST / STRIDE * cell_m
+    way: Floats = step_m * np.round(position_m / step_m) - position_m
+    return way
+
+
+def compass_region(
+    region_m: tuple[float, float], heading_rad: float, cell_m: float, corner_m: Sequence[float] | Floats = (0.0, 0.0)
+) -> BevGrid:
     """Return the cells around a region |x| <= X, |y| <= Y of an agent's base frame, in axes in which it is turned.
 
     Args:
         region_m: X and Y.
         heading_rad: the agent's heading in those axes.
-        cell_m: edge of a cell; edges of cells go through the agent, and rows and columns divide by 8.
+        cell_m: edge of a cell.
+        corner_m: (2,) a place, seen from the agent, at which corners of coarse cells meet, see `way_to_world_cells`.
     """
     cos, sin = abs(np.cos(heading_rad)), abs(np.sin(heading_rad))
-    step_m = COARSEST / 2 * cell_m
-    reach = [
-        step_m * float(np.ceil(extent_m / step_m - 1e-9))
-        for extent_m in (cos * region_m[0] + sin * region_m[1], sin * region_m[0] + cos * region_m[1])
-    ]
-    return BevGrid((-reach[0], reach[0]), (-reach[1], reach[1]), cell_m)
+    extents = (cos * region_m[0] + sin * region_m[1], sin * region_m[0] + cos * region_m[1])
+    step_m = COARSEST / STRIDE * cell_m
+    sides = []
+    for extent_m, start_m in zip(extents, corner_m, strict=True):
+        low, high = -np.ceil((extent_m + start_m) / step_m - 1e-9), np.ceil((extent_m - start_m) / step_m - 1e-9)
+        sides.append((start_m + step_m * float(low), start_m + step_m * float(high)))
+    return BevGrid(sides[0], sides[1], cell_m)
 
 
 class Perceiver:
@@ -112,20 +131,33 @@ class Perceiver:
         cell_m = detector.config.cell_m
         reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
         self.sweeps, self._space, self._threads = detector.config.sweeps, space, threads
-        self._pillars = BevGrid((-reach_m, reach_m), (-reach_m, reach_m), cell_m)
-        self.grid = self._pillars.coarser(STRIDE)
+        self._reach_m, self._pillar_m = reach_m, cell_m
+        self.cell_m = STRIDE * cell_m
         self._encoder, self._net, self._head = QuickEncoder(detector.encoder), net, folded(net.head)
         self._channels = net.message_channels
 
-    def encode(self, clouds: Sequence[NDArray[np.float32]]) -> list[OwnMap]:
-        """Return the maps of A agents from their points (P, 5)."""
-        return side_by_side([partial(self._encode, points) for points in clouds], self._threads)
+    def encode(self, clouds: Sequence[NDArray[np.float32]], positions_m: Sequence[Floats]) -> list[OwnMap]:
+        """Return the maps of A agents.
 
-    def _encode(self, points: NDArray[np.float32]) -> OwnMap:
+        Args:
+            clouds: of each its points (P, 5), in its compass frame.
+            positions_m: (2,) of each in the world, as it is estimated: its map lies on the world's cells.
+        """
+        tasks = [partial(self._encode, *each) for each in zip(clouds, positions_m, strict=True)]
+        return side_by_side(tasks, self._threads)
+
+    def region(self, region_m: tuple[float, float], heading_rad: float, position_m: Floats) -> BevGrid:
+        """Return the world's cells around a region of an agent's base frame, see `compass_region`."""
+        return compass_region(region_m, heading_rad, self.cell_m, way_to_world_cells(position_m, self.cell_m))
+
+    def _encode(self, points: NDArray[np.float32], position_m: Floats) -> OwnMap:
+        x_m, y_m = way_to_world_cells(position_m, self.cell_m)
+        reach_m = self._reach_m
+        pillars = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._pillar_m)
         with inference():
-            features = self._encoder(collate([pillarize(points, self._pillars)]))
+            features = self._encoder(collate([pillarize(points, pillars)]))
             values, confidence = self._net.message(features)
-        message = FeatureMap(values[0].numpy(), self.grid, confidence[0].numpy(), space=self._space)
+        message = FeatureMap(values[0].numpy(), pillars.coarser(STRIDE), confidence[0].numpy(), space=self._space)
         return OwnMap(features[0], message)
 
     def receive(self, content: FeatureMap) -> ReceivedMap:
@@ -153,7 +185,7 @@ class Perceiver:
     def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap]) -> Tensor:
         """Return fused features (64, H, W) on the cells of a region around the receiver."""
         with inference():
-            inside, own_mask = warp(own.features[None], self.grid, region, np.zeros((1, 3)))
+            inside, own_mask = warp(own.features[None], own.message.grid, region, np.zeros((1, 3)))
             placed = [(each, *_warped(each, region)) for each in received]
             placed = [each for each in placed if each[2].any()]
             values = torch.cat([each[1] for each in placed]) if placed else inside[:0]

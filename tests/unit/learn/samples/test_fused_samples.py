@@ -40,6 +40,15 @@ def test_with_errors_of_poses_some_are_not() -> None:
     assert np.mean(shares) < 0.97
 
 
+@pytest.mark.parametrize("mirrored", [0.0, 1.0])
+def test_maps_lie_on_cells_of_the_world_whatever_the_errors_of_poses(mirrored: float) -> None:
+    settings = SampleSettings(noise_m=1.0, noise_deg=2.0, mirrored=mirrored, dropout=0.0)
+    for sample in scene_samples(clip(3), np.random.default_rng(0), settings):
+        cells = np.concatenate([view.source_SE2_target[:, :2] for view in sample.views]) / (4 * sample.grid.cell_m)
+        assert np.abs(cells).max() > 1
+        np.testing.assert_allclose(cells, np.round(cells), atol=1e-6)
+
+
 def test_truth_is_what_the_receiver_or_a_sender_has_seen() -> None:
     for number, sample in enumerate(scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**PLAIN))):
         scene = clip(3).scenes[number]
