@@ -85,7 +85,7 @@ def used(draft: Any, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) 
     return seen[-1]
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_policy_fuses_what_its_network_was_trained_on(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

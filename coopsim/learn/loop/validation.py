@@ -24,7 +24,7 @@ from coopsim.nn.detector.decode import GROUPS, cell_centers
 from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 
-_VEHICLES, _, _PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
+VEHICLES, _, PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
 
 
 class HeldOut:
@@ -49,13 +49,14 @@ class HeldOut:
                 self._batches += [self._task.collate([sample]) for sample in samples]
         maps = [each for batch in self._batches for each in self._task.find(net, to_device(batch, self._device))]
         return {
-            "AP@0.5": _precision(maps, _VEHICLES, 0.5),
-            "AP@0.7": _precision(maps, _VEHICLES, 0.7),
-            "people AP@0.3": _precision(maps, _PEOPLE, 0.3),
+            "AP@0.5": precision_of(maps, VEHICLES, 0.5),
+            "AP@0.7": precision_of(maps, VEHICLES, 0.7),
+            "people AP@0.3": precision_of(maps, PEOPLE, 0.3),
         }
 
 
-def _precision(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> float:
+def precision_of(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> float:
+    """Return the average precision of what was found in maps, seen from above, of the classes with these labels."""
     found, truth = [], []
     for each in maps:
         kept = np.isin(each.detections.label, labels)

@@ -36,6 +36,7 @@ class SampleSettings:
         mirrored: share of samples seen in a mirror.
         noise_m: largest standard deviation of the agents' positions where clouds are merged or maps fused.
         noise_deg: the same of their headings.
+        noisy: share of fused samples, and of clouds that are merged, with such errors.
         dropout: probability that an agent does not take part in a merged or fused sample.
         late: share of fused samples with messages from earlier scenes.
         sparse: share of fused samples of which only the surest cells arrive.
@@ -48,6 +49,7 @@ class SampleSettings:
     mirrored: float = 0.5
     noise_m: float = 0.0
     noise_deg: float = 0.0
+    noisy: float = 1.0
     dropout: float = 0.2
     late: float = 0.5
     sparse: float = 0.0
@@ -58,8 +60,8 @@ class SampleSettings:
             require_count(8, crop_cells=self.crop_cells)
         require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
         require_probability(
-            merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, dropout=self.dropout, late=self.late,
-            sparse=self.sparse,
+            merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, noisy=self.noisy, dropout=self.dropout,
+            late=self.late, sparse=self.sparse,
         )  # fmt: skip
 
 
@@ -167,7 +169,7 @@ def _cloud(
     points = thin(points, rng, settings.thinned)
     pose = agent.xyz_yaw
     if not own and settings.noise_m + settings.noise_deg > 0:
-        strength = rng.random()
+        strength = rng.random() * float(rng.random() < settings.noisy)
         pose = noisy(pose, rng, strength * settings.noise_m, np.deg2rad(strength * settings.noise_deg))
     return moved(points, pose, frame)
 

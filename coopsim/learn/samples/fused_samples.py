@@ -109,7 +109,8 @@ class _Draft:
         self.sweeps = sweeps
         self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
-        self.strength, self.axes_rad = rng.random(), rng.uniform(-np.pi, np.pi)
+        self.strength = rng.random() * float(rng.random() < settings.noisy)
+        self.axes_rad = rng.uniform(-np.pi, np.pi)
         self.mirrored = rng.random() < settings.mirrored
         self.ages = {member: self._age() for member in members}
         self.rows: dict[tuple[int, int], int] = {}

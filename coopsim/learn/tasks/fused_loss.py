@@ -31,11 +31,26 @@ def cooperative_loss(
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):
         features = detector.encoder(sample.pillars)
     values, sure = net.message(features)
-    parts = {"sure": heat_loss(net.sure(features).float(), sample.seen.to(features.device), sample.objects)}
+    parts = {
+        "sure": heat_loss(net.sure(features).float(), sample.seen.to(features.device), sample.objects),
+        "copy": copy_loss(net, features.detach(), values),
+    }
     for view in sample.views:
         for name, part in _view_losses(net, features, values, sure, sample.grid, view).items():
             parts[name] = parts.get(name, torch.zeros_like(part)) + part / len(sample.views)
     return {"loss": sum_of(parts), **parts}
+
+
+def copy_loss(net: CooperativeNet, features: Tensor, values: Tensor) -> Tensor:
+    """Return the share of features' energy that a message without delay loses: expanded, it should be what was sent.
+
+    Args:
+        net: the cooperative network.
+        features: (A, features, h, w).
+        values: (A, C, h, w) its message of them.
+    """
+    copied = net.expand(values.contiguous(memory_format=torch.channels_last), values.new_zeros(len(values)))
+    return ((copied.float() - features.float()) ** 2).sum() / (features.float() ** 2).sum().clamp_min(1e-6)
 
 
 def surest(sure: Tensor, most_cells: int) -> Tensor:

@@ -49,6 +49,13 @@ def test_maps_lie_on_cells_of_the_world_whatever_the_errors_of_poses(mirrored: f
         np.testing.assert_allclose(cells, np.round(cells), atol=1e-6)
 
 
+def test_a_share_of_samples_has_no_errors() -> None:
+    settings = SampleSettings(noise_m=3.0, noisy=0.5, **PLAIN)
+    samples = [each for seed in range(3) for each in scene_samples(clip(4), np.random.default_rng(seed), settings)]
+    shares = [min(hit(sample, view) for view in sample.views) for sample in samples]
+    assert 0.2 < np.mean(np.array(shares) == 1) < 0.9
+
+
 def test_truth_is_what_the_receiver_or_a_sender_has_seen() -> None:
     for number, sample in enumerate(scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**PLAIN))):
         scene = clip(3).scenes[number]
