@@ -20,7 +20,7 @@ from coopsim.config.spec import parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import ReceivedBoxes
 from coopsim.geometry.box_cover import covers
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.tracker import Tracker
@@ -82,6 +82,11 @@ class PerceivingPolicy(TrackingPolicy):
         if not (isinstance(self.region_m, (tuple, list)) and len(self.region_m) == 2):
             raise InvalidValueError(f"region_m must be two numbers, half of length and width, got {self.region_m!r}")
         require_between(5, 300, **{"region_m[0]": self.region_m[0], "region_m[1]": self.region_m[1]})
+        if self.delayed != "as_current":
+            raise InvalidValueError(
+                f"delayed must be left at 'as_current', got {self.delayed!r}: a network is told how late "
+                "messages are, and what it finds is of now"
+            )
         self._tracking = _tracking_policy(self.tracker)
         self._heard: dict[str, dict[str, Heard]] = {}
         super().__post_init__()
@@ -142,9 +147,18 @@ class PerceivingPolicy(TrackingPolicy):
         if not observation.sensed:
             return Detections.empty()
         found = self.find(agent, observation, heard).transform(base_SE3_compass(observation))
-        if not self._states[agent].is_object:
-            return found
-        return found[~covers(found.boxes, np.zeros(2))]  # no agent is its own object
+        if self._states[agent].is_object:  # no agent is its own object
+            for place_m in self._own_places(agent, observation.time_ns, heard):
+                found = found[~covers(found.boxes, place_m)]
+        return found
+
+    def _own_places(self, agent: str, now_ns: int, heard: Sequence[Heard]) -> Floats:
+        """Return where the agent is, and where it was when late messages were captured: (M, 2) m in its base frame."""
+        frame, now_m = self._states[agent].frame, np.zeros((1, 2))
+        before_ns = sorted({each.captured_ns for each in heard if each.captured_ns < now_ns})
+        if not before_ns:
+            return now_m
+        return np.concatenate([now_m, frame.odom_SE3_base.inverse().apply(frame.positions_at(before_ns))[:, :2]])
 
     def compass_SE3_sender(self, agent: str, observation: Observation, heard: Heard) -> SE3:
         """Return the sender's base frame at capture, in the receiver's compass frame now."""

@@ -225,6 +225,20 @@ def test_no_agent_is_its_own_object(name: str) -> None:
 
 
 @EVERY
+def test_no_agent_is_its_own_object_where_it_was_when_late_messages_were_captured(name: str) -> None:
+    policy = make(name)
+    behind = Boxes3D.from_array([[x, 0.3, 0.8, 4.5, 1.9, 1.6, 0.2] for x in (-6.0, -12.0)])
+    policy.find = lambda *args: Detections(behind, np.ones(2), np.zeros(2, int))  # type: ignore[method-assign]
+    for captured, left in ((0, 1), (2, 2)):
+        begin(policy)
+        for k in range(3):  # 3 m forward in each frame
+            inbox = [said(policy, captured * FRAME_NS)] if k == 2 else []
+            moved = replace(observe(k * FRAME_NS, *inbox), odometry=Odometry(np.array([3.0 * (k > 0), 0, 0, 0])))
+            policy.track("cav_0", moved)
+        assert len(policy.detections("cav_0")) == left
+
+
+@EVERY
 def test_no_truth_reaches_a_network(name: str) -> None:
     def tracks(truth: str, seed: int) -> list[Any]:
         policy, rng = make(name), np.random.default_rng(seed)
@@ -319,6 +333,7 @@ def test_recordings_have_no_lidar(name: str) -> None:
         ({"tracker": "attfuse"}, InvalidValueError, "tracker must be a policy that tracks boxes"),
         ({"region_m": 3}, InvalidValueError, "region_m must be two numbers"),
         ({"region_m": (1e9, 4)}, InvalidValueError, r"region_m\[0\] must be in \[5, 300\]"),
+        ({"delayed": "replay"}, InvalidValueError, "delayed must be left at 'as_current'"),
         ({"memory_s": 0}, InvalidValueError, "memory_s must be"),
         ({"least_score": 2}, InvalidValueError, r"least_score must be in \[0, 1\]"),
         ({"weights": "nobodys"}, UnknownNameError, "unknown weights 'nobodys'"),
