@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import mean, stdev
 from typing import Any
 
 from tabulate import tabulate
@@ -23,6 +24,8 @@ def tables(rows: Sequence[Row], protocols: Sequence[Row], methods: Mapping[str, 
     clean = {name: pooled[CLEAN, policy] for name, policy in methods.items() if (CLEAN, policy) in pooled}
     titles = list(dict.fromkeys(title for title, _ in pooled))
     parts = ["## APBEV@0.5 / @0.7 of vehicles\n\n" + _main(pooled, titles, methods)]
+    if seeds := _seeds(pooled, titles, methods):
+        parts.append("## APBEV@0.5 / @0.7 by training seeds: mean and standard deviation\n\n" + seeds)
     columns = (
         "APBEV@0.3", "APBEV@0.5 own", "APBEV@0.5 others_only", "recall others_only", "recall", "false_per_frame",
         "APBEV@0.3 people", "APBEV@0.3 riders", "APBEV@0.5 0-30m", "APBEV@0.5 30-50m", "APBEV@0.5 50-100m", "AP3D@0.7",
@@ -57,6 +60,22 @@ def _main(pooled: Mapping[tuple[str, str], Row], titles: Sequence[str], methods:
     sizes = {title: {row["frames"] for (of, _), row in pooled.items() if of == title} for title in titles}
     heads = [f"{title} ({'/'.join(map(str, sorted(sizes[title])))} frames)" for title in titles]
     return _table(cells, ("", "bytes", *heads))
+
+
+def _seeds(pooled: Mapping[tuple[str, str], Row], titles: Sequence[str], methods: Mapping[str, str]) -> str:
+    """Return the table of the methods that were trained several times: "attention", "attention, seed 1", ..."""
+    cells = []
+    for name in methods:
+        trained = [policy for title, policy in methods.items() if title == name or title.startswith(f"{name}, seed ")]
+        if len(trained) < 2:
+            continue
+        row = [name]
+        for title in titles:
+            rows = [pooled[title, policy] for policy in trained if (title, policy) in pooled]
+            values = [[row[metric] for row in rows] for metric in ("APBEV@0.5", "APBEV@0.7")]
+            row.append(" / ".join(f"{mean(each):.3f} +- {stdev(each):.3f}" for each in values) if rows[1:] else "-")
+        cells.append([*row, str(len(trained))])
+    return _table(cells, ("", *titles, "seeds")) if cells else ""
 
 
 def _ap(row: Row | None, metrics: Sequence[str]) -> str:
