@@ -38,6 +38,8 @@ METHODS = {
     "AttFuse": "attfuse",
     "Where2comm": "where2comm",
     "pyramid": "pyramid",
+    "late, aligned": "late_fusion(merge=nms, align=true)",
+    "Where2comm, aligned": "where2comm(align=true)",
 }
 _RAIN = {"weather": {"rain_mm_h": 10}}
 
