@@ -50,7 +50,8 @@ def copy_loss(net: CooperativeNet, features: Tensor, values: Tensor) -> Tensor:
         values: (A, C, h, w) its message of them.
     """
     copied = net.expand(values.contiguous(memory_format=torch.channels_last), values.new_zeros(len(values)))
-    return ((copied.float() - features.float()) ** 2).sum() / (features.float() ** 2).sum().clamp_min(1e-6)
+    lost: Tensor = ((copied.float() - features.float()) ** 2).sum()
+    return lost / (features.float() ** 2).sum().clamp_min(1e-6)
 
 
 def surest(sure: Tensor, most_cells: int) -> Tensor:
