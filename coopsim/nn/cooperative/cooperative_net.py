@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor, nn
@@ -133,7 +133,7 @@ class CooperativeNet(nn.Module):
         sure = context.own_confidence
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
-        return own, own_mask, others, mask, FusionContext(context.delay_s, context.kind, context.confidence, sure)
+        return own, own_mask, others, mask, replace(context, own_confidence=sure)
 
 
 def _start_as_nothing(layer: nn.Module) -> None:

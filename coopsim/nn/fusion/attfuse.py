@@ -7,7 +7,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
+from coopsim.nn.fusion.feature_fusion import (
+    FUSIONS,
+    FeatureFusion,
+    FusionContext,
+    likeness,
+    masked_softmax,
+    weighted_sum,
+)
 
 
 @FUSIONS.register("attfuse")
@@ -30,6 +37,5 @@ class AttFuse(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        likeness = torch.cat([(own * own).sum(0, keepdim=True), (own * others).sum(1)])
-        weights = masked_softmax(likeness / len(own) ** 0.5, torch.cat([own_mask[None], mask]))
+        weights = masked_softmax(likeness(own, others), torch.cat([own_mask[None], mask]))
         return weighted_sum(own, others, weights)

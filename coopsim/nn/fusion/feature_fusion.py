@@ -9,6 +9,7 @@ What every fusion keeps to, and the tests hold all registered ones to:
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,12 +29,14 @@ class FusionContext:
         kind: (S,) int: 0 car, 1 roadside unit, 2 drone.
         confidence: (S, H, W) in [0, 1], warped as the maps; None: not known.
         own_confidence: (H, W) in [0, 1] of the receiver's own map; None: not known.
+        own_kind: of the receiver, as `kind`.
     """
 
     delay_s: Tensor
     kind: Tensor
     confidence: Tensor | None = None
     own_confidence: Tensor | None = None
+    own_kind: int = 0
 
     @classmethod
     def plain(cls, senders: int) -> FusionContext:
@@ -107,6 +110,15 @@ def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
     """
     logits = logits.float().masked_fill(~mask, torch.finfo(torch.float32).min)
     return logits.softmax(0) * mask
+
+
+def likeness(own: Tensor, others: Tensor) -> Tensor:
+    """Return x_0 . x_j / sqrt(C) in each cell, (1 + S, H, W), of an own map x_0 (C, H, W) and others x_j (S, C, H, W).
+
+    Row 0 is that of the own map with itself.
+    """
+    products = torch.cat([(own * own).sum(0, keepdim=True), (own * others).sum(1)])
+    return products / math.sqrt(len(own))
 
 
 def weighted_sum(own: Tensor, others: Tensor, weights: Tensor) -> Tensor:

@@ -1,0 +1,130 @@
+"""V2X-ViT: attention over agents of several kinds, and in windows of several sizes inside each agent's map (Xu et al.,
+"V2X-ViT: Vehicle-to-Everything Cooperative Perception with Vision Transformer", ECCV 2022).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from coopsim.nn.fusion.agents_by_kind import AgentsByKind
+from coopsim.nn.fusion.delay_code import DelayCode
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
+from coopsim.nn.fusion.patches import Patches, starting_as_zeros
+from coopsim.nn.fusion.windows import WindowAttention, feed_forward
+from coopsim.support.checks import require_choice, require_count
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    stride: int
+    width: int
+    heads: int
+    window_heads: tuple[int, ...]
+    windows: tuple[int, ...]
+    depth: int
+
+
+_SIZES = {"small": _Size(2, 64, 2, (2, 2), (4, 8), 2), "reference": _Size(1, 256, 8, (16, 8, 4), (4, 8, 16), 3)}
+
+
+@FUSIONS.register("v2x_vit")
+class V2XViT(FeatureFusion):
+    """Fuse by blocks of attention over agents, attention in windows, and a feed-forward part (section 3.3).
+
+    Each agent's tokens begin with a code of its message's delay (section 3.2.1, see `DelayCode`). A block is
+
+        x <- x + HMSA(norm(x))    over the agents in each place, by their kinds (eq. 2 to 5, see `AgentsByKind`)
+        x <- x + MSwin(norm(x))   in windows of several sizes inside each agent's map (see `SplitWindows`)
+        x <- x + MLP(norm(x))
+
+    Cells are fused as `Patches` has it, with logits that are linear in each agent's tokens before the last block's
+    windows, and with the receiver's tokens after the last block, in which it alone is computed.
+
+    The published code numbers delays in frames and looks them up in a table that is trained; here a delay is a real
+    number of seconds. The correction for how agents moved meanwhile is in the warp, the prior of speed is left out, and
+    so is dropout, as trainings here use no generator that all share.
+
+    Args:
+        features: number of channels.
+        size: "small", with patches of 2 x 2 cells, or "reference", the paper's, a token a cell.
+
+    Raises:
+        InvalidValueError: a value is not accepted.
+    """
+
+    def __init__(self, features: int = 64, *, size: str = "small") -> None:
+        super().__init__()
+        require_count(1, features=features)
+        require_choice("size", size, _SIZES)
+        chosen = _SIZES[size]
+        self.patches = Patches(features, chosen.width, chosen.stride, max(chosen.windows))
+        self.delay = DelayCode(chosen.width)
+        self.blocks = nn.ModuleList(_Block(chosen) for _ in range(chosen.depth))
+        self.norm = nn.LayerNorm(chosen.width)
+        self.weigh = starting_as_zeros(chosen.width, chosen.stride**2)
+
+    def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
+        """Fuse; see `FeatureFusion.forward`."""
+        tokens, valid = self.patches.tokens(own, own_mask, others, mask)
+        tokens = self.delay(tokens, context.delay_s)
+        kinds = [context.own_kind, *context.kind.long().tolist()]
+        for block in self.blocks[:-1]:
+            tokens = block(tokens, valid, kinds)
+        weights = self.patches.weights(own, own_mask, others, mask, self.weigh(tokens))
+        found = self.blocks[-1](tokens, valid, kinds, receivers=1)
+        return self.patches.fuse(own, others, mask, weights, self.norm(found[0]))
+
+
+class _Block(nn.Module):
+    """Attention over agents, in windows, and a feed-forward part."""
+
+    def __init__(self, size: _Size) -> None:
+        super().__init__()
+        self.norms = nn.ModuleList(nn.LayerNorm(size.width) for _ in range(2))
+        self.agents = AgentsByKind(size.width, size.heads)
+        self.windows = SplitWindows(size.width, size.window_heads, size.windows)
+        self.forward_part = feed_forward(size.width, 2 * size.width)
+
+    def forward(self, tokens: Tensor, valid: Tensor, kinds: list[int], receivers: int | None = None) -> Tensor:
+        """Return the tokens of the first agents only, of all by default."""
+        found = self.agents(self.norms[0](tokens), valid, kinds, receivers)
+        tokens = tokens[: len(found)] + found
+        # The receiver has now heard of all places that anyone sees; of a sender's map its own ones count.
+        seen = torch.cat([valid.any(0, keepdim=True), valid[1 : len(found)]])
+        tokens = tokens + self.windows(self.norms[1](tokens), seen)
+        after: Tensor = tokens + self.forward_part(tokens)
+        return after
+
+
+class SplitWindows(nn.Module):
+    """Attention in windows of several sizes at once, joined by split attention (Zhang et al., "ResNeSt", 2020).
+
+    Channel by channel, sizes are weighted by the softmax of what a small network makes of the mean over the map.
+
+    Args:
+        width: channels of a token.
+        heads: of each size.
+        windows: tokens of a window's edge, of each size.
+    """
+
+    def __init__(self, width: int, heads: tuple[int, ...], windows: tuple[int, ...]) -> None:
+        super().__init__()
+        self.branches = nn.ModuleList(
+            WindowAttention(width, number, window) for number, window in zip(heads, windows, strict=True)
+        )
+        hidden = width // 2
+        self.choose = nn.Sequential(
+            nn.Linear(width, hidden), nn.LayerNorm(hidden), nn.ReLU(), nn.Linear(hidden, width * len(windows))
+        )
+
+    def forward(self, tokens: Tensor, valid: Tensor) -> Tensor:
+        """Return (L, h, w, width) of tokens (L, h, w, width) and the valid ones (L, h, w)."""
+        found = torch.stack([branch(tokens, valid) for branch in self.branches])
+        present = valid[..., None].to(found.dtype)
+        mean = (found.sum(0) * present).sum((1, 2)) / present.sum((1, 2)).clamp_min(1)
+        weights = self.choose(mean).view(len(tokens), len(found), -1).softmax(1).transpose(0, 1)
+        joined: Tensor = (found * weights[:, :, None, None]).sum(0)
+        return joined

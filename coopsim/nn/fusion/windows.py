@@ -1,0 +1,92 @@
+"""Attention among the tokens of a window."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+MASKED = -30000.0
+"""Added to the logits of tokens that take no part: their weights are zero in all numbers, and no sum of them is NaN."""
+
+
+class WindowAttention(nn.Module):
+    """Multi-head attention among the tokens of a window, with a bias for each of their offsets (Liu et al., "Swin
+    Transformer", ICCV 2021, eq. 4).
+
+    Args:
+        width: channels of a token.
+        heads: number of heads; divides `width`.
+        window: tokens of a window's edge; divides rows and columns.
+        spread: the tokens of a window are not neighbours, but a grid over the whole map (Tu et al., "MaxViT", ECCV
+            2022).
+        together: windows hold the tokens of all agents, and biases differ between tokens of one agent and of two; else
+            each agent's are its own.
+    """
+
+    def __init__(self, width: int, heads: int, window: int, *, spread: bool = False, together: bool = False) -> None:
+        super().__init__()
+        self._heads, self._window, self._spread, self._together = heads, window, spread, together
+        self.mix = nn.Linear(width, 3 * width)
+        self.out = nn.Linear(width, width)
+        self.bias = nn.Parameter(torch.zeros(2 if together else 1, heads, (2 * window - 1) ** 2))
+        self.register_buffer("offset", _offsets(window), persistent=False)
+
+    def forward(self, tokens: Tensor, valid: Tensor) -> Tensor:
+        """Return (L, h, w, width).
+
+        Args:
+            tokens: (L, h, w, width) of L agents.
+            valid: (L, h, w) bool, the tokens that others see.
+        """
+        agents = len(tokens)
+        grouped = self._grouped(tokens)
+        windows = grouped.view(-1, (agents if self._together else 1) * self._window**2, tokens.shape[-1])
+        seen = self._grouped(valid[..., None]).view(len(windows), -1)
+        found: Tensor = self.out(self._attend(windows, seen, agents)).view(grouped.shape)
+        back = (2, 3, 0, 4, 1, 5) if self._spread else (2, 0, 3, 1, 4, 5)
+        return found.permute(back).reshape(tokens.shape)
+
+    def _grouped(self, values: Tensor) -> Tensor:
+        """Return values (L, h, w, C) as (windows along y, along x, L, window, window, C)."""
+        agents, rows, columns, width = values.shape
+        size = self._window
+        if self._spread:
+            split = values.view(agents, size, rows // size, size, columns // size, width).permute(2, 4, 0, 1, 3, 5)
+        else:
+            split = values.view(agents, rows // size, size, columns // size, size, width).permute(1, 3, 0, 2, 4, 5)
+        return split.contiguous()
+
+    def _attend(self, windows: Tensor, seen: Tensor, agents: int) -> Tensor:
+        """Return what each of the tokens (G, T, width) of G windows finds among those of its window that are seen."""
+        groups, tokens, width = windows.shape
+        mixed = self.mix(windows).view(groups, tokens, 3, self._heads, -1).permute(2, 0, 3, 1, 4)
+        query, key, value = mixed.unbind()
+        logits = torch.matmul(query * (width // self._heads) ** -0.5, key.transpose(-1, -2))
+        bias = self._bias(agents) if self._together else self._bias(1)
+        logits = logits + bias.to(logits.dtype)
+        logits = logits + (~seen)[:, None, None].to(logits.dtype) * MASKED
+        # On processors half as long as scaled_dot_product_attention takes in windows that are this small.
+        found = torch.matmul(logits.softmax(-1), value)
+        return found.transpose(1, 2).reshape(windows.shape)
+
+    def _bias(self, agents: int) -> Tensor:
+        """Return the biases (heads, T, T) of windows with the tokens of so many agents."""
+        by_offset = self.bias[:, :, self.get_buffer("offset")]
+        if agents == 1:
+            return by_offset[0]
+        size = self._window**2
+        same = torch.eye(agents, dtype=torch.bool, device=by_offset.device)[None, :, None, :, None]
+        both = torch.where(same, by_offset[0][:, None, :, None], by_offset[-1][:, None, :, None])
+        return both.reshape(self._heads, agents * size, agents * size)
+
+
+def _offsets(window: int) -> Tensor:
+    """Return the number of the offset between each two tokens of a window, (T, T)."""
+    row, column = torch.arange(window**2) // window, torch.arange(window**2) % window
+    down, right = (each[:, None] - each + window - 1 for each in (row, column))
+    return down * (2 * window - 1) + right
+
+
+def feed_forward(width: int, hidden: int) -> nn.Sequential:
+    """Return the two layers that a transformer applies to each token, with the normalisation before them."""
+    return nn.Sequential(nn.LayerNorm(width), nn.Linear(width, hidden), nn.GELU(), nn.Linear(hidden, width))
