@@ -53,6 +53,8 @@ class TrainingRecipe:
         held_out: number of clips of held-out places, see `coopsim.learn.loop.validation`.
         start: weights to begin with, by name or path; None: random ones.
         detector: weights that stage B and C stand on, by name or path.
+        teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; None:
+            nobody does. See `coopsim.learn.losses.teacher_loss`.
         network: options of the network: of `EncoderConfig` for stage A, of `CooperativeConfig` for B and C.
         world: options of `WorldRecipe`: what the clips show.
         samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed.
@@ -75,6 +77,7 @@ class TrainingRecipe:
     held_out: int = 12
     start: str | None = None
     detector: str = "pillars"
+    teacher: str | None = None
     network: Mapping[str, Any] = field(default_factory=dict)
     world: Mapping[str, Any] = field(default_factory=dict)
     samples: Mapping[str, Any] = field(default_factory=dict)
@@ -84,6 +87,10 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
+        if self.kind == "detector" and self.teacher is not None:
+            raise InvalidValueError(
+                f"teacher must be none with kind: detector, got {self.teacher!r}: it is for fusions"
+            )
         require_count(
             1,
             held_out=self.held_out,

@@ -10,7 +10,7 @@ from coopsim.learn.losses.targets import Targets
 from coopsim.nn.detector.box_code import AXIS, HEADING, HEIGHT, LOG_VARIANCE, OFFSET, SIZE, VELOCITY, residuals
 from coopsim.nn.detector.centre_head import CentreHead, at_cells
 
-WEIGHTS = {"velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3}
+WEIGHTS = {"velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3, "teacher": 10.0}
 """Weights of the parts of the loss; those of the others are 1."""
 
 

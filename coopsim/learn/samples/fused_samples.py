@@ -12,6 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.targets import Targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.merged_cloud import merged_cloud
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
@@ -40,6 +41,7 @@ class ReceiverView:
         grid: the part of its map that is taught.
         targets: there, of all objects that the receiver or a sender has seen. The receiver is among them where a sender
             has seen it: a network cannot know who it is, so a policy drops the boxes over its agent.
+        merged: the points of all agents there, for a teacher; None: there is none.
     """
 
     own: int
@@ -50,6 +52,7 @@ class ReceiverView:
     most_cells: int | None
     grid: BevGrid
     targets: Targets
+    merged: PillarBatch | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +75,13 @@ class CooperativeSample:
 
 
 def scene_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
+    clip: Clip,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float = 0.6,
+    sweeps: int = 1,
+    *,
+    taught: bool = False,
 ) -> list[CooperativeSample]:
     """Return a sample for each scene of a clip that two or more agents take part in.
 
@@ -82,13 +91,14 @@ def scene_samples(
         settings: how.
         cell_m: edge of a pillar.
         sweeps: frames that the network is given, see `sweeps_of`.
+        taught: there is a teacher, who is shown the points of all.
     """
     samples = []
     for number in range(len(clip.scenes)):
         members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
         members = [k for k in members if len(clip.scenes[number].agents[k].points)]
         if len(members) > 1:
-            samples.append(_Draft(clip, number, members, rng, settings, cell_m, sweeps).sample())
+            samples.append(_Draft(clip, number, members, rng, settings, cell_m, sweeps, taught).sample())
     return samples
 
 
@@ -104,9 +114,10 @@ class _Draft:
         settings: SampleSettings,
         cell_m: float,
         sweeps: int,
+        taught: bool,
     ) -> None:
         self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
-        self.sweeps = sweeps
+        self.sweeps, self.taught = sweeps, taught
         self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
         self.strength = rng.random() * float(rng.random() < settings.noisy)
@@ -182,8 +193,15 @@ class _Draft:
         most = int(2 ** self.rng.uniform(4.0, 10.0)) if self.rng.random() < self.settings.sparse else None
         return ReceiverView(
             own, tuple(others), np.array(offsets), torch.tensor(delays), torch.tensor(kinds), most,
-            grid, make_targets(boxes, velocity, scene.label[known], grid),
+            grid, make_targets(boxes, velocity, scene.label[known], grid), self._merged(own, grid),
         )  # fmt: skip
+
+    def _merged(self, own: int, grid: BevGrid) -> PillarBatch | None:
+        """Return what a teacher sees in a part of a receiver's map; None: there is no teacher."""
+        if not self.taught:
+            return None
+        frame, sweeps = self.frames[own], self.sweeps
+        return merged_cloud(self.clip, self.number, self.members, frame, grid, sweeps=sweeps, mirrored=self.mirrored)
 
     def _age(self) -> int:
         """Return how many scenes a sender's messages are late: all receivers get the same ones."""

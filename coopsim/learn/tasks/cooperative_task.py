@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.teacher_loss import require_fitting
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_samples import CooperativeSample, scene_samples
@@ -34,7 +35,7 @@ class CooperativeTask(TrainingTask):
         seed: of the first weights.
 
     Raises:
-        InvalidValueError: detector, network and the weights to start with do not fit together.
+        InvalidValueError: detector, teacher, network and the weights to start with do not fit together.
     """
 
     net: CooperativeNet
@@ -56,6 +57,9 @@ class CooperativeTask(TrainingTask):
         else:
             self._start(load_cooperative(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
+        self.teacher = None if recipe.teacher is None else copy.deepcopy(load_detector(recipe.teacher))
+        if self.teacher is not None:
+            require_fitting(self.teacher, detector)
         self._metadata = {
             "kind": "cooperative",
             "config": asdict(config),
@@ -72,6 +76,8 @@ class CooperativeTask(TrainingTask):
     def train(self, mode: bool = True) -> Self:
         super().train(mode)
         self.detector.eval()
+        if self.teacher is not None:
+            self.teacher.eval()
         # Statistics of normalisation stay the detector's: one scene is too few to measure them.
         for module in self.net.modules():
             if isinstance(module, nn.modules.batchnorm._BatchNorm):
@@ -79,7 +85,8 @@ class CooperativeTask(TrainingTask):
         return self
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return scene_samples(clip, rng, self._settings, self.detector.config.cell_m, self.detector.config.sweeps)
+        config, taught = self.detector.config, self.teacher is not None
+        return scene_samples(clip, rng, self._settings, config.cell_m, config.sweeps, taught=taught)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)
@@ -93,7 +100,9 @@ class CooperativeTask(TrainingTask):
         return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
-        return mean_losses([cooperative_loss(self.detector, self.net, sample) for sample in batch])
+        return mean_losses(
+            [cooperative_loss(self.detector, self.net, sample, teacher=self.teacher) for sample in batch]
+        )
 
 
 def find_fused(detector: DetectorNet, net: CooperativeNet, batch: Iterable[CooperativeSample]) -> list[FoundMap]:

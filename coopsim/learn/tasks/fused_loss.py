@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from coopsim.learn.losses.losses import head_loss, heat_loss, sum_of
+from coopsim.learn.losses.teacher_loss import teacher_loss
 from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.cooperative.warp import warp
@@ -18,7 +19,12 @@ from coopsim.types import BevGrid
 
 
 def cooperative_loss(
-    detector: DetectorNet, net: CooperativeNet, sample: CooperativeSample, *, frozen: bool = True
+    detector: DetectorNet,
+    net: CooperativeNet,
+    sample: CooperativeSample,
+    *,
+    frozen: bool = True,
+    teacher: DetectorNet | None = None,
 ) -> dict[str, Tensor]:
     """Return the loss of a sample, the mean of its receivers: "loss", the weighted sum, and its parts.
 
@@ -27,6 +33,7 @@ def cooperative_loss(
         net: the cooperative network.
         sample: one moment.
         frozen: no gradients reach the encoder.
+        teacher: of merged clouds, which the views then have; None: nobody teaches.
     """
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):
         features = detector.encoder(sample.pillars)
@@ -36,7 +43,7 @@ def cooperative_loss(
         "copy": copy_loss(net, features.detach(), values),
     }
     for view in sample.views:
-        for name, part in _view_losses(net, features, values, sure, sample.grid, view).items():
+        for name, part in _view_losses(net, features, values, sure, sample.grid, view, teacher).items():
             parts[name] = parts.get(name, torch.zeros_like(part)) + part / len(sample.views)
     return {"loss": sum_of(parts), **parts}
 
@@ -86,7 +93,13 @@ def fused_features(
 
 
 def _view_losses(
-    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, grid: BevGrid, view: ReceiverView
+    net: CooperativeNet,
+    features: Tensor,
+    values: Tensor,
+    sure: Tensor,
+    grid: BevGrid,
+    view: ReceiverView,
+    teacher: DetectorNet | None,
 ) -> dict[str, Tensor]:
     fused, levels = fused_features(net, features, values, sure, grid, view)
     targets = view.targets.to(fused.device)
@@ -94,6 +107,8 @@ def _view_losses(
     parts.pop("loss")
     if levels:
         parts["foreground"] = foreground_loss(levels, targets.heat.amax(1, keepdim=True), targets.objects)
+    if teacher is not None and view.merged is not None:
+        parts["teacher"] = teacher_loss(teacher, view.merged, fused)
     return parts
 
 

@@ -68,7 +68,10 @@ class TogetherTask(TrainingTask):
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return mean_losses(
-            [cooperative_loss(self.net.detector, self.net.fused, sample, frozen=False) for sample in batch]
+            [
+                cooperative_loss(self.net.detector, self.net.fused, sample, frozen=False, teacher=self._fusion.teacher)
+                for sample in batch
+            ]
         )
 
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
