@@ -19,6 +19,7 @@ import coopsim
 from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.detector.detector_net import DetectorNet
@@ -43,13 +44,20 @@ def find_weights(name_or_path: str | Path) -> Path:
 
     Raises:
         UnknownNameError: there is neither.
+        InvalidValueError: there are none, but a recipe to train them.
     """
     path = Path(name_or_path).expanduser()
     if path.suffix == SUFFIX:
         return path
-    if str(name_or_path) not in shipped_weights():
-        raise UnknownNameError("weights", str(name_or_path), shipped_weights(), f"(or the path of a file *{SUFFIX})")
-    return _SHIPPED / f"{name_or_path}{SUFFIX}"
+    name, shipped = str(name_or_path), shipped_weights()
+    if name not in shipped:
+        if name in RECIPES:
+            raise InvalidValueError(
+                f"no weights of {name!r} ship yet: train them with 'coopsim train {name} --out DIR', and give "
+                f"weights='DIR/{name}{SUFFIX}'"
+            )
+        raise UnknownNameError("weights", name, shipped, f"(or the path of a file *{SUFFIX})")
+    return _SHIPPED / f"{name}{SUFFIX}"
 
 
 def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:

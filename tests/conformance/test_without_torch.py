@@ -24,7 +24,7 @@ def test_learned_policies_and_the_detector_name_the_extra() -> None:
     run("""
 from coopsim.errors import MissingDependencyError
 for make, names in (
-    (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid")),
+    (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf")),
     (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars",)),
 ):
     for name in names:

@@ -13,7 +13,7 @@ import torch
 from coopsim.learn.weights import encoder_digest, make_cooperative, make_detector, save_weights
 
 TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 4], "layers": [0, 0, 0], "features": 8}
-FUSIONS = ("attfuse", "fcooper", "pyramid", "where2comm")
+FUSIONS = ("attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm")
 
 
 @cache

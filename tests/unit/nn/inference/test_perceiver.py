@@ -95,7 +95,9 @@ def test_maps_are_the_same_for_any_number_of_threads() -> None:
         assert one.message.space == 7 and one.message.confidence is not None
 
 
-@pytest.mark.parametrize("name", ["attfuse", "fcooper", "pyramid", "where2comm"])
+@pytest.mark.parametrize(
+    "name", ["attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm"]
+)
 def test_a_senders_car_arrives_where_it_stands(name: str) -> None:
     """A receiver that sees nothing; a sender 24 m east and 12 m north of it that sees a car."""
     network, sender = perceiver(name), (24.0, 12.0, 0.0, 0.0)
