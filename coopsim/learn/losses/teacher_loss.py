@@ -48,4 +48,5 @@ def teacher_loss(teacher: DetectorNet, merged: PillarBatch, fused: Tensor) -> Te
     reported = (fused.detach() != 0).any(1)
     found = fused.float().log_softmax(1)
     distance = (known.exp() * (known - found)).sum(1)
-    return (distance * reported).sum() / reported.sum().clamp_min(1)
+    mean: Tensor = (distance * reported).sum() / reported.sum().clamp_min(1)
+    return mean
