@@ -89,7 +89,8 @@ class LearnedFusion(PerceivingPolicy):
             )
             for each in heard
         ]
-        return perceiver.detect(perceiver.fuse(own, region, placed), region, self.least_score)
+        fused = perceiver.fuse(own, region, placed, self._kind(agent))
+        return perceiver.detect(fused, region, self.least_score)
 
     def found_by(self, heading_rad: float, content: ReceivedMap) -> Detections:
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)

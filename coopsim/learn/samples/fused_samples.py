@@ -37,6 +37,7 @@ class ReceiverView:
         source_SE2_target: (S, 3) the place of its map in each sender's, as they believe: x m, y m, yaw rad.
         delay_s: (S,) age of each.
         kind: (S,) of the senders, by `KINDS`.
+        own_kind: of the receiver.
         most_cells: number of the surest cells that each message has; None: all.
         grid: the part of its map that is taught.
         targets: there, of all objects that the receiver or a sender has seen. The receiver is among them where a sender
@@ -49,6 +50,7 @@ class ReceiverView:
     source_SE2_target: Floats
     delay_s: Tensor
     kind: Tensor
+    own_kind: int
     most_cells: int | None
     grid: BevGrid
     targets: Targets
@@ -192,8 +194,9 @@ class _Draft:
         grid = self._part(boxes)
         most = int(2 ** self.rng.uniform(4.0, 10.0)) if self.rng.random() < self.settings.sparse else None
         return ReceiverView(
-            own, tuple(others), np.array(offsets), torch.tensor(delays), torch.tensor(kinds), most,
-            grid, make_targets(boxes, velocity, scene.label[known], grid), self._merged(own, grid),
+            own, tuple(others), np.array(offsets), torch.tensor(delays), torch.tensor(kinds),
+            KINDS.index(scene.agents[member].kind), most, grid,
+            make_targets(boxes, velocity, scene.label[known], grid), self._merged(own, grid),
         )  # fmt: skip
 
     def _merged(self, own: int, grid: BevGrid) -> PillarBatch | None:

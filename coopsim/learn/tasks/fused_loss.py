@@ -87,7 +87,9 @@ def fused_features(
     whole = torch.cat([values[others], sure[others].detach()[:, None]], dim=1)
     received, mask = warp(whole, grid, view.grid, view.source_SE2_target, sent)
     own_sure, _ = warp(sure[view.own][None, None].detach(), grid, view.grid, [[0.0, 0.0, 0.0]])
-    context = FusionContext(view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0])
+    context = FusionContext(
+        view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0], view.own_kind
+    )
     fused, beliefs = net.with_beliefs(own[0], own_mask[0], received[:, :-1], mask, context)
     return as_batch(fused), beliefs
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
+from coopsim.nn.attention.windows import WindowAttention, feed_forward
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
 from coopsim.nn.fusion.patches import Patches, starting_as_zeros
-from coopsim.nn.fusion.windows import WindowAttention, feed_forward
 from coopsim.support.checks import require_choice, require_count
 
 

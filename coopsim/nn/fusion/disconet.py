@@ -2,7 +2,7 @@
 Perception", NeurIPS 2021).
 
 The other half of the method, a teacher that sees the points of all agents, is a loss in training: `teacher: early` in a
-recipe, see `coopsim.learn.teacher`.
+recipe, see `coopsim.learn.losses.teacher_loss`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from coopsim.nn.attention.pair_weights import PairWeights
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
-from coopsim.nn.fusion.pair_weights import PairWeights, cells_first
 from coopsim.support.checks import require_choice, require_count
 
 _HIDDEN = {"small": (64, 16), "reference": (128, 32, 8)}
@@ -45,5 +45,6 @@ class DiscoNet(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        logits = self.compare(cells_first(own, others))[..., 0]
+        cells = torch.cat([own.permute(1, 2, 0)[None], others.permute(0, 2, 3, 1)])
+        logits = self.compare(cells)[..., 0]
         return weighted_sum(own, others, masked_softmax(logits, torch.cat([own_mask[None], mask])))

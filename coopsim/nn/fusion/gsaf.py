@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from coopsim.nn.attention.pair_weights import PairWeights
+from coopsim.nn.attention.windows import WindowAttention
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
-from coopsim.nn.fusion.pair_weights import PairWeights
 from coopsim.nn.fusion.patches import Patches
-from coopsim.nn.fusion.windows import WindowAttention
 from coopsim.support.checks import require_choice, require_count
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.fusion.agents_by_kind import AgentsByKind
-from coopsim.nn.fusion.delay_code import DelayCode
+from coopsim.nn.attention.agents_by_kind import AgentsByKind
+from coopsim.nn.attention.delay_code import DelayCode
+from coopsim.nn.attention.windows import WindowAttention, feed_forward
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
 from coopsim.nn.fusion.patches import Patches, starting_as_zeros
-from coopsim.nn.fusion.windows import WindowAttention, feed_forward
 from coopsim.support.checks import require_choice, require_count
 
 

@@ -182,8 +182,8 @@ class Perceiver:
         sent = None if content.sent is None else torch.from_numpy(content.sent.copy())
         return ReceivedMap(content, torch.from_numpy(values), sent)
 
-    def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap]) -> Tensor:
-        """Return fused features (64, H, W) on the cells of a region around the receiver."""
+    def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap], own_kind: int = 0) -> Tensor:
+        """Return fused features (64, H, W) on the cells of a region around the receiver, of kind `own_kind`."""
         with inference():
             inside, own_mask = warp(own.features[None], own.message.grid, region, np.zeros((1, 3)))
             placed = [(each, *_warped(each, region)) for each in received]
@@ -194,6 +194,7 @@ class Perceiver:
                 torch.tensor([each[0].delay_s for each in placed]),
                 torch.tensor([each[0].kind for each in placed], dtype=torch.long),
                 values[:, -1],
+                own_kind=own_kind,
             )
             fused: Tensor = self._net(inside[0], own_mask[0], values[:, : self._channels], mask, context)
         return fused

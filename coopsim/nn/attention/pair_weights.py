@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-import torch
 from torch import Tensor, nn
 
 
@@ -33,8 +32,3 @@ class PairWeights(nn.Module):
         """Return logits (L, h, w, outputs) of features (L, h, w, width), row 0 the receiver's."""
         found: Tensor = self.rest(self.sender(features) + self.receiver(features[:1]))
         return found
-
-
-def cells_first(own: Tensor, others: Tensor) -> Tensor:
-    """Return maps (C, H, W) and (S, C, H, W) as one tensor (1 + S, H, W, C)."""
-    return torch.cat([own.permute(1, 2, 0)[None], others.permute(0, 2, 3, 1)])

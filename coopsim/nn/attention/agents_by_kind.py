@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from coopsim.nn.fusion.windows import MASKED
+from coopsim.nn.attention.windows import MASKED
 
 KINDS = 3
 """Kinds of agents that networks tell apart: cars, roadside units, drones."""

@@ -1,0 +1,1 @@
+"""Attention over agents and places, of which fusions are built."""
