@@ -60,7 +60,11 @@ def fixed_samples() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for module, name in ((detector_task, "detector_samples"), (cooperative_task, "scene_samples")):
             draw = getattr(module, name)
-            patch.setattr(module, name, lambda clip, rng, *rest, draw=draw: draw(clip, np.random.default_rng(0), *rest))
+            patch.setattr(
+                module,
+                name,
+                lambda clip, rng, *rest, draw=draw, **more: draw(clip, np.random.default_rng(0), *rest, **more),
+            )
         yield
 
 
@@ -92,6 +96,32 @@ def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path) -> None:
     assert np.mean(seen[-5:]) < 0.1 * seen[0]
     detector = load_detector(encoder)
     assert load_cooperative(weights, detector) is load_cooperative(weights)
+
+
+def test_a_teacher_is_followed_and_not_trained(encoder: Path, tmp_path: Path) -> None:
+    network = {"fusion": "disconet", "message_channels": 4}
+    recipe = TrainingRecipe(
+        "taught", "cooperative", 6, 1, lr=0.02, detector=str(encoder), teacher=str(encoder), network=network,
+        samples=SMALL["samples"],
+    )  # fmt: skip
+    before = digest(encoder)
+    train(recipe, tmp_path, source=SyntheticClips())
+    seen = [each["teacher"] for each in losses(tmp_path)]
+    assert len(seen) == 6 and all(each > 0 for each in seen)
+    assert digest(encoder) == before
+    said = json.loads((tmp_path / "card.json").read_text())
+    assert said["recipe"]["teacher"] == encoder.stem
+    texts = read_texts(tmp_path / "taught.safetensors")
+    assert "teacher" not in texts  # a policy needs none
+
+
+def test_a_teacher_of_another_kind_is_refused(encoder: Path, tmp_path: Path) -> None:
+    other = train(replace(TINY, steps=1), tmp_path / "other", source=SyntheticClips())
+    recipe = TrainingRecipe("taught", "cooperative", detector=str(encoder), teacher=str(other))
+    with pytest.raises(InvalidValueError, match="teacher must have the detector's features, 16, has 8"):
+        train(recipe, tmp_path / "taught", source=SyntheticClips())
+    with pytest.raises(InvalidValueError, match="teacher must be none with kind: detector"):
+        replace(TINY, teacher="early")
 
 
 def test_same_seed_gives_same_bytes_and_another_gives_others(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ CARD = "card.json"
 _LAST = 100
 """Steps at the end whose mean losses are in the card."""
 
-_NETWORKS = ("start", "detector")
+_NETWORKS = ("start", "detector", "teacher")
 """Options of a recipe that may be paths; a card has only the file's name."""
 
 

@@ -34,7 +34,8 @@ class DiscoNet(FeatureFusion):
         size: "small" or "reference".
 
     Raises:
-        InvalidValueError: a value is not accepted.
+        InvalidValueError: features is not positive.
+        UnknownNameError: there is no such size.
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:

@@ -50,7 +50,8 @@ class GSAF(FeatureFusion):
             and windows of 4, 8 and 16.
 
     Raises:
-        InvalidValueError: a value is not accepted.
+        InvalidValueError: features is not positive.
+        UnknownNameError: there is no such size.
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:

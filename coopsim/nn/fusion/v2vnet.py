@@ -35,7 +35,8 @@ class V2VNet(FeatureFusion):
         rounds: their number; None: by the size.
 
     Raises:
-        InvalidValueError: a value is not accepted.
+        InvalidValueError: a count is not accepted.
+        UnknownNameError: there is no such size.
     """
 
     def __init__(self, features: int = 64, *, size: str = "small", rounds: int | None = None) -> None:

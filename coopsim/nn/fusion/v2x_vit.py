@@ -52,7 +52,8 @@ class V2XViT(FeatureFusion):
         size: "small", with patches of 2 x 2 cells, or "reference", the paper's, a token a cell.
 
     Raises:
-        InvalidValueError: a value is not accepted.
+        InvalidValueError: features is not positive.
+        UnknownNameError: there is no such size.
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.learn import weights
 from coopsim.learn.tensor_file import read_header, write_tensors
 from coopsim.learn.weights import (
     card,
@@ -120,9 +121,14 @@ def test_weights_that_do_not_fit_into_half_precision_are_refused(tmp_path: Path)
         save_weights(tmp_path / "large.safetensors", net, {"kind": "detector", "config": asdict(net.config)})
 
 
-def test_names_that_are_unknown_say_what_is_known() -> None:
+def test_names_that_are_unknown_say_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UnknownNameError, match="unknown weights 'piller'"):
         load_detector("piller")
+    monkeypatch.setattr(weights, "shipped_weights", lambda: ("pillars",))
+    with pytest.raises(
+        InvalidValueError, match=r"'gsaf' ship yet: .*coopsim train gsaf --out DIR.*DIR/gsaf"
+    ):
+        load_cooperative("gsaf")
     with pytest.raises(InvalidValueError, match=r"cannot read missing.safetensors"):
         load_detector("missing.safetensors")
 
