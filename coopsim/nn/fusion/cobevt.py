@@ -78,7 +78,7 @@ class _Attention(nn.Module):
         super().__init__()
         self.norm = nn.LayerNorm(size.width)
         self.attention = WindowAttention(size.width, size.heads, _WINDOW, spread=spread, together=True)
-        self.forward_part = feed_forward(size.width, size.width * 2)
+        self.forward_part = feed_forward(size.width)
 
     def forward(self, tokens: Tensor, valid: Tensor) -> Tensor:
         tokens = tokens + self.attention(self.norm(tokens), valid)

@@ -87,7 +87,7 @@ class _Block(nn.Module):
         self.norms = nn.ModuleList(nn.LayerNorm(size.width) for _ in range(2))
         self.agents = AgentsByKind(size.width, size.heads)
         self.windows = SplitWindows(size.width, size.window_heads, size.windows)
-        self.forward_part = feed_forward(size.width, 2 * size.width)
+        self.forward_part = feed_forward(size.width)
 
     def forward(self, tokens: Tensor, valid: Tensor, kinds: list[int], receivers: int | None = None) -> Tensor:
         """Return the tokens of the first agents only, of all by default."""
