@@ -20,6 +20,13 @@ def test_registered_fusions_pass(name: str) -> None:
     check_fusion(name, features=16)
 
 
+@pytest.mark.parametrize(
+    "name", ["cobevt", "disconet", "gsaf", "v2vnet", pytest.param("v2x_vit", marks=pytest.mark.slow)]
+)
+def test_their_reference_sizes_pass(name: str) -> None:
+    check_fusion(lambda features: FUSIONS.get(name)(features, size="reference"), features=16)
+
+
 def fusion_of(fuse: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]) -> Callable[[int], FeatureFusion]:
     class Wrong(FeatureFusion):
         def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:

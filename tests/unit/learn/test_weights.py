@@ -125,9 +125,7 @@ def test_names_that_are_unknown_say_what_is_known(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(UnknownNameError, match="unknown weights 'piller'"):
         load_detector("piller")
     monkeypatch.setattr(weights, "shipped_weights", lambda: ("pillars",))
-    with pytest.raises(
-        InvalidValueError, match=r"'gsaf' ship yet: .*coopsim train gsaf --out DIR.*DIR/gsaf"
-    ):
+    with pytest.raises(InvalidValueError, match=r"'gsaf' ship yet: .*coopsim train gsaf --out DIR.*DIR/gsaf"):
         load_cooperative("gsaf")
     with pytest.raises(InvalidValueError, match=r"cannot read missing.safetensors"):
         load_detector("missing.safetensors")
