@@ -1,6 +1,7 @@
 """Samples of stage B: maps, messages and truth fit together."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,18 @@ def test_late_messages_are_of_earlier_scenes_and_say_how_late() -> None:
     for sample in others:
         assert all(0.19 < delay < 0.41 for view in sample.views for delay in view.delay_s.tolist())
         assert sample.pillars.clouds == 6  # each agent's map of now, and of then
+
+
+def test_views_know_the_kinds_of_all() -> None:
+    made = clip(2)
+    kinds = ("cav", "rsu", "drone")
+    scenes = tuple(
+        replace(each, agents=tuple(replace(agent, kind=kind) for agent, kind in zip(each.agents, kinds, strict=True)))
+        for each in made.scenes
+    )
+    for sample in scene_samples(replace(made, scenes=scenes), np.random.default_rng(0), SampleSettings(**PLAIN)):
+        assert [view.own_kind for view in sample.views] == [0, 1, 2]
+        assert [view.kind.tolist() for view in sample.views] == [[1, 2], [0, 2], [0, 1]]
 
 
 def test_a_lone_agent_has_no_sample() -> None:

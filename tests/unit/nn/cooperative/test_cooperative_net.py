@@ -81,7 +81,7 @@ def test_gradients_reach_every_weight(name: str) -> None:
 @each_fusion
 def test_each_file_is_small(name: str) -> None:
     net = CooperativeNet.from_config(CooperativeConfig(fusion=name))
-    assert sum(weights.numel() for weights in net.parameters()) <= 350_000
+    assert sum(weights.numel() for weights in net.parameters()) <= 450_000
 
 
 def test_what_is_wrong_is_refused() -> None:

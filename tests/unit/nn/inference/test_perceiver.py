@@ -117,6 +117,20 @@ def test_a_senders_car_arrives_where_it_stands(name: str) -> None:
     assert change[far].max() < 0.2 * change.max()
 
 
+def test_fusions_are_told_who_receives_and_who_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, told = perceiver(), []
+    own, other = network.encode([cloud((0, 0, 0, 0), CAR), cloud((0, 0, 0, 0), CAR)])
+    fuse = type(network._net.fusion).fuse
+    monkeypatch.setattr(type(network._net.fusion), "fuse", lambda *given: told.append(given[-1]) or fuse(*given))
+    placed = PlacedMap(network.receive(other.message), np.zeros(3), 0.25, 2)
+    network.fuse(own, network.grid, [placed])
+    network.fuse(own, network.grid, [placed], own_kind=1)
+    assert [(each.own_kind, each.kind.tolist(), each.delay_s.tolist()) for each in told] == [
+        (0, [2], [0.25]),
+        (1, [2], [0.25]),
+    ]
+
+
 def test_who_hears_nobody_has_its_own_map() -> None:
     network = perceiver()
     own = maps(network, [cloud((0, 0, 0, 0), CAR)])[0]
