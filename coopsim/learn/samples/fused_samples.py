@@ -116,7 +116,7 @@ class _Draft:
         settings: SampleSettings,
         cell_m: float,
         sweeps: int,
-        taught: bool,
+        taught: bool = False,
     ) -> None:
         self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
         self.sweeps, self.taught = sweeps, taught
