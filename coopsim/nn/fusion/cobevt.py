@@ -31,7 +31,8 @@ class CoBEVT(FeatureFusion):
     """Fuse by blocks of two attentions over the tokens of all agents (FAX, section 3.2), each with a feed-forward part.
 
     The first is among neighbours, in windows of 4 x 4 tokens of each agent; the second among 4 x 4 tokens of each agent
-    that lie a quarter of the map apart. With y_j the tokens of agent j after the last block,
+    that lie a quarter of the map apart, so that their distance depends on the size of the map, as in the paper. With
+    y_j the tokens of agent j after the last block,
 
         y_0 = LayerNorm(mean_j y_j)
 

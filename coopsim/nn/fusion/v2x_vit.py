@@ -40,8 +40,8 @@ class V2XViT(FeatureFusion):
         x <- x + MSwin(norm(x))   in windows of several sizes inside each agent's map (see `SplitWindows`)
         x <- x + MLP(norm(x))
 
-    Cells are fused as `Patches` has it, with logits that are linear in each agent's tokens before the last block's
-    windows, and with the receiver's tokens after the last block, in which it alone is computed.
+    Cells are fused as `Patches` has it, with logits that are linear in each agent's tokens before the last block, and
+    with the receiver's tokens after it; the last block is computed for the receiver alone.
 
     The published code numbers delays in frames and looks them up in a table that is trained; here a delay is a real
     number of seconds. The correction for how agents moved meanwhile is in the warp, the prior of speed is left out, and
