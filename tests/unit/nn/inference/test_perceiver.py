@@ -119,12 +119,12 @@ def test_a_senders_car_arrives_where_it_stands(name: str) -> None:
 
 def test_fusions_are_told_who_receives_and_who_sends(monkeypatch: pytest.MonkeyPatch) -> None:
     network, told = perceiver(), []
-    own, other = network.encode([cloud((0, 0, 0, 0), CAR), cloud((0, 0, 0, 0), CAR)])
+    own, other = maps(network, [cloud((0, 0, 0, 0), CAR), cloud((0, 0, 0, 0), CAR)])
     fuse = type(network._net.fusion).fuse
     monkeypatch.setattr(type(network._net.fusion), "fuse", lambda *given: told.append(given[-1]) or fuse(*given))
     placed = PlacedMap(network.receive(other.message), np.zeros(3), 0.25, 2)
-    network.fuse(own, network.grid, [placed])
-    network.fuse(own, network.grid, [placed], own_kind=1)
+    network.fuse(own, own.message.grid, [placed])
+    network.fuse(own, own.message.grid, [placed], own_kind=1)
     assert [(each.own_kind, each.kind.tolist(), each.delay_s.tolist()) for each in told] == [
         (0, [2], [0.25]),
         (1, [2], [0.25]),
