@@ -50,9 +50,10 @@ def weights(folder: Path) -> tuple[Path, Path]:
 def observation(draft: Any, number: int) -> Observation:
     """What an agent observes in a world whose x axis is that of the sample's maps."""
     row = draft.rows[draft.number, number]
-    pose = draft.believed[row].copy()
-    pose[:2], pose[3] = rotated(pose[None, :2], -draft.axes_rad)[0], pose[3] - draft.axes_rad
-    cloud = draft.clip.scenes[draft.number].agents[number].points
+    agent, frame = draft.clip.scenes[draft.number].agents[number], draft.frames[row]
+    way_m = rotated((frame[:2] - agent.xyz_yaw[:2])[None], -frame[3])[0]  # from where it believes to be to the middle
+    pose = np.array([*(draft.middles[row] - way_m), agent.xyz_yaw[2], agent.xyz_yaw[3] - frame[3]])
+    cloud = agent.points
     sweep = Sweep(cloud[:, :3].copy(), cloud[:, 3].copy(), np.zeros(len(cloud), np.int64))
     return Observation(0, PoseEstimate(pose), Odometry(np.zeros(4)), Detections.empty(), {"lidar": sweep}, inbox=())
 

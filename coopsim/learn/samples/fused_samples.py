@@ -130,7 +130,6 @@ class _Draft:
         self.clouds: list[Pillars] = []
         self.seen: list[Targets] = []
         self.frames: list[Floats] = []
-        self.believed: list[Floats] = []
         self.middles: list[Floats] = []
 
     def sample(self) -> CooperativeSample:
@@ -171,7 +170,6 @@ class _Draft:
         self.clouds.append(pillarize(points, self.pillar_grid))
         self.seen.append(make_targets(boxes, velocity, scene.label[shown], self.grid))
         self.frames.append(frame)
-        self.believed.append(believed)
         self.middles.append(place + way)
 
     def _view(self, member: int) -> ReceiverView:
