@@ -12,6 +12,7 @@ from coopsim.nn.cooperative.expand import Expand
 from coopsim.nn.detector.centre_head import RARE, CentreHead
 from coopsim.nn.detector.encoder import MOST_CHANNELS
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
+from coopsim.nn.fusion.feature_fusion import start_as_zeros
 from coopsim.support.checks import require_count
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -68,7 +69,7 @@ class CooperativeNet(nn.Module):
             nn.Conv2d(features, features, 1),
         )
         self.head = CentreHead(features)
-        _start_as_nothing(self.neck[-1])
+        start_as_zeros(self.neck[-1])
 
     @classmethod
     def from_config(cls, config: CooperativeConfig) -> CooperativeNet:
@@ -134,9 +135,3 @@ class CooperativeNet(nn.Module):
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
         return own, own_mask, others, mask, replace(context, own_confidence=sure)
-
-
-def _start_as_nothing(layer: nn.Module) -> None:
-    """Set a layer's weights to zero, so that a branch beside the features starts without effect."""
-    for weights in layer.parameters():
-        nn.init.zeros_(weights)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from torch import Tensor, nn
 
 from coopsim.nn.attention.windows import WindowAttention, feed_forward
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
-from coopsim.nn.fusion.patches import Patches, starting_as_zeros
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, start_as_zeros
+from coopsim.nn.fusion.patches import Patches
 from coopsim.support.checks import require_choice, require_count
 
 
@@ -59,7 +59,7 @@ class CoBEVT(FeatureFusion):
         self.patches = Patches(features, chosen.width, chosen.stride, _WINDOW)
         self.blocks = nn.ModuleList(_Attention(chosen, spread) for _ in range(chosen.depth) for spread in (False, True))
         self.norm = nn.LayerNorm(chosen.width)
-        self.weigh = starting_as_zeros(chosen.width, chosen.stride**2)
+        self.weigh = start_as_zeros(nn.Linear(chosen.width, chosen.stride**2))
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""

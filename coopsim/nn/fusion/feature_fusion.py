@@ -13,11 +13,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from coopsim.support.registry import Registry
+
+L = TypeVar("L", bound=nn.Module)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +131,13 @@ def weighted_sum(own: Tensor, others: Tensor, weights: Tensor) -> Tensor:
     for values, weight in zip(others, weights[1:], strict=True):
         total = torch.addcmul(total, values, weight)
     return total
+
+
+def start_as_zeros(layer: L) -> L:
+    """Set a layer's weights to zero, so that a branch beside others starts without effect. Return the layer."""
+    for weights in layer.parameters():
+        nn.init.zeros_(weights)
+    return layer
 
 
 FUSIONS: Registry[Callable[..., FeatureFusion]] = Registry("fusion", home="coopsim.nn.fusion", group="coopsim.fusions")

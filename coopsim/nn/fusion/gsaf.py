@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from coopsim.nn.attention.pair_weights import PairWeights
 from coopsim.nn.attention.windows import WindowAttention
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, start_as_zeros
 from coopsim.nn.fusion.patches import Patches
 from coopsim.support.checks import require_choice, require_count
 
@@ -67,8 +67,7 @@ class GSAF(FeatureFusion):
         )
         self.join = nn.Linear(width * len(self.branches), width)
         self.compare = PairWeights(width, (width, 16), chosen.stride**2)
-        for weights in self.compare.rest[-1].parameters():
-            nn.init.zeros_(weights)
+        start_as_zeros(self.compare.rest[-1])
         self.refine = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
         self.last_norm = nn.LayerNorm(width)
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from coopsim.nn.fusion.feature_fusion import as_batch, likeness, masked_softmax, weighted_sum
+from coopsim.nn.fusion.feature_fusion import as_batch, likeness, masked_softmax, start_as_zeros, weighted_sum
 
 
 class Patches(nn.Module):
@@ -30,7 +30,7 @@ class Patches(nn.Module):
         super().__init__()
         self._stride, self._multiple = stride, multiple
         self.cut = nn.Conv2d(features, width, stride, stride)
-        self.add = starting_as_zeros(width, features * stride**2)
+        self.add = start_as_zeros(nn.Linear(width, features * stride**2))
 
     def tokens(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """Return tokens (L, h, w, width) of all agents, the receiver's first, and which are valid, (L, h, w).
@@ -77,11 +77,3 @@ class Patches(nn.Module):
         edge = self._stride * self._multiple
         missing = [-cells % edge for cells in maps.shape[-2:]]
         return functional.pad(maps, (0, missing[1], 0, missing[0])) if any(missing) else maps
-
-
-def starting_as_zeros(before: int, after: int) -> nn.Linear:
-    """Return a linear layer that starts without effect."""
-    layer = nn.Linear(before, after)
-    for weights in layer.parameters():
-        nn.init.zeros_(weights)
-    return layer

@@ -18,6 +18,7 @@ from coopsim.nn.fusion.feature_fusion import (
     FusionContext,
     as_batch,
     masked_softmax,
+    start_as_zeros,
     weighted_sum,
 )
 from coopsim.support.checks import require_count
@@ -55,8 +56,7 @@ class Pyramid(FeatureFusion):
         self.down = nn.ModuleList(_down(features) for _ in range(levels - 1))
         self.up = nn.ModuleList(nn.ConvTranspose2d(features, features, 2, 2) for _ in range(levels - 1))
         for layer in self.up[:1]:  # the coarse scales start without effect
-            for weights in layer.parameters():
-                nn.init.zeros_(weights)
+            start_as_zeros(layer)
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""

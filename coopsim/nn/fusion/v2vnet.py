@@ -7,7 +7,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, as_batch
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, as_batch, start_as_zeros
 from coopsim.support.checks import require_choice, require_count
 
 _ROUNDS = {"small": 1, "reference": 3}
@@ -52,8 +52,7 @@ class V2VNet(FeatureFusion):
         _lean_on(self.send.weight)
         with torch.no_grad():
             self.hear.weight.mul_(_FAINT)
-        for weights in self.read[-1].parameters():
-            nn.init.zeros_(weights)
+        start_as_zeros(self.read[-1])
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""

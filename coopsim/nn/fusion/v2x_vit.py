@@ -12,8 +12,8 @@ from torch import Tensor, nn
 from coopsim.nn.attention.agents_by_kind import AgentsByKind
 from coopsim.nn.attention.delay_code import DelayCode
 from coopsim.nn.attention.windows import WindowAttention, feed_forward
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext
-from coopsim.nn.fusion.patches import Patches, starting_as_zeros
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, start_as_zeros
+from coopsim.nn.fusion.patches import Patches
 from coopsim.support.checks import require_choice, require_count
 
 
@@ -65,7 +65,7 @@ class V2XViT(FeatureFusion):
         self.delay = DelayCode(chosen.width)
         self.blocks = nn.ModuleList(_Block(chosen) for _ in range(chosen.depth))
         self.norm = nn.LayerNorm(chosen.width)
-        self.weigh = starting_as_zeros(chosen.width, chosen.stride**2)
+        self.weigh = start_as_zeros(nn.Linear(chosen.width, chosen.stride**2))
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
