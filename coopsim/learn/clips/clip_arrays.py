@@ -5,13 +5,15 @@ differences between them are kept: compressed they are half as large, in half th
 
 | array | content |
 |---|---|
-| `format` | 1 |
+| `format` | 2; 1 has no pictures and no pixels |
 | `key`, `dt_s`, `time_ns` (F,) | of the clip and its frames |
 | `agents` (F,), `objects` (F,) | numbers of agents and of objects of each frame |
 | `name`, `kind`, `xyz_yaw`, `odometry`, `actor_id`, `points` | of each agent; actor 0: none; number of points |
 | `steps_cm` (3, P) int16, `intensity` (P,) uint8 | from each point to the next, modulo 2^16; 255ths |
 | `object_id`, `boxes`, `velocity`, `label` | of each object |
 | `returns` | frame by frame, each (N, A) row by row |
+| `counted` (F,), `pixels` | 1 for frames with numbers of pixels, 0 for others; as `returns`, of the frames with 1 |
+| | and the arrays of `coopsim.learn.clips.picture_arrays` |
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.clips.compact_points import pack_points, unpack_points
+from coopsim.learn.clips.picture_arrays import picture_arrays, pictures_of
+from coopsim.learn.clips.split_rows import split_rows
 from coopsim.types import CLASS_NAMES
 
-_FORMAT = 1
+_FORMAT, _WITHOUT_PICTURES = 2, 1
 _NO_ACTOR = 0
-_COUNTS = ("time_ns", "agents", "objects", "actor_id", "points", "object_id", "label", "returns")
+_COUNTS = ("time_ns", "agents", "objects", "actor_id", "points", "object_id", "label", "returns", "counted", "pixels")
 _ROWS = {"xyz_yaw": 4, "odometry": 4, "boxes": 7, "velocity": 2}
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -45,6 +49,7 @@ def arrays_of(clip: Clip) -> Arrays:
         raise InvalidValueError("a clip must have at least one frame, got none")
     scenes = clip.scenes
     agents = [agent for scene in scenes for agent in scene.agents]
+    pixels = [scene.pixels for scene in scenes if scene.pixels is not None]
     packed = [pack_points(agent.points) for agent in agents]
     centimetres = np.concatenate([np.zeros((0, 3), np.int16), *(part for part, _ in packed)])
     return {
@@ -67,6 +72,9 @@ def arrays_of(clip: Clip) -> Arrays:
         "velocity": np.concatenate([scene.velocity for scene in scenes], dtype=np.float64),
         "label": np.concatenate([scene.label for scene in scenes], dtype=np.int64),
         "returns": np.concatenate([scene.returns.reshape(-1) for scene in scenes], dtype=np.int64),
+        "counted": np.array([scene.pixels is not None for scene in scenes], np.int64),
+        "pixels": np.concatenate([np.zeros(0, np.int64), *(counts.reshape(-1) for counts in pixels)], dtype=np.int64),
+        **picture_arrays(agents),
     }
 
 
@@ -77,17 +85,24 @@ def clip_of(arrays: Arrays) -> Clip:
         ValueError: they are not those of a clip; says why.
         KeyError: one is missing.
     """
-    if int(arrays["format"]) != _FORMAT:
-        raise ValueError(f"its format is {arrays['format']}, and this version of coopsim reads {_FORMAT}")
+    version = int(arrays["format"])
+    if version not in (_WITHOUT_PICTURES, _FORMAT):
+        accepted = f"{_WITHOUT_PICTURES} and {_FORMAT}"
+        raise ValueError(f"its format is {version}, and this version of coopsim reads {accepted}")
+    if version == _WITHOUT_PICTURES:
+        arrays = {**arrays, **_no_pictures(arrays)}
     _check(arrays)
     agents = list(_agents(arrays))
     after = np.cumsum(arrays["agents"]).tolist()
     last = np.cumsum(arrays["objects"])
-    parts = {name: _parts(arrays[name], last) for name in ("object_id", "boxes", "velocity", "label")}
+    parts = {name: split_rows(arrays[name], last) for name in ("object_id", "boxes", "velocity", "label")}
     if after[-1:] != [len(agents)]:
         raise ValueError("its arrays have different lengths")
     each_agents = [agents[end - count : end] for end, count in zip(after, arrays["agents"].tolist(), strict=True)]
-    returns = _parts(arrays["returns"], np.cumsum(arrays["objects"] * arrays["agents"]))
+    pairs = arrays["objects"] * arrays["agents"]
+    returns = split_rows(arrays["returns"], np.cumsum(pairs))
+    counted = arrays["counted"]
+    pixels = split_rows(arrays["pixels"], np.cumsum(pairs * counted))
     scenes = [
         Scene(
             time_ns=int(time_ns),
@@ -97,6 +112,7 @@ def clip_of(arrays: Arrays) -> Clip:
             velocity=parts["velocity"][k],
             label=parts["label"][k],
             returns=returns[k].reshape(len(parts["object_id"][k]), len(there)),
+            pixels=pixels[k].reshape(len(parts["object_id"][k]), len(there)) if counted[k] else None,
         )
         for k, (time_ns, there) in enumerate(zip(arrays["time_ns"], each_agents, strict=True))
     ]
@@ -106,20 +122,20 @@ def clip_of(arrays: Arrays) -> Clip:
 def _agents(arrays: Arrays) -> Iterator[AgentScene]:
     centimetres = np.cumsum(arrays["steps_cm"], axis=1, dtype=np.int16).T
     points = unpack_points(centimetres, arrays["intensity"])
-    each = _parts(points, np.cumsum(arrays["points"]))
+    each = split_rows(points, np.cumsum(arrays["points"]))
     columns = zip(
         arrays["name"], arrays["kind"], arrays["xyz_yaw"], arrays["odometry"], arrays["actor_id"], strict=True
     )
-    for (name, kind, at, odometry, actor), own in zip(columns, each, strict=True):
+    for (name, kind, at, odometry, actor), own, pictures in zip(columns, each, pictures_of(arrays), strict=True):
         actor_id = None if actor == _NO_ACTOR else int(actor)
-        yield AgentScene(str(name), str(kind), at, odometry, own, actor_id)
+        yield AgentScene(str(name), str(kind), at, odometry, own, actor_id, pictures)
 
 
-def _parts(array: NDArray[Any], last: NDArray[np.int64]) -> list[NDArray[Any]]:
-    """Split an array after the rows of these numbers, all of it."""
-    if len(array) != (last[-1] if len(last) else 0) or (np.diff(last, prepend=0) < 0).any():
-        raise ValueError("its arrays have different lengths")
-    return np.split(array, last[:-1]) if len(last) else []
+def _no_pictures(arrays: Arrays) -> Arrays:
+    """Return the arrays that a file of the first format lacks."""
+    frames, agents = len(arrays["time_ns"]), len(arrays["name"])
+    nothing = {"counted": np.zeros(frames, np.int64), "pixels": np.zeros(0, np.int64)}
+    return {**nothing, **picture_arrays([]), "cameras": np.zeros(agents, np.int64)}
 
 
 def _check(arrays: Arrays) -> None:
@@ -134,7 +150,12 @@ def _check(arrays: Arrays) -> None:
     steps, intensity = arrays["steps_cm"], arrays["intensity"]
     if steps.dtype != np.int16 or intensity.dtype != np.uint8 or steps.shape != (3, *intensity.shape):
         raise ValueError("steps_cm must be (3, P) int16, and intensity (P,) uint8")
-    if len({len(arrays[name]) for name in ("name", "kind", "xyz_yaw", "odometry", "actor_id", "points")}) > 1:
+    if not np.isin(arrays["counted"], (0, 1)).all() or arrays["counted"].shape != arrays["time_ns"].shape:
+        raise ValueError("counted must be 0 or 1 of each frame")
+    if (
+        len({len(arrays[name]) for name in ("name", "kind", "xyz_yaw", "odometry", "actor_id", "points", "cameras")})
+        > 1
+    ):
         raise ValueError("its arrays have different lengths")
     if not ((arrays["label"] >= 0) & (arrays["label"] < len(CLASS_NAMES))).all():
         raise ValueError(f"label must be in 0..{len(CLASS_NAMES) - 1}")

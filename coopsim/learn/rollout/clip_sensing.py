@@ -1,4 +1,4 @@
-"""The sensors of a clip's agents: LiDARs and odometry."""
+"""The sensors of a clip's agents: LiDARs, cameras and odometry."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.learn.clips.clip import AgentScene, Scene
+from coopsim.learn.clips.clip import AgentScene, Picture, Scene
 from coopsim.learn.clips.compact_points import round_points
+from coopsim.learn.rollout.clip_pictures import ClipPictures
 from coopsim.learn.rollout.clip_world import ClipWorld
 from coopsim.localization.localizer import LocalizationConfig, Localizer
 from coopsim.sensors.lidar.lidar import Lidar
@@ -26,10 +27,10 @@ _DRONE_PITCH_RAD = math.pi / 4  # by which drones' LiDARs look down, as in envir
 
 
 class ClipSensing:
-    """Senses a world, frame by frame, with the random streams of environments.
+    """Senses a world, frame by frame, with the random streams of environments. Close it at the clip's end.
 
     Args:
-        drawn: says which LiDAR, weather and seed.
+        drawn: says which LiDAR, cameras, weather and seed.
         world: at the clip's first frame.
     """
 
@@ -47,32 +48,44 @@ class ClipSensing:
             name: Localizer(LocalizationConfig(), drawn.seed, name, drawn.dt_s, stands=body.kind == "rsu")
             for name, body in bodies.items()
         }
+        self._cameras = ClipPictures(drawn, bodies) if drawn.cameras else None
 
     def sense(self, time_ns: int) -> Scene:
         """Return the scene as it is now; called once in each frame, in order."""
         actors, bodies = self._world.actors(), self._world.agents()
-        triangles = RayScene(self._geometry.triangles(actors))
-        sweeps = [self._sweep(triangles, body) for body in bodies.values()]
+        triangles = self._geometry.triangles(actors)
+        rays = RayScene(triangles)
+        sweeps = [self._sweep(rays, body) for body in bodies.values()]
+        pictures, pixels = self._cameras.take(triangles, actors, bodies) if self._cameras else ({}, None)
         return Scene(
             time_ns=time_ns,
-            agents=tuple(map(self._agent, bodies.values(), sweeps)),
+            agents=tuple(
+                self._agent(body, sweep, pictures.get(body.name, ()))
+                for body, sweep in zip(bodies.values(), sweeps, strict=True)
+            ),
             object_id=actors.id,
             boxes=actors.boxes.array,
             velocity=actors.velocity,
             label=actors.label,
             returns=_returns(actors.id, list(bodies.values()), sweeps),
+            pixels=pixels,
         )
 
-    def _sweep(self, triangles: RayScene, body: AgentBody) -> Sweep:
-        lidar = self._lidars[body.kind]
-        return lidar.sense(triangles, body.world_SE3_base, body.height_m, body.actor_id, self._rngs[body.name])
+    def close(self) -> None:
+        """Release the cameras' resources."""
+        if self._cameras is not None:
+            self._cameras.close()
 
-    def _agent(self, body: AgentBody, sweep: Sweep) -> AgentScene:
+    def _sweep(self, rays: RayScene, body: AgentBody) -> Sweep:
+        lidar = self._lidars[body.kind]
+        return lidar.sense(rays, body.world_SE3_base, body.height_m, body.actor_id, self._rngs[body.name])
+
+    def _agent(self, body: AgentBody, sweep: Sweep, pictures: tuple[Picture, ...]) -> AgentScene:
         pose = body.world_SE3_base
         _, odometry = self._localizers[body.name].localize(pose)
         points: NDArray[np.float32] = np.column_stack([sweep.points, sweep.intensity])
         return AgentScene(
-            body.name, body.kind, stack_xyz_yaw(pose), odometry.xyz_yaw, round_points(points), body.actor_id
+            body.name, body.kind, stack_xyz_yaw(pose), odometry.xyz_yaw, round_points(points), body.actor_id, pictures
         )
 
 

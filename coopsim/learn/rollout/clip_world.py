@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,10 @@ import numpy as np
 
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
+from coopsim.learn.rollout.clip_cameras import draw_cameras
+from coopsim.learn.rollout.recipe_draws import between, count_between, one_of
 from coopsim.learn.rollout.world_recipe import WorldRecipe
+from coopsim.sensors.camera.rigs import Rig
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
@@ -35,6 +38,8 @@ class ClipWorld:
         start_s: time that traffic has run before the first one.
         lidar: of all agents.
         weather: rain and fog; None: dry and clear.
+        cameras: of the agents of each kind; empty: none.
+        time_of_day: name of the light in which they see.
     """
 
     scenario: Scenario
@@ -43,6 +48,8 @@ class ClipWorld:
     start_s: float
     lidar: LidarConfig
     weather: Weather | None
+    cameras: Mapping[str, Rig]
+    time_of_day: str
 
 
 def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
@@ -62,11 +69,9 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     environment = recipe.environments[int(rng("environment").integers(len(recipe.environments)))]
     place_seed = recipe.first_place + int(rng("place").integers(recipe.places))
     dt_s = float(recipe.dt_s[int(rng("dt_s").integers(len(recipe.dt_s)))])
-    waited_s = _between(recipe.start_s, rng("start"))
-    names = list(recipe.lidars)
-    weights = np.array([recipe.lidars[name] for name in names], dtype=np.float64)
-    pattern = names[int(rng("lidar").choice(len(names), p=weights / weights.sum()))]
-    noise_m = _between(recipe.range_noise_m, rng("range noise"))
+    waited_s = between(recipe.start_s, rng("start"))
+    pattern = one_of(recipe.lidars, rng("lidar"))
+    noise_m = between(recipe.range_noise_m, rng("range noise"))
     return ClipWorld(
         scenario=_scenario(environment, place_seed, recipe, rng("population"), rng("agents"), rng("detail")),
         seed=int(rng("episode").integers(_LONGEST_SEED)),
@@ -74,6 +79,8 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
         start_s=round(waited_s / _STEP_S) * _STEP_S,
         lidar=LidarConfig(pattern, range_noise_m=noise_m),
         weather=_weather(recipe, rng("weather")),
+        cameras=draw_cameras(recipe, rng),
+        time_of_day=one_of(recipe.times_of_day, rng("time of day")),
     )
 
 
@@ -86,12 +93,12 @@ def _scenario(
     detail: np.random.Generator,
 ) -> Scenario:
     drawn: dict[str, Any] = {
-        "density": _between(recipe.density, people),
-        "truck_share": _between(recipe.truck_share, people),
-        "buses": _count(recipe.buses, people),
-        "connected_cars": _count(recipe.cars, agents),
-        "rsus": _count(recipe.masts, agents),
-        "drones": _count(recipe.drones, agents) if agents.random() < recipe.drone_share else 0,
+        "density": between(recipe.density, people),
+        "truck_share": between(recipe.truck_share, people),
+        "buses": count_between(recipe.buses, people),
+        "connected_cars": count_between(recipe.cars, agents),
+        "rsus": count_between(recipe.masts, agents),
+        "drones": count_between(recipe.drones, agents) if agents.random() < recipe.drone_share else 0,
         "detail": "plain" if detail.random() < recipe.plain_share else "full",
     }
     place: Any = environment
@@ -112,14 +119,6 @@ def _scenario(
     if place == TOWN and drawn["place_seed"] is None:
         drawn["place_seed"] = place_seed
     return choose_scenarios(place, **drawn).of(place_seed)
-
-
-def _between(ends: Sequence[float], rng: np.random.Generator) -> float:
-    return ends[0] + rng.random() * (ends[1] - ends[0])
-
-
-def _count(ends: Sequence[int], rng: np.random.Generator) -> int:
-    return int(rng.integers(ends[0], ends[1] + 1))
 
 
 def _weather(recipe: WorldRecipe, rng: np.random.Generator) -> Weather | None:

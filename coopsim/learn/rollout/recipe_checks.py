@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +35,34 @@ def require_training_place(name: object, *, allowed: bool) -> None:
         )
 
 
-def as_weights(lidars: object, *, allowed: bool) -> dict[str, float]:
+def as_lidar_weights(lidars: object, *, allowed: bool) -> dict[str, float]:
     """Return the weights of beam tables; test sensors are refused unless they are `allowed`."""
-    if not isinstance(lidars, Mapping) or not lidars:
-        raise InvalidValueError(f"lidars must be a mapping of beam tables to weights, got {lidars!r}")
-    for name, weight in lidars.items():
-        require_choice("lidar", name, PATTERNS)
-        require_positive(**{f"the weight of {name}": weight})
+    weights = as_weights("lidars", "beam tables", lidars, PATTERNS)
+    for name in weights:
         if name in _TEST_LIDARS and not allowed:
             raise InvalidValueError(
                 f"lidars must not have {name!r}, which is a test sensor: results are measured on it untrained; it is "
                 "accepted with allow_test_places: true"
             )
-    return {name: float(weight) for name, weight in lidars.items()}
+    return weights
+
+
+def as_weights(option: str, what: str, given: object, known: Iterable[str], least: int = 1) -> dict[str, float]:
+    """Return the weights of names.
+
+    Args:
+        option: its name.
+        what: the kind of the names, in the plural, for errors.
+        given: the names with their weights.
+        known: names that are accepted.
+        least: number of names.
+    """
+    if not isinstance(given, Mapping) or len(given) < least:
+        raise InvalidValueError(f"{option} must be a mapping of {what} to weights, got {given!r}")
+    for name, weight in given.items():
+        require_choice(option, name, known)
+        require_positive(**{f"the weight of {name}": weight})
+    return {name: float(weight) for name, weight in given.items()}
 
 
 def as_list(name: str, given: object) -> tuple[Any, ...]:

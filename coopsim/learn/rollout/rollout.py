@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 
 from coopsim.errors import CrowdedWarning
@@ -39,6 +40,8 @@ class SimulatedClips:
     def clip(self, index: int) -> Clip:
         """Return a clip: the same bits for the same recipe, seed and index, in any process and any order.
 
+        Pictures are the same bits only with the same renderer: OpenGL where it works, else ray casting.
+
         Args:
             index: >= 0.
 
@@ -60,8 +63,8 @@ def _scenes(drawn: ClipWorld, frames: int) -> Iterator[Scene]:
     world = World(drawn.scenario, drawn.seed)
     if drawn.start_s > 0:
         world.step(drawn.start_s)
-    sensing = ClipSensing(drawn, world)
-    for frame in range(frames):
-        if frame:
-            world.step(drawn.dt_s)
-        yield sensing.sense(seconds_to_ns(frame * drawn.dt_s))
+    with closing(ClipSensing(drawn, world)) as sensing:
+        for frame in range(frames):
+            if frame:
+                world.step(drawn.dt_s)
+            yield sensing.sense(seconds_to_ns(frame * drawn.dt_s))

@@ -11,11 +11,15 @@ from coopsim.config.load import load, read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.learn.rollout.recipe_checks import (
     as_count_range,
+    as_lidar_weights,
     as_list,
     as_range,
     as_weights,
     require_training_place,
 )
+from coopsim.sensors.camera.daylight import DAYLIGHTS
+from coopsim.sensors.camera.rig_names import RIG_NAMES
+from coopsim.sensors.limits import FARTHEST_MOUNT_M
 from coopsim.support.checks import require_count, require_flag, require_frame_time, require_probability
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TOWN
@@ -28,9 +32,13 @@ _RANGES = {
     "rain_mm_h": (0.0, 200.0),
     "fog_visibility_m": (5.0, 100_000.0),
     "range_noise_m": (0.0, 10.0),
+    "camera_fov_deg": (20.0, 150.0),
+    "camera_turn_deg": (-180.0, 180.0),
+    "camera_pitch_deg": (-90.0, 90.0),
+    "camera_above_m": (-FARTHEST_MOUNT_M, FARTHEST_MOUNT_M),
 }
 """What the ends of ranges may be."""
-_SHARES = ("plain_share", "drone_share", "rain_share", "fog_share")
+_SHARES = ("plain_share", "drone_share", "rain_share", "fog_share", "distorted_share")
 _FARTHEST_PLACE = 2**62
 
 
@@ -66,6 +74,14 @@ class WorldRecipe:
         rain_mm_h: range of its rate.
         fog_share: share of the clips with fog.
         fog_visibility_m: range of the visibility in it; its logarithm is uniform.
+        cameras: names of camera rigs, with their weights: all agents of a clip carry the same; empty: none.
+        camera_fov_deg: range of the cameras' horizontal opening angle. This and the next three are drawn for each
+            camera of a rig.
+        camera_turn_deg: range of the turn to the left from the rig's heading.
+        camera_pitch_deg: range of the turn downwards from the pitch of the rig on a car, mast or drone.
+        camera_above_m: range of the height over the agent's body.
+        distorted_share: share of the clips whose lenses distort; the others are pinholes.
+        times_of_day: names of lights in which cameras see, with their weights.
         allow_test_places: accept also what results are measured on and no shipped network was trained on: the named
             scenarios, the shipped scenario files, and the sensors VLP-16 and OS1-128.
     """
@@ -93,6 +109,13 @@ class WorldRecipe:
     rain_mm_h: Sequence[float] = (0.5, 25.0)
     fog_share: float = 0.1
     fog_visibility_m: Sequence[float] = (60.0, 600.0)
+    cameras: Mapping[str, float] = field(default_factory=dict)
+    camera_fov_deg: Sequence[float] = (90.0, 110.0)
+    camera_turn_deg: Sequence[float] = (-10.0, 10.0)
+    camera_pitch_deg: Sequence[float] = (-3.0, 3.0)
+    camera_above_m: Sequence[float] = (0.05, 0.4)
+    distorted_share: float = 0.2
+    times_of_day: Mapping[str, float] = field(default_factory=lambda: {"day": 0.6, "dusk": 0.2, "night": 0.2})
     allow_test_places: bool = False
 
     def __post_init__(self) -> None:
@@ -110,7 +133,9 @@ class WorldRecipe:
         changed: dict[str, Any] = {
             "environments": environments,
             "dt_s": tuple(map(float, times_s)),
-            "lidars": as_weights(self.lidars, allowed=self.allow_test_places),
+            "lidars": as_lidar_weights(self.lidars, allowed=self.allow_test_places),
+            "cameras": as_weights("cameras", "camera rigs", self.cameras, RIG_NAMES, least=0),
+            "times_of_day": as_weights("times_of_day", "lights", self.times_of_day, DAYLIGHTS),
         }
         changed |= {name: as_count_range(name, getattr(self, name)) for name in _COUNTS}
         changed |= {name: as_range(name, getattr(self, name), *ends) for name, ends in _RANGES.items()}
@@ -133,7 +158,9 @@ class WorldRecipe:
 
     @classmethod
     def for_validation(cls, **changed: Any) -> WorldRecipe:
-        """Return the recipe of validation: towns 1000 to 1099, three cars and one or two masts, HDL-32E, dry air.
+        """Return the recipe of validation: towns 1000 to 1099, three cars and one or two masts, HDL-32E, dry air, day.
+
+        With `cameras`, they are as the named rigs have them.
 
         Args:
             **changed: fields that differ from that.
@@ -151,6 +178,12 @@ class WorldRecipe:
             "density": (1.0, 1.0),
             "rain_share": 0.0,
             "fog_share": 0.0,
+            "camera_fov_deg": (100.0, 100.0),
+            "camera_turn_deg": (0.0, 0.0),
+            "camera_pitch_deg": (0.0, 0.0),
+            "camera_above_m": (0.15, 0.15),
+            "distorted_share": 0.0,
+            "times_of_day": {"day": 1.0},
         }
         return cls(**{**usual, **changed})
 

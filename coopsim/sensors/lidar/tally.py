@@ -1,4 +1,4 @@
-"""Numbers of LiDAR returns by actor."""
+"""Numbers of LiDAR returns, or of pixels, by actor."""
 
 from __future__ import annotations
 
@@ -18,12 +18,18 @@ def count_returns(sweeps: Mapping[str, Sweep], ids: Ints) -> Ints:
         InvalidValueError: a sweep has no instance ids.
     """
     counts = np.zeros(len(ids), dtype=np.int64)
-    order = np.argsort(ids)
-    ordered = ids[order]
     for name, sweep in sweeps.items():
         if sweep.instance is None:
             raise InvalidValueError(f"sweep {name!r} has no instance ids to count returns by")
-        counts[order] += _tally(sweep.instance, ordered)
+        counts += count_instances(sweep.instance, ids)
+    return counts
+
+
+def count_instances(instance: Ints, ids: Ints) -> Ints:
+    """Count how often each of the actors `ids` (N,), distinct, is among instances (P,); returns (N,)."""
+    counts = np.empty(len(ids), dtype=np.int64)
+    order = np.argsort(ids)
+    counts[order] = _tally(instance, ids[order])
     return counts
 
 

@@ -18,7 +18,7 @@ def test_steps_between_points_wrap_around() -> None:
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("format", lambda array: array + 1, "this version of coopsim reads 1"),
+        ("format", lambda array: array + 1, "this version of coopsim reads 1 and 2"),
         ("boxes", lambda array: array * np.nan, "boxes must be rows of 7 finite"),
         ("boxes", lambda array: -array, "sizes > 0"),
         ("boxes", lambda array: array[1:], "different lengths"),
