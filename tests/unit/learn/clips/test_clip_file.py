@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.clips import require_same, small_clip
+from helpers.clips import require_same, seeing_clip, small_clip
 
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.learn.clips.clip import Clip, Scene
@@ -17,6 +17,14 @@ def test_a_clip_reads_back_bit_by_bit(tmp_path: Path) -> None:
     save_clip(tmp_path / "one.npz", clip)
     require_same(load_clip(tmp_path / "one.npz"), clip)
     assert clip_bytes(clip) == (tmp_path / "one.npz").read_bytes()
+
+
+def test_pictures_are_stored_in_a_tenth_of_their_bytes(tmp_path: Path) -> None:
+    clip = seeing_clip()
+    save_clip(tmp_path / "one.npz", clip)
+    require_same(load_clip(tmp_path / "one.npz"), clip)
+    pictures = sum(picture.rgb.nbytes for scene in clip.scenes for agent in scene.agents for picture in agent.pictures)
+    assert len(clip_bytes(clip)) - len(clip_bytes(small_clip())) < pictures / 10
 
 
 def test_frames_without_agents_or_objects_read_back(tmp_path: Path) -> None:

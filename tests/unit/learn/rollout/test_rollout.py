@@ -6,14 +6,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from helpers.clips import SMALL, require_same
+from helpers.clips import SEEING, SMALL, require_same, require_same_picture, seeing_clip, small_clip
 
 import coopsim
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.learn.clips.clip import AgentScene, Scene
+from coopsim.learn.clips.clip import AgentScene, Picture, Scene
 from coopsim.learn.clips.compact_points import round_points
+from coopsim.learn.rollout.clip_pictures import nearest_in_blocks
 from coopsim.learn.rollout.clip_world import ClipWorld, draw_world
 from coopsim.learn.rollout.rollout import SimulatedClips
+from coopsim.sensors.camera.picture import MODES
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 
@@ -27,7 +29,20 @@ def test_a_clip_is_the_same_alone_and_after_others() -> None:
     assert SimulatedClips(SMALL, seed=4).clip(5).key != alone.key
 
 
-def _environment(drawn: ClipWorld, frames: int) -> CooperativeEnv:
+def test_cameras_change_nothing_else() -> None:
+    blind = [
+        replace(scene, pixels=None, agents=tuple(map(_without_pictures, scene.agents)))
+        for scene in seeing_clip().scenes
+    ]
+    assert all(agent.pictures for scene in seeing_clip().scenes for agent in scene.agents)
+    require_same(replace(seeing_clip(), key=small_clip().key, scenes=tuple(blind)), small_clip())
+
+
+def _without_pictures(agent: AgentScene) -> AgentScene:
+    return replace(agent, pictures=())
+
+
+def _environment(drawn: ClipWorld, frames: int, **changed: Any) -> CooperativeEnv:
     """Return an environment that shows the world of a clip."""
     numbers = drawn.scenario.population
     return coopsim.parallel_env(
@@ -48,6 +63,7 @@ def _environment(drawn: ClipWorld, frames: int) -> CooperativeEnv:
         buses=numbers.buses,
         max_cycles=frames,
         seed=drawn.seed,
+        **changed,
     )
 
 
@@ -77,6 +93,24 @@ def _require_shown(
     assert (truth["id"] == scene.object_id[others]).all() and (truth["returns"][:, column] > 0).any()
     assert (truth["returns"][:, column] == scene.returns[others, column]).all()
     assert (scene.returns[~others, column] == 0).all()
+
+
+def test_pictures_show_what_an_environment_of_their_world_shows() -> None:
+    recipe = replace(SEEING, frames=1, start_s=(0.0, 0.0), density=(1.0, 1.0), rain_share=1.0, distorted_share=1.0)
+    drawn = draw_world(recipe, 0, 1)
+    (scene,) = SimulatedClips(recipe, 0).clip(1).scenes
+    rigs = {agent.name: drawn.cameras[agent.kind] for agent in scene.agents}
+    env = _environment(drawn, 1, cameras=rigs, camera_modes=MODES, time_of_day=drawn.time_of_day)
+    observations, infos = env.reset()
+    assert scene.pixels is not None and scene.pixels.any(axis=0).all()
+    for column, agent in enumerate(scene.agents):
+        image, truth = observations[agent.name]["cameras"]["front"], infos[agent.name]["segmentation"]["front"]
+        nearest = nearest_in_blocks(image["depth"], truth["semantic"])
+        (picture,) = agent.pictures
+        require_same_picture(Picture(env.agent_specs[agent.name].cameras["front"], image["rgb"], *nearest), picture)
+        seen = [(truth["instance"] == one).sum() for one in scene.object_id]
+        assert (scene.pixels[:, column] == seen).all()
+    env.close()
 
 
 def test_crowds_that_do_not_fit_warn_nobody() -> None:

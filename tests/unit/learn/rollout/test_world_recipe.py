@@ -60,6 +60,13 @@ def test_shipped_files_and_test_sensors_are_refused() -> None:
         {"junctions": 99},
         {"density": (float("nan"), 1.0)},
         {"first_place": -1},
+        {"cameras": "surround"},
+        {"cameras": {"front": 0.0}},
+        {"camera_fov_deg": (90, 180)},
+        {"camera_pitch_deg": (3, -3)},
+        {"camera_above_m": (0.1, 200)},
+        {"distorted_share": 2},
+        {"times_of_day": {}},
     ],
 )
 def test_wrong_values_are_refused(wrong: dict[str, Any]) -> None:
@@ -72,5 +79,9 @@ def test_misspelt_names_are_refused() -> None:
         WorldRecipe.of({"frame": 3})
     with pytest.raises(CoopsimError, match="HDL-32E"):
         WorldRecipe(lidars={"HDL-32": 1.0})
+    with pytest.raises(UnknownNameError, match="surround_6"):
+        WorldRecipe(cameras={"surround_5": 1.0})
+    with pytest.raises(UnknownNameError, match="dusk"):
+        WorldRecipe(times_of_day={"dawn": 1.0})
     with pytest.raises(UnknownNameError, match="town"):
         WorldRecipe(environments=("twon",))
