@@ -113,6 +113,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.detector_task import DetectorTask
 
         return DetectorTask(recipe, seed)
+    if recipe.kind == "pictures":
+        from coopsim.learn.tasks.pictures_task import PicturesTask
+
+        return PicturesTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 

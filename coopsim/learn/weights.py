@@ -21,6 +21,8 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
+from coopsim.nn.camera.lift_splat import LiftSplatConfig
+from coopsim.nn.camera.picture_detector import PictureDetectorNet
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
@@ -85,12 +87,26 @@ def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = No
     path = find_weights(name_or_path)
     texts = read_texts(path)
     _require_kind(path, texts, "cooperative")
-    if detector is not None and texts.get("encoder_digest") != encoder_digest(detector):
-        raise InvalidValueError(
-            f"{path}: the fusion was trained on another encoder (digest {texts.get('encoder_digest', '?')[:8]}, not "
-            f"{encoder_digest(detector)[:8]}): take that one, {texts.get('detector', '?')!r}, or train the fusion anew"
-        )
+    _require_encoder(path, texts, detector)
     return _loaded_cooperative(path, digest(path))
+
+
+def load_pictures(name_or_path: str | Path = "lift_splat", detector: DetectorNet | None = None) -> PictureDetectorNet:
+    """Return the network of an agent with cameras, ready to be used; shared by all who ask, so not to be changed.
+
+    Args:
+        name_or_path: of the weights.
+        detector: of points, whose features it is to have.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, or was trained beside another encoder.
+    """
+    path = find_weights(name_or_path)
+    texts = read_texts(path)
+    _require_kind(path, texts, "pictures")
+    _require_encoder(path, texts, detector)
+    return _loaded_pictures(path, digest(path))
 
 
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
@@ -99,8 +115,8 @@ def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> Non
     Args:
         path: of the file.
         net: the network.
-        metadata: plain data; `kind` ("detector" or "cooperative") and `config`, from which the network is made again,
-            must be there. Classes and coopsim's version are added.
+        metadata: plain data; `kind` ("detector", "pictures" or "cooperative") and `config`, from which the network is
+            made again, must be there. Classes and coopsim's version are added.
 
     Raises:
         InvalidValueError: the weights are not finite, or too large for 16 bits, or the file cannot be written.
@@ -155,6 +171,8 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
+    if texts.get("kind") == "pictures":
+        return make_pictures(config)
     return make_detector(config) if texts.get("kind") == "detector" else make_cooperative(config)[0]
 
 
@@ -163,6 +181,13 @@ def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
     checked = load(EncoderConfig, config, "network")
     with _seeded(seed):
         return DetectorNet(checked)
+
+
+def make_pictures(config: Mapping[str, Any], seed: int = 0) -> PictureDetectorNet:
+    """Return a network of an agent with cameras, with random weights, the same for the same seed."""
+    checked = load(LiftSplatConfig, config, "network")
+    with _seeded(seed):
+        return PictureDetectorNet(checked)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:
@@ -189,6 +214,13 @@ def _loaded_detector(path: Path, _digest: str) -> DetectorNet:
 
 
 @lru_cache(_LOADED)
+def _loaded_pictures(path: Path, _digest: str) -> PictureDetectorNet:
+    net = _loaded(path)
+    assert isinstance(net, PictureDetectorNet)
+    return net
+
+
+@lru_cache(_LOADED)
 def _loaded_cooperative(path: Path, _digest: str) -> CooperativeNet:
     net = _loaded(path)
     assert isinstance(net, CooperativeNet)
@@ -199,6 +231,14 @@ def _loaded(path: Path) -> nn.Module:
     net = network_of(path, read_texts(path))
     net.load_state_dict(read_tensors(path, net.state_dict()))
     return net.eval().requires_grad_(False)
+
+
+def _require_encoder(path: Path, texts: Mapping[str, str], detector: DetectorNet | None) -> None:
+    if detector is not None and texts.get("encoder_digest") != encoder_digest(detector):
+        raise InvalidValueError(
+            f"{path}: was trained on another encoder (digest {texts.get('encoder_digest', '?')[:8]}, not "
+            f"{encoder_digest(detector)[:8]}): take that one, {texts.get('detector', '?')!r}, or train anew"
+        )
 
 
 def _require_kind(path: Path, texts: Mapping[str, str], kind: str) -> None:

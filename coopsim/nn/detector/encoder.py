@@ -62,7 +62,33 @@ class EncoderConfig:
             object.__setattr__(self, name, given)
 
 
-class PillarEncoder(nn.Module):
+class MapEncoder(nn.Module):
+    """The part that all encoders share: from a canvas, seen from above, through three scales to a map of features."""
+
+    def make_scales(self, config: EncoderConfig) -> None:
+        """Make the layers, for canvases of `config.pillar_features` channels."""
+        widths = (config.pillar_features, *config.channels)
+        self.scales = nn.ModuleList(
+            nn.Sequential(conv(before, after, 2), *(conv(after, after) for _ in range(layers)))
+            for before, after, layers in zip(widths, config.channels, config.layers, strict=False)
+        )
+        joined = max(8, config.features // 2)
+        self.sides = nn.ModuleList(nn.Conv2d(width, joined, 1, bias=False) for width in config.channels)
+        self.join = conv(3 * joined, config.features)
+
+    def of_canvas(self, canvas: Tensor) -> Tensor:
+        """Return features (A, C, H / 2, W / 2), not negative, of canvases (A, pillar_features, H, W)."""
+        below, sides = canvas, []
+        for scale, side in zip(self.scales, self.sides, strict=True):
+            below = scale(below)
+            sides.append(side(below))
+        finest = sides[0].shape[-2:]
+        sides[1:] = [functional.interpolate(each, size=finest, mode="nearest") for each in sides[1:]]
+        features: Tensor = self.join(torch.cat(sides, dim=1))
+        return features
+
+
+class PillarEncoder(MapEncoder):
     """PointPillars' encoder, small: a linear layer and a maximum over each pillar's points, then three scales, joined.
 
     Args:
@@ -74,14 +100,7 @@ class PillarEncoder(nn.Module):
         self.config = config = config or EncoderConfig()
         self.points = nn.Linear(POINT_FEATURES, config.pillar_features, bias=False)
         self.points_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
-        widths = (config.pillar_features, *config.channels)
-        self.scales = nn.ModuleList(
-            nn.Sequential(conv(before, after, 2), *(conv(after, after) for _ in range(layers)))
-            for before, after, layers in zip(widths, config.channels, config.layers, strict=False)
-        )
-        joined = max(8, config.features // 2)
-        self.sides = nn.ModuleList(nn.Conv2d(width, joined, 1, bias=False) for width in config.channels)
-        self.join = conv(3 * joined, config.features)
+        self.make_scales(config)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # how canvases lie: faster
 
     def forward(self, batch: PillarBatch) -> Tensor:
@@ -92,15 +111,7 @@ class PillarEncoder(nn.Module):
         """
         if any(cells % COARSEST for cells in batch.shape):
             raise InvalidValueError(f"rows and columns of pillars must divide by {COARSEST}, got {batch.shape}")
-        below = self.canvas(batch)
-        sides = []
-        for scale, side in zip(self.scales, self.sides, strict=True):
-            below = scale(below)
-            sides.append(side(below))
-        finest = sides[0].shape[-2:]
-        sides[1:] = [functional.interpolate(each, size=finest, mode="nearest") for each in sides[1:]]
-        features: Tensor = self.join(torch.cat(sides, dim=1))
-        return features
+        return self.of_canvas(self.canvas(batch))
 
     def canvas(self, batch: PillarBatch) -> Tensor:
         """Return the pillars' features on their grids, (A, C, H, W); zeros where no point is."""

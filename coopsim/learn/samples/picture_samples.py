@@ -1,0 +1,208 @@
+"""Samples of an encoder of pictures: some pictures of one agent, and the objects that they show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from coopsim.geometry.se3 import Floats
+from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene
+from coopsim.learn.losses.targets import Targets, join_targets, make_targets
+from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of
+from coopsim.nn.camera.sight import STRIDE_PX, PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
+from coopsim.nn.detector.encoder import STRIDE
+from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
+from coopsim.sensors.camera.distortion import distort
+from coopsim.types import BevGrid, CameraCalibration
+
+_LEAST_PIXELS = 16
+"""Pixels of an object, in all pictures of its agent, from which it is to be found."""
+
+_CAMERAS = (1, 2, 4)
+"""A sample has as many of its agent's cameras, or all if it has fewer: four times as many pictures of one moment teach
+less than pictures of four moments."""
+
+_FARTHEST_M = 50.0
+"""Objects around which parts of maps are cut are at most as far."""
+
+_NOTHING_M = np.float32(1e4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureSample:
+    """Pictures of one agent and what they show.
+
+    Attributes:
+        view: the pictures.
+        depth_m: of each, (h, w) float32 depth of the nearest surface in each cell of its features; 0: nothing.
+        label: of each, (h, w) uint8 class of that surface.
+        pillars: the agent's points on the same canvas.
+        targets: of its map.
+    """
+
+    view: PictureView
+    depth_m: tuple[NDArray[np.float32], ...]
+    label: tuple[NDArray[np.uint8], ...]
+    pillars: Pillars
+    targets: Targets
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PicturesOfBatch:
+    """Samples of one shape; depths and classes (M, h, w) are in the groups of the pictures."""
+
+    pictures: PictureBatch
+    depth_m: tuple[Tensor, ...]
+    label: tuple[Tensor, ...]
+    pillars: PillarBatch
+    targets: Targets
+
+
+def picture_samples(
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float, *, whole: bool = False
+) -> list[PictureSample]:
+    """Return a sample for each agent with pictures in each scene of a clip.
+
+    Args:
+        clip: the scenes.
+        rng: decides on cameras, turn, mirror, light and part of each sample.
+        settings: how; of it, `crop_cells`, `reach_m` and `mirrored` matter.
+        cell_m: edge of a cell of the canvas.
+        whole: all pictures as they are, and the whole map.
+    """
+    return [
+        _sample(clip, number, member, rng, settings, cell_m, whole)
+        for number, scene in enumerate(clip.scenes)
+        for member, agent in enumerate(scene.agents)
+        if agent.pictures
+    ]
+
+
+def collate_picture_samples(samples: Sequence[PictureSample]) -> PicturesOfBatch:
+    """Join samples into a batch."""
+    views = [sample.view for sample in samples]
+    groups = by_size(views)
+    return PicturesOfBatch(
+        collate_pictures(views),
+        tuple(torch.from_numpy(np.stack([samples[number].depth_m[k] for number, k in group])) for group in groups),
+        tuple(torch.from_numpy(np.stack([samples[number].label[k] for number, k in group])) for group in groups),
+        collate([sample.pillars for sample in samples]),
+        join_targets([sample.targets for sample in samples]),
+    )
+
+
+def _sample(
+    clip: Clip,
+    number: int,
+    member: int,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float,
+    whole: bool,
+) -> PictureSample:
+    scene = clip.scenes[number]
+    agent = scene.agents[member]
+    chosen = agent.pictures if whole else _some(agent.pictures, rng)
+    frame = agent.xyz_yaw.copy()
+    frame[3] = rng.uniform(-np.pi, np.pi)
+    frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
+    shown = _shown(scene, member, agent, chosen)
+    boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
+    points = moved(sweeps_of(clip, number, member, 1), agent.xyz_yaw, frame)
+    mirrored = rng.random() < settings.mirrored and not whole
+    if mirrored:
+        mirror(points, boxes, velocity)
+    grid = _part(boxes, rng, settings, cell_m)
+    way = rotated((agent.xyz_yaw[:2] - frame[:2])[None], -frame[3])[0]
+    pose = np.append(way, agent.xyz_yaw[3] - frame[3])
+    light = np.ones(3) if whole else rng.uniform(0.7, 1.4) * rng.uniform(0.9, 1.1, 3)
+    surfaces = [_surfaces(picture, mirrored) for picture in chosen]
+    return PictureSample(
+        PictureView([_seen(picture, light) for picture in chosen], pose, grid, mirrored),
+        tuple(depth_m for depth_m, _ in surfaces),
+        tuple(label for _, label in surfaces),
+        pillarize(points, grid),
+        make_targets(boxes, velocity, scene.label[shown], grid.coarser(STRIDE)),
+    )
+
+
+def _some(pictures: tuple[Picture, ...], rng: np.random.Generator) -> tuple[Picture, ...]:
+    count = min(len(pictures), int(rng.choice(_CAMERAS)))
+    return tuple(pictures[k] for k in sorted(rng.permutation(len(pictures))[:count]))
+
+
+def _shown(scene: Scene, member: int, agent: AgentScene, chosen: Sequence[Picture]) -> NDArray[np.bool_]:
+    """Return which objects (N,) have enough pixels, and their middle in one of the chosen pictures."""
+    assert scene.pixels is not None
+    x, y = rotated(scene.boxes[:, :2] - agent.xyz_yaw[:2], -agent.xyz_yaw[3]).T
+    middle = np.column_stack([x, y, scene.boxes[:, 2] - agent.xyz_yaw[2]])
+    inside = np.zeros(len(middle), np.bool_)
+    for picture in chosen:
+        inside |= _within(picture.calibration, middle)
+    shown: NDArray[np.bool_] = (scene.pixels[:, member] >= _LEAST_PIXELS) & inside
+    return shown
+
+
+def _within(calibration: CameraCalibration, points_m: Floats) -> NDArray[np.bool_]:
+    """Return which points (N, 3) of the base frame a picture has."""
+    seen = calibration.base_SE3_camera.inverse().apply(points_m)
+    ahead = seen[:, 2] > 0.5
+    flat = seen[:, :2] / np.where(ahead, seen[:, 2], 1.0)[:, None]
+    k1, k2, p1, p2, k3 = calibration.distortion.tolist()
+    # What is far outside of a picture may be folded back into it by the lens.
+    ahead &= np.hypot(*flat.T) < 2.5
+    place = distort(flat, (k1, k2, p1, p2, k3)) @ calibration.matrix[:2, :2].T + calibration.matrix[:2, 2]
+    rows, columns = calibration.size
+    inside = (np.abs(place - [(columns - 1) / 2, (rows - 1) / 2]) <= [columns / 2, rows / 2]).all(1)
+    within: NDArray[np.bool_] = ahead & inside
+    return within
+
+
+def _seen(picture: Picture, light: Floats) -> SeenPicture:
+    rgb = picture.rgb
+    if (light != 1).any():
+        table = np.clip(np.arange(256)[:, None] * light, 0, 255).astype(np.uint8)
+        rgb = np.stack([table[rgb[..., channel], channel] for channel in range(3)], axis=-1)
+    return SeenPicture(rgb, picture.calibration)
+
+
+def _surfaces(picture: Picture, mirrored: bool) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return depth and class of the nearest surface in each cell of the features."""
+    blocks = STRIDE_PX // BLOCK
+    more = [(0, -length % blocks) for length in picture.depth_m.shape]
+    depth = np.pad(picture.depth_m.astype(np.float32), more)
+    label = np.pad(picture.label, more, constant_values=255)
+    rows, columns = (length // blocks for length in depth.shape)
+
+    def cells(blocks_of: NDArray[np.generic]) -> NDArray[np.generic]:
+        split = blocks_of.reshape(rows, blocks, columns, blocks).transpose(0, 2, 1, 3)
+        return split.reshape(rows, columns, blocks * blocks)
+
+    far = cells(np.where(depth > 0, depth, _NOTHING_M))
+    nearest = far.argmin(-1)[..., None]
+    depth_m = np.take_along_axis(far, nearest, -1)[..., 0]
+    found = (
+        np.where(depth_m < _NOTHING_M, depth_m, np.float32(0)),
+        np.take_along_axis(cells(label), nearest, -1)[..., 0],
+    )
+    return tuple(each[:, ::-1].copy() if mirrored else each for each in found)  # type: ignore[return-value]
+
+
+def _part(boxes: Floats, rng: np.random.Generator, settings: SampleSettings, cell_m: float) -> BevGrid:
+    """Return the part of an agent's surroundings that a sample shows: around an object, or around the agent."""
+    most = round(settings.reach_m / cell_m)
+    if settings.crop_cells is None:
+        return BevGrid(*2 * ((-most * cell_m, most * cell_m),), cell_m)
+    size = min(settings.crop_cells, 2 * most)
+    near = np.flatnonzero(np.hypot(boxes[:, 0], boxes[:, 1]) < _FARTHEST_M)
+    middle = boxes[rng.choice(near), :2] if len(near) else np.zeros(2)
+    corner = np.round((middle + rng.uniform(-0.35, 0.35, 2) * size * cell_m) / cell_m).astype(int) - size // 2
+    low = np.clip(corner, -most, most - size) * cell_m
+    high = low + size * cell_m
+    return BevGrid((low[0], high[0]), (low[1], high[1]), cell_m)

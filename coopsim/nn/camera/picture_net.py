@@ -1,0 +1,109 @@
+"""The network on single pictures: features, depths and classes of their cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.sight import GEOMETRY
+from coopsim.nn.detector.encoder import conv
+from coopsim.support.registry import Registry
+from coopsim.types.taxonomy import CLASS_NAMES
+
+_COARSEST_PX = 16
+_GROUND_FIRST = 5.0  # logit by which a fresh network prefers the depth of the ground
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureFeatures:
+    """What a network sees in M pictures.
+
+    Attributes:
+        features: (M, C, h, w).
+        depth: (M, K + 1, h, w) logits of bins, see `DepthBins`.
+        label: (M, 10, h, w) logits of classes, the last one for scenery and sky.
+    """
+
+    features: Tensor
+    depth: Tensor
+    label: Tensor
+
+
+BACKBONES: Registry[Callable[[int], nn.Module]] = Registry("backbone", group="coopsim.backbones")
+"""Makers of backbones, by name. A backbone takes pictures (M, 3, H, W) in [-1, 1], H and W divisible by 16, and the
+geometry of their cells (M, 4, H / 8, W / 8), and gives maps (M, width, H / 8, W / 8). Register one of your own to start
+from weights that were trained elsewhere."""
+
+
+@BACKBONES.register("small")
+class SmallBackbone(nn.Module):
+    """Convolutions at 2, 4, 8 and 16 pixels, of 16 to 96 channels, to be trained from scratch.
+
+    Args:
+        width: channels of the result.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.fine = nn.Sequential(conv(3, 16, 2), conv(16, 32, 2), conv(32, 32), conv(32, 64, 2))
+        self.middle = nn.Sequential(conv(64 + GEOMETRY, 64), conv(64, 64))
+        self.coarse = nn.Sequential(conv(64, 96, 2), conv(96, 96), conv(96, 96))
+        self.join = nn.Sequential(
+            nn.Conv2d(64 + 96, width, 1, bias=False), nn.BatchNorm2d(width, eps=1e-3, momentum=0.05), nn.ReLU()
+        )
+
+    def forward(self, pictures: Tensor, geometry: Tensor) -> Tensor:
+        """Return maps (M, width, H / 8, W / 8)."""
+        middle = self.middle(torch.cat([self.fine(pictures), geometry], 1))
+        wide = functional.interpolate(self.coarse(middle), size=middle.shape[-2:], mode="nearest")
+        joined: Tensor = self.join(torch.cat([middle, wide], 1))
+        return joined
+
+
+class PictureNet(nn.Module):
+    """A backbone, and what is read from its map.
+
+    The depth of the ground along each line of sight is known for any camera. It is where the prediction of depth
+    begins: what stands on the ground is nearer than the ground behind it.
+
+    Args:
+        features: C of a cell.
+        bins: of depth.
+        backbone: name in `BACKBONES`.
+        width: channels of the backbone's map.
+    """
+
+    def __init__(self, features: int, bins: DepthBins, backbone: str = "small", width: int = 64) -> None:
+        super().__init__()
+        self._bins = bins
+        self.backbone = BACKBONES.get(backbone)(width)
+        self.hidden = nn.Sequential(nn.Conv2d(width + bins.count + 1, width, 1), nn.ReLU(inplace=True))
+        self.depth = nn.Conv2d(width, bins.count + 1, 1)
+        self.ground = nn.Conv2d(bins.count + 1, bins.count + 1, 1, bias=False)
+        self.features = nn.Conv2d(width, features, 1)
+        self.label = nn.Conv2d(width, len(CLASS_NAMES) + 1, 1)
+        with torch.no_grad():
+            self.ground.weight.copy_(_GROUND_FIRST * torch.eye(bins.count + 1)[:, :, None, None])
+
+    def forward(self, rgb: Tensor, geometry: Tensor) -> PictureFeatures:
+        """Look at pictures.
+
+        Args:
+            rgb: (M, 3, H, W) in [0, 255].
+            geometry: (M, 4, h, w), see `coopsim.nn.camera.sight.Sight`.
+        """
+        rows, columns = geometry.shape[-2:]
+        missing = [-length % _COARSEST_PX for length in rgb.shape[-2:]]
+        pictures = functional.pad(rgb.to(geometry.dtype) / 127.5 - 1, (0, missing[1], 0, missing[0]))
+        pictures = pictures.contiguous(memory_format=torch.channels_last)
+        cells = [length // 8 for length in pictures.shape[-2:]]
+        around = functional.pad(geometry, (0, cells[1] - columns, 0, cells[0] - rows))
+        seen = self.backbone(pictures, around)[..., :rows, :columns]
+        ground = self._bins.shares(10.0 / geometry[:, 0].float().clamp_min(1e-3)).to(seen.dtype)
+        hidden = self.hidden(torch.cat([seen, ground], 1))
+        return PictureFeatures(self.features(hidden), self.depth(hidden) + self.ground(ground), self.label(hidden))
