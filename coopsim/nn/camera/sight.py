@@ -33,8 +33,8 @@ class Sight:
     Attributes:
         start_m: (3,) the camera.
         ray: (3, h, w) float32, from it through the middle of each cell; as long as the optical axis per metre of depth.
-        geometry: (4, h, w) float32: inverse depth of the ground in 1/dam (0: above the horizon), elevation of the ray
-            in rad, cells per radian as a logarithm, and height of the camera as a logarithm.
+        geometry: (4, h, w) float32: inverse depth of the nearest ground in the cell, in 1/dam (0: above the horizon),
+            elevation of the ray in rad, cells per radian as a logarithm, and height of the camera as a logarithm.
     """
 
     start_m: Floats
@@ -61,20 +61,26 @@ def _sight(size: tuple[int, int], matrix: bytes, distortion: bytes, rotation: by
         np.frombuffer(start),
     )
     rows, columns = cells_of(size)
-    middle = (STRIDE_PX - 1) / 2
-    u, v = np.meshgrid(
-        np.minimum(STRIDE_PX * np.arange(columns) + middle, size[1] - 0.5),
-        np.minimum(STRIDE_PX * np.arange(rows) + middle, size[0] - 0.5),
-    )
-    seen = np.column_stack([((u - lens[0, 2]) / lens[0, 0]).ravel(), ((v - lens[1, 2]) / lens[1, 1]).ravel()])
-    coefficients = np.frombuffer(distortion)
-    if coefficients.any():
-        k1, k2, p1, p2, k3 = coefficients.tolist()
-        seen = undistort(seen, (k1, k2, p1, p2, k3))
-    ray = (np.column_stack([seen, np.ones(len(seen))]) @ turn.T).T.reshape(3, rows, columns)
+    folds = np.frombuffer(distortion)
+
+    def rays(across: float, down: float) -> Floats:
+        """Return the rays (3, h, w) through a place in each cell, in pixels from its first one."""
+        u = np.minimum(STRIDE_PX * np.arange(columns) + across, size[1] - 0.5)
+        v = np.minimum(STRIDE_PX * np.arange(rows) + down, size[0] - 0.5)
+        x, y = np.meshgrid((u - lens[0, 2]) / lens[0, 0], (v - lens[1, 2]) / lens[1, 1])
+        seen = np.column_stack([x.ravel(), y.ravel()])
+        if folds.any():
+            k1, k2, p1, p2, k3 = folds.tolist()
+            seen = undistort(seen, (k1, k2, p1, p2, k3))
+        directions: Floats = (np.column_stack([seen, np.ones(len(seen))]) @ turn.T).T.reshape(3, rows, columns)
+        return directions
+
+    last = STRIDE_PX - 1
+    ray = rays(last / 2, last / 2)
+    lowest = np.min([rays(across, down)[2] for across in (0, last) for down in (0, last)], axis=0)
     above_m = max(float(start_m[2]), _LOWEST_M)
     elevation = np.arctan2(ray[2], np.hypot(ray[0], ray[1]))
-    ground = 10.0 * np.maximum(-ray[2], 0.0) / above_m
+    ground = 10.0 * np.maximum(-lowest, 0.0) / above_m
     fine = np.full_like(elevation, np.log(lens[0, 0] / STRIDE_PX) - 3.0)
     high = np.full_like(elevation, np.log(above_m))
     return Sight(start_m, ray.astype(np.float32), np.stack([ground, elevation, fine, high]).astype(np.float32))
