@@ -16,7 +16,7 @@ from coopsim.support.registry import Registry
 from coopsim.types.taxonomy import CLASS_NAMES
 
 _COARSEST_PX = 16
-_GROUND_FIRST = 5.0  # logit by which a fresh network prefers the depth of the ground
+_UNLIKELY = 1e-3  # share of bins in which the ground is not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ class PictureNet(nn.Module):
         self.features = nn.Conv2d(width, features, 1)
         self.label = nn.Conv2d(width, len(CLASS_NAMES) + 1, 1)
         with torch.no_grad():
-            self.ground.weight.copy_(_GROUND_FIRST * torch.eye(bins.count + 1)[:, :, None, None])
+            self.ground.weight.copy_(torch.eye(bins.count + 1)[:, :, None, None])
 
     def forward(self, rgb: Tensor, geometry: Tensor) -> PictureFeatures:
         """Look at pictures.
@@ -106,4 +106,5 @@ class PictureNet(nn.Module):
         seen = self.backbone(pictures, around)[..., :rows, :columns]
         ground = self._bins.shares(10.0 / geometry[:, 0].float().clamp_min(1e-3)).to(seen.dtype)
         hidden = self.hidden(torch.cat([seen, ground], 1))
-        return PictureFeatures(self.features(hidden), self.depth(hidden) + self.ground(ground), self.label(hidden))
+        depth = self.depth(hidden) + self.ground(torch.log(ground + _UNLIKELY))
+        return PictureFeatures(self.features(hidden), depth, self.label(hidden))
