@@ -15,11 +15,12 @@ from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene
 from coopsim.learn.losses.targets import Targets, join_targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of
-from coopsim.nn.camera.sight import STRIDE_PX, PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
+from coopsim.nn.camera.picture_batch import PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
+from coopsim.nn.camera.sight import STRIDE_PX
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
-from coopsim.sensors.camera.distortion import distort
-from coopsim.types import BevGrid, CameraCalibration
+from coopsim.sensors.camera.projection import project
+from coopsim.types import BevGrid
 
 _LEAST_PIXELS = 16
 """Pixels of an object, in all pictures of its agent, from which it is to be found."""
@@ -144,24 +145,9 @@ def _shown(scene: Scene, member: int, agent: AgentScene, chosen: Sequence[Pictur
     middle = np.column_stack([x, y, scene.boxes[:, 2] - agent.xyz_yaw[2]])
     inside = np.zeros(len(middle), np.bool_)
     for picture in chosen:
-        inside |= _within(picture.calibration, middle)
+        inside |= project(picture.calibration, middle).inside
     shown: NDArray[np.bool_] = (scene.pixels[:, member] >= _LEAST_PIXELS) & inside
     return shown
-
-
-def _within(calibration: CameraCalibration, points_m: Floats) -> NDArray[np.bool_]:
-    """Return which points (N, 3) of the base frame a picture has."""
-    seen = calibration.base_SE3_camera.inverse().apply(points_m)
-    ahead = seen[:, 2] > 0.5
-    flat = seen[:, :2] / np.where(ahead, seen[:, 2], 1.0)[:, None]
-    k1, k2, p1, p2, k3 = calibration.distortion.tolist()
-    # What is far outside of a picture may be folded back into it by the lens.
-    ahead &= np.hypot(*flat.T) < 2.5
-    place = distort(flat, (k1, k2, p1, p2, k3)) @ calibration.matrix[:2, :2].T + calibration.matrix[:2, 2]
-    rows, columns = calibration.size
-    inside = (np.abs(place - [(columns - 1) / 2, (rows - 1) / 2]) <= [columns / 2, rows / 2]).all(1)
-    within: NDArray[np.bool_] = ahead & inside
-    return within
 
 
 def _seen(picture: Picture, light: Floats) -> SeenPicture:

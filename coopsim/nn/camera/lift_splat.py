@@ -9,8 +9,8 @@ from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.picture_batch import PictureBatch
 from coopsim.nn.camera.picture_net import BACKBONES, PictureFeatures, PictureNet
-from coopsim.nn.camera.sight import PictureBatch
 from coopsim.nn.camera.splat import EXTRA, Canvas
 from coopsim.nn.detector.encoder import COARSEST, MOST_CHANNELS, EncoderConfig, MapEncoder
 from coopsim.support.checks import require_choice, require_count

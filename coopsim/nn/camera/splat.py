@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from coopsim.nn.camera.sight import CameraViews
+from coopsim.nn.camera.picture_batch import CameraViews
 
 EXTRA = 2
 """Numbers of a cell of a canvas besides the features: how much was laid there, and how high."""

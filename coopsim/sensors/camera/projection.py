@@ -1,0 +1,63 @@
+"""Points of an agent's base frame in the pictures of its cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.sensors.camera.distortion import distort, undistort
+from coopsim.types import CameraCalibration
+
+_LEAST_DEPTH_M = 0.05
+_REMEMBERED = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projected:
+    """N points in a picture.
+
+    Attributes:
+        place_px: (N, 2) column and row; of no meaning for points that are not inside.
+        depth_m: (N,) along the optical axis.
+        inside: (N,) bool, whether the picture has the point: in front of the camera and within the edges.
+    """
+
+    place_px: Floats
+    depth_m: Floats
+    inside: NDArray[np.bool_]
+
+
+def project(calibration: CameraCalibration, points_m: Floats) -> Projected:
+    """Project points (N, 3) of the agent's base frame into a camera's picture."""
+    seen = calibration.base_SE3_camera.inverse().apply(points_m)
+    depth_m = seen[:, 2]
+    ahead = depth_m > _LEAST_DEPTH_M
+    flat = seen[:, :2] / np.where(ahead, depth_m, 1.0)[:, None]
+    lens, folds = calibration.matrix, calibration.distortion
+    if folds.any():
+        ahead &= np.hypot(*flat.T) <= _widest(tuple(calibration.size), lens.tobytes(), folds.tobytes())
+        k1, k2, p1, p2, k3 = folds.tolist()
+        flat = distort(flat, (k1, k2, p1, p2, k3))
+    place_px = flat @ lens[:2, :2].T + lens[:2, 2]
+    rows, columns = calibration.size
+    inside = ahead & (np.abs(place_px - [(columns - 1) / 2, (rows - 1) / 2]) <= [columns / 2, rows / 2]).all(1)
+    return Projected(place_px, depth_m, inside)
+
+
+@lru_cache(_REMEMBERED)
+def _widest(size: tuple[int, int], matrix: bytes, distortion: bytes) -> float:
+    """Return the longest ray of a picture on the plane z = 1: the lens may fold what is farther out back into it."""
+    lens, folds = np.frombuffer(matrix).reshape(3, 3), np.frombuffer(distortion)
+    rows, columns = size
+    u, v = np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
+    edge = np.concatenate(
+        [np.column_stack([u, np.full(len(u), end)]) for end in (v[0], v[-1])]
+        + [np.column_stack([np.full(len(v), end), v]) for end in (u[0], u[-1])]
+    )
+    flat = (edge - lens[:2, 2]) @ np.linalg.inv(lens[:2, :2]).T
+    k1, k2, p1, p2, k3 = folds.tolist()
+    return float(np.hypot(*undistort(flat, (k1, k2, p1, p2, k3)).T).max())
