@@ -102,8 +102,8 @@ class PicturesTask(TrainingTask):
 
     def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
         encoder = self.net.encoder
-        seen = encoder.look(batch.pictures)
-        features = encoder.of_canvas(encoder.canvas(batch.pictures, seen))
+        seen = encoder.pictures.look(batch.pictures)
+        features = encoder.of_canvas(encoder.pictures.canvas(batch.pictures, seen))
         with torch.no_grad():
             of_points = self.detector.encoder(batch.pillars)
         parts = head_loss(self.net.head, features, batch.targets)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.depth_bins import DepthBins
@@ -61,6 +61,39 @@ class LiftSplatConfig:
         return EncoderConfig(self.cell_m, self.picture_features + EXTRA, self.channels, self.layers, self.features)
 
 
+class PictureCanvas(nn.Module):
+    """A network on pictures, and the canvases on which its features are laid.
+
+    Args:
+        config: its sizes.
+    """
+
+    def __init__(self, config: LiftSplatConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.net = PictureNet(config.picture_features, config.bins, config.backbone, config.width)
+        self.register_buffer("middles_m", config.bins.middles(), persistent=False)
+
+    def look(self, batch: PictureBatch) -> list[PictureFeatures]:
+        """Return what is seen in each group of pictures."""
+        return [self.net(views.rgb, views.geometry) for views in batch.views]
+
+    def canvas(self, batch: PictureBatch, seen: list[PictureFeatures]) -> Tensor:
+        """Return what was seen, laid on the agents' canvases, (A, picture_features + 2, H, W).
+
+        Raises:
+            InvalidValueError: rows or columns of the canvas do not divide by 8.
+        """
+        if any(cells % COARSEST for cells in batch.shape):
+            raise InvalidValueError(f"rows and columns of a canvas must divide by {COARSEST}, got {batch.shape}")
+        middles_m = self.get_buffer("middles_m")
+        canvas = Canvas(batch.agents, batch.shape, self.config.picture_features, middles_m)
+        for views, each in zip(batch.views, seen, strict=True):
+            alpha = each.depth.float().softmax(1)[:, :-1]
+            canvas.lay(views, each.features.float(), alpha, middles_m)
+        return canvas.painted()
+
+
 class LiftSplatEncoder(MapEncoder):
     """A network on pictures, whose features are laid on a canvas, and the three scales of the encoder of points.
 
@@ -71,8 +104,7 @@ class LiftSplatEncoder(MapEncoder):
     def __init__(self, config: LiftSplatConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or LiftSplatConfig()
-        self.pictures = PictureNet(config.picture_features, config.bins, config.backbone, config.width)
-        self.register_buffer("middles_m", config.bins.middles(), persistent=False)
+        self.pictures = PictureCanvas(config)
         self.make_scales(config.maps)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
@@ -82,19 +114,4 @@ class LiftSplatEncoder(MapEncoder):
         Raises:
             InvalidValueError: rows or columns of the canvas do not divide by 8.
         """
-        return self.of_canvas(self.canvas(batch, self.look(batch)))
-
-    def look(self, batch: PictureBatch) -> list[PictureFeatures]:
-        """Return what is seen in each group of pictures."""
-        return [self.pictures(views.rgb, views.geometry) for views in batch.views]
-
-    def canvas(self, batch: PictureBatch, seen: list[PictureFeatures]) -> Tensor:
-        """Return what was seen, laid on the agents' canvases, (A, picture_features + 2, H, W)."""
-        if any(cells % COARSEST for cells in batch.shape):
-            raise InvalidValueError(f"rows and columns of a canvas must divide by {COARSEST}, got {batch.shape}")
-        middles_m = self.get_buffer("middles_m")
-        canvas = Canvas(batch.agents, batch.shape, self.config.picture_features, middles_m)
-        for views, each in zip(batch.views, seen, strict=True):
-            alpha = each.depth.float().softmax(1)[:, :-1]
-            canvas.lay(views, each.features.float(), alpha, middles_m)
-        return canvas.painted()
+        return self.of_canvas(self.pictures.canvas(batch, self.pictures.look(batch)))
