@@ -25,9 +25,9 @@ _FOLDER = Path(__file__).parent / "recipes"
 RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped recipes."""
 
-KINDS = ("detector", "pictures", "cooperative", "together")
-"""Stage A: an encoder with its head, of points, or of pictures beside one of points. Stage B: a fusion on a frozen
-encoder. Stage C: both."""
+KINDS = ("detector", "pictures", "points_and_pictures", "cooperative", "together")
+"""Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
+frozen encoder. Stage C: both."""
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -56,8 +56,8 @@ class TrainingRecipe:
         detector: weights that pictures are trained beside, and that stage B and C stand on, by name or path.
         teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; None:
             nobody does. See `coopsim.learn.losses.teacher_loss`.
-        network: options of the network: of `EncoderConfig` or `LiftSplatConfig` for stage A, of `CooperativeConfig`
-            for B and C.
+        network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
+            of `CooperativeConfig` for B and C.
         world: options of `WorldRecipe`: what the clips show.
         samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed.
     """
@@ -89,7 +89,7 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
-        if self.kind in ("detector", "pictures") and self.teacher is not None:
+        if self.kind not in ("cooperative", "together") and self.teacher is not None:
             raise InvalidValueError(
                 f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions"
             )

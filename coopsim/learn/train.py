@@ -113,7 +113,7 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.detector_task import DetectorTask
 
         return DetectorTask(recipe, seed)
-    if recipe.kind == "pictures":
+    if recipe.kind in ("pictures", "points_and_pictures"):
         from coopsim.learn.tasks.pictures_task import PicturesTask
 
         return PicturesTask(recipe, seed)

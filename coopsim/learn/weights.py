@@ -22,7 +22,8 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
 from coopsim.nn.camera.lift_splat import LiftSplatConfig
-from coopsim.nn.camera.picture_detector import PictureDetectorNet
+from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
+from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
@@ -102,11 +103,18 @@ def load_pictures(name_or_path: str | Path = "lift_splat", detector: DetectorNet
         UnknownNameError: there are no such weights.
         InvalidValueError: the file is broken, too large, or was trained beside another encoder.
     """
-    path = find_weights(name_or_path)
-    texts = read_texts(path)
-    _require_kind(path, texts, "pictures")
-    _require_encoder(path, texts, detector)
-    return _loaded_pictures(path, digest(path))
+    net = _load_beside(name_or_path, "pictures", detector)
+    assert isinstance(net, PictureDetectorNet)
+    return net
+
+
+def load_points_and_pictures(
+    name_or_path: str | Path = "points_and_pictures", detector: DetectorNet | None = None
+) -> PointsAndPicturesNet:
+    """Return the network of an agent with LiDARs and cameras; arguments and errors as of `load_pictures`."""
+    net = _load_beside(name_or_path, "points_and_pictures", detector)
+    assert isinstance(net, PointsAndPicturesNet)
+    return net
 
 
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
@@ -115,8 +123,8 @@ def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> Non
     Args:
         path: of the file.
         net: the network.
-        metadata: plain data; `kind` ("detector", "pictures" or "cooperative") and `config`, from which the network is
-            made again, must be there. Classes and coopsim's version are added.
+        metadata: plain data; `kind`, see `network_of`, and `config`, from which the network is made again, must be
+            there. Classes and coopsim's version are added.
 
     Raises:
         InvalidValueError: the weights are not finite, or too large for 16 bits, or the file cannot be written.
@@ -171,9 +179,9 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
-    if texts.get("kind") == "pictures":
-        return make_pictures(config)
-    return make_detector(config) if texts.get("kind") == "detector" else make_cooperative(config)[0]
+    made = {"detector": make_detector, "pictures": make_pictures, "points_and_pictures": make_points_and_pictures}
+    kind = texts.get("kind", "cooperative")
+    return made[kind](config) if kind in made else make_cooperative(config)[0]
 
 
 def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
@@ -188,6 +196,13 @@ def make_pictures(config: Mapping[str, Any], seed: int = 0) -> PictureDetectorNe
     checked = load(LiftSplatConfig, config, "network")
     with _seeded(seed):
         return PictureDetectorNet(checked)
+
+
+def make_points_and_pictures(config: Mapping[str, Any], seed: int = 0) -> PointsAndPicturesNet:
+    """Return a network of an agent with LiDARs and cameras, with random weights, the same for the same seed."""
+    checked = load(PointsAndPicturesConfig, config, "network")
+    with _seeded(seed):
+        return PointsAndPicturesNet(checked)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:
@@ -213,11 +228,17 @@ def _loaded_detector(path: Path, _digest: str) -> DetectorNet:
     return net
 
 
+def _load_beside(name_or_path: str | Path, kind: str, detector: DetectorNet | None) -> nn.Module:
+    path = find_weights(name_or_path)
+    texts = read_texts(path)
+    _require_kind(path, texts, kind)
+    _require_encoder(path, texts, detector)
+    return _loaded_beside(path, digest(path))
+
+
 @lru_cache(_LOADED)
-def _loaded_pictures(path: Path, _digest: str) -> PictureDetectorNet:
-    net = _loaded(path)
-    assert isinstance(net, PictureDetectorNet)
-    return net
+def _loaded_beside(path: Path, _digest: str) -> nn.Module:
+    return _loaded(path)
 
 
 @lru_cache(_LOADED)

@@ -14,7 +14,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene
 from coopsim.learn.losses.targets import Targets, join_targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of
+from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of, thin
 from coopsim.nn.camera.picture_batch import PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
 from coopsim.nn.camera.sight import STRIDE_PX
 from coopsim.nn.detector.encoder import STRIDE
@@ -66,19 +66,27 @@ class PicturesOfBatch:
 
 
 def picture_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float, *, whole: bool = False
+    clip: Clip,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float,
+    *,
+    points: bool = False,
+    whole: bool = False,
 ) -> list[PictureSample]:
     """Return a sample for each agent with pictures in each scene of a clip.
 
     Args:
         clip: the scenes.
         rng: decides on cameras, turn, mirror, light and part of each sample.
-        settings: how; of it, `crop_cells`, `reach_m` and `mirrored` matter.
+        settings: how; of it, `crop_cells`, `reach_m` and `mirrored` matter, with points also `merged` and `thinned`.
         cell_m: edge of a cell of the canvas.
+        points: the network reads the agent's points, too: what they show is to be found as well, and pictures get
+            the depths that they measure, in some samples with those of other agents' points.
         whole: all pictures as they are, and the whole map.
     """
     return [
-        _sample(clip, number, member, rng, settings, cell_m, whole)
+        _sample(clip, number, member, rng, settings, cell_m, points, whole)
         for number, scene in enumerate(clip.scenes)
         for member, agent in enumerate(scene.agents)
         if agent.pictures
@@ -105,6 +113,7 @@ def _sample(
     rng: np.random.Generator,
     settings: SampleSettings,
     cell_m: float,
+    points: bool,
     whole: bool,
 ) -> PictureSample:
     scene = clip.scenes[number]
@@ -114,23 +123,50 @@ def _sample(
     frame[3] = rng.uniform(-np.pi, np.pi)
     frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
     shown = _shown(scene, member, agent, chosen)
+    if points:
+        shown |= scene.returns[:, member] > 0
     boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
-    points = moved(sweeps_of(clip, number, member, 1), agent.xyz_yaw, frame)
+    cloud = moved(sweeps_of(clip, number, member, 1), agent.xyz_yaw, frame)
+    if points and not whole:
+        cloud = thin(cloud, rng, settings.thinned)
     mirrored = rng.random() < settings.mirrored and not whole
     if mirrored:
-        mirror(points, boxes, velocity)
+        mirror(cloud, boxes, velocity)
     grid = _part(boxes, rng, settings, cell_m)
     way = rotated((agent.xyz_yaw[:2] - frame[:2])[None], -frame[3])[0]
     pose = np.append(way, agent.xyz_yaw[3] - frame[3])
     light = np.ones(3) if whole else rng.uniform(0.7, 1.4) * rng.uniform(0.9, 1.1, 3)
     surfaces = [_surfaces(picture, mirrored) for picture in chosen]
     return PictureSample(
-        PictureView([_seen(picture, light) for picture in chosen], pose, grid, mirrored),
+        PictureView(
+            [_seen(picture, light) for picture in chosen],
+            pose,
+            grid,
+            mirrored,
+            _measured(clip, number, member, rng, settings, whole) if points else None,
+        ),
         tuple(depth_m for depth_m, _ in surfaces),
         tuple(label for _, label in surfaces),
-        pillarize(points, grid),
+        pillarize(cloud, grid),
         make_targets(boxes, velocity, scene.label[shown], grid.coarser(STRIDE)),
     )
+
+
+def _measured(
+    clip: Clip, number: int, member: int, rng: np.random.Generator, settings: SampleSettings, whole: bool
+) -> Floats:
+    """Return the points by which depths are measured, (P, 3) in the agent's base frame."""
+    agents = clip.scenes[number].agents
+    own = agents[member]
+    clouds = [own.points[:, :3].astype(np.float64)]
+    if not whole and rng.random() < settings.merged:
+        others = [each for each in agents if each is not own]
+        clouds += [moved(_aged(each.points), each.xyz_yaw, own.xyz_yaw)[:, :3].astype(np.float64) for each in others]
+    return np.concatenate(clouds)
+
+
+def _aged(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.column_stack([points, np.zeros(len(points), np.float32)])
 
 
 def _some(pictures: tuple[Picture, ...], rng: np.random.Generator) -> tuple[Picture, ...]:

@@ -21,57 +21,83 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_picture_samples, picture_samples
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile
-from coopsim.learn.weights import encoder_digest, load_detector, load_pictures, make_pictures
-from coopsim.nn.camera.picture_detector import PictureDetectorNet
+from coopsim.learn.weights import (
+    encoder_digest,
+    load_detector,
+    load_pictures,
+    load_points_and_pictures,
+    make_pictures,
+    make_points_and_pictures,
+    read_texts,
+)
+from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
+from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
+from coopsim.nn.camera.picture_net import PictureFeatures
 from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.types import BevGrid
 
 
 class PicturesTask(TrainingTask):
-    """The training of a `PictureDetectorNet` beside a detector of points, whose head it has and does not change.
+    """The training of a network with cameras beside a detector of points, whose head it has and does not change.
 
     All fusions that stand on that detector then take the maps of pictures, too, and maps of both kinds together.
     ("HEAL", Lu et al., ICLR 2024, section 3.2, trains encoders of further kinds of agents against a head that is kept.)
-    The three scales begin as the detector's.
+    The three scales begin as the detector's. For the kind "points_and_pictures", so does the part on points, and
+    `start` may be weights of the kind "pictures", with which the part on pictures begins.
 
     Args:
-        recipe: of the kind "pictures"; `detector` is that detector.
+        recipe: of the kind "pictures" or "points_and_pictures"; `detector` is that detector.
         seed: of the first weights.
 
     Raises:
         InvalidValueError: network, detector and the weights to start with do not fit together.
     """
 
-    net: PictureDetectorNet
+    net: PictureDetectorNet | PointsAndPicturesNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = copy.deepcopy(load_detector(recipe.detector))
-        self.net = make_pictures(recipe.network, seed)
         if detector.config.head != "centre" or detector.config.sweeps != 1:
             raise InvalidValueError(
                 f"detector must have the head 'centre' and look at one sweep; {recipe.detector!r} does not"
             )
-        mine, other = self.net.config.maps, detector.config
-        for name in ("cell_m", "pillar_features", "channels", "layers", "features"):
-            if getattr(mine, name) != getattr(other, name):
-                raise InvalidValueError(
-                    f"the network must have the detector's {name}, {getattr(other, name)}, has {getattr(mine, name)}"
-                )
-        for part in ("scales", "sides", "join"):
-            getattr(self.net.encoder, part).load_state_dict(getattr(detector.encoder, part).state_dict())
+        make = make_pictures if recipe.kind == "pictures" else make_points_and_pictures
+        self.net = make(recipe.network, seed)
+        encoder = self.net.encoder
+        self._config = encoder.config if isinstance(encoder, LiftSplatEncoder) else encoder.config.pictures
+        _require_same_maps(self._config, detector)
+        if isinstance(encoder, LiftSplatEncoder):
+            for part in ("scales", "sides", "join"):
+                getattr(encoder, part).load_state_dict(getattr(detector.encoder, part).state_dict())
+        else:
+            encoder.points.load_state_dict(detector.encoder.state_dict())
         self.net.head.load_state_dict(detector.head.state_dict())
         if recipe.start is not None:
-            self.net.load_state_dict(load_pictures(recipe.start, detector).state_dict())
+            self._start(recipe.start, detector)
         self.net.head.requires_grad_(False)
         self.detector = detector.requires_grad_(False)
         self._metadata = {
-            "kind": "pictures",
+            "kind": recipe.kind,
             "config": asdict(self.net.config),
             "detector": Path(recipe.detector).stem,
             "encoder_digest": encoder_digest(detector),
         }
+
+    def _start(self, start: str, detector: DetectorNet) -> None:
+        """Begin with the weights of a training before this one."""
+        encoder = self.net.encoder
+        if isinstance(encoder, LiftSplatEncoder):
+            self.net.load_state_dict(load_pictures(start, detector).state_dict())
+        elif read_texts(start).get("kind") == "pictures":
+            before = load_pictures(start, detector).encoder
+            if before.config != self._config:
+                raise InvalidValueError(f"network pictures must be that of start, {asdict(before.config)}")
+            encoder.pictures.load_state_dict(before.pictures.state_dict())
+        else:
+            self.net.load_state_dict(load_points_and_pictures(start, detector).state_dict())
 
     def train(self, mode: bool = True) -> Self:
         super().train(mode)
@@ -80,18 +106,19 @@ class PicturesTask(TrainingTask):
         return self
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return picture_samples(clip, rng, self._settings, self.net.config.cell_m)
+        return picture_samples(clip, rng, self._settings, self._config.cell_m, points=self._reads_points)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return picture_samples(clip, rng, self._settings, self.net.config.cell_m, whole=True)
+        return picture_samples(clip, rng, self._settings, self._config.cell_m, points=self._reads_points, whole=True)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, PictureDetectorNet)
+        assert isinstance(net, (PictureDetectorNet, PointsAndPicturesNet))
         targets = batch.targets
         rows, columns = targets.heat.shape[2:]
         grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
         with torch.no_grad():
-            found = decode(net.head, net.encoder(batch.pictures), grid)
+            features, _ = _features(net, batch)
+            found = decode(net.head, features, grid)
         return [FoundMap(found[0], targets, grid)]
 
     def collate(self, samples: Sequence[Any]) -> Any:
@@ -101,17 +128,44 @@ class PicturesTask(TrainingTask):
         return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
-        encoder = self.net.encoder
-        seen = encoder.pictures.look(batch.pictures)
-        features = encoder.of_canvas(encoder.pictures.canvas(batch.pictures, seen))
-        with torch.no_grad():
-            of_points = self.detector.encoder(batch.pillars)
+        features, seen = _features(self.net, batch)
         parts = head_loss(self.net.head, features, batch.targets)
         parts.pop("loss")
-        share = 1 / len(seen)
+        share = 1 / max(1, len(seen))
         groups = list(zip(seen, batch.depth_m, batch.label, strict=True))
-        bins = self.net.config.bins
-        parts["depth"] = share * sum(depth_loss(each.depth, depth_m, label, bins) for each, depth_m, label in groups)
-        parts["label"] = share * sum(label_loss(each.label, label) for each, _, label in groups)
-        parts["alike"] = alike_loss(features, of_points, batch.targets.heat)
+        depths = [depth_loss(each.depth, depth_m, label, self._config.bins) for each, depth_m, label in groups]
+        labels = [label_loss(each.label, label) for each, _, label in groups]
+        parts["depth"], parts["label"] = share * torch.stack(depths).sum(), share * torch.stack(labels).sum()
+        if not self._reads_points:
+            with torch.no_grad():
+                of_points = self.detector.encoder(batch.pillars)
+            parts["alike"] = alike_loss(features, of_points, batch.targets.heat)
         return {"loss": sum_of(parts), **parts}
+
+    @property
+    def _reads_points(self) -> bool:
+        return isinstance(self.net, PointsAndPicturesNet)
+
+
+def _features(
+    net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch
+) -> tuple[Tensor, list[PictureFeatures]]:
+    """Return the features of a batch, (A, C, h, w), and what is seen in its pictures."""
+    encoder = net.encoder
+    if isinstance(encoder, LiftSplatEncoder):
+        seen = encoder.pictures.look(batch.pictures)
+        return encoder.of_canvas(encoder.pictures.canvas(batch.pictures, seen)), seen
+    seen = encoder.look(batch.pictures)
+    return encoder.of_canvas(batch.pillars, batch.pictures, seen), seen
+
+
+def _require_same_maps(config: LiftSplatConfig, detector: DetectorNet) -> None:
+    """Check that maps of pictures are of the sizes of a detector's.
+
+    Raises:
+        InvalidValueError: they are not.
+    """
+    for name in ("cell_m", "pillar_features", "channels", "layers", "features"):
+        mine, other = getattr(config.maps, name), getattr(detector.config, name)
+        if mine != other:
+            raise InvalidValueError(f"the network must have the detector's {name}, {other}, has {mine}")
