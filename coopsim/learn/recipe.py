@@ -48,6 +48,8 @@ class TrainingRecipe:
         clip: longest gradient; longer ones are shortened to it.
         average: decay of the moving average of the weights, which is what a training gives.
         slower: factors on the learning rate of parameters, by the beginning of their names, as "head": 0.1.
+        loss: weights of parts of the loss, by name, that differ from `coopsim.learn.losses.losses.WEIGHTS`; with 0 a
+            part is shown and teaches nothing, as "label": 0 where pictures are to be learned without classes.
         precision: of the arithmetic; the weights themselves are float32. "auto": bfloat16 where the processor has it.
         threads: of torch; only the same number of them gives the same bits.
         validate_every: steps between two looks at held-out places; 0: never.
@@ -73,6 +75,7 @@ class TrainingRecipe:
     clip: float = 10.0
     average: float = 0.999
     slower: Mapping[str, float] = field(default_factory=dict)
+    loss: Mapping[str, float] = field(default_factory=dict)
     precision: str = "auto"
     threads: int = 1
     validate_every: int = 0
@@ -106,11 +109,12 @@ class TrainingRecipe:
         require_positive(lr=self.lr, clip=self.clip)
         require_non_negative(weight_decay=self.weight_decay)
         require_probability(average=self.average)
-        for each in ("slower", "network", "world", "samples"):
+        for each in ("slower", "loss", "network", "world", "samples"):
             if not isinstance(getattr(self, each), Mapping):
                 raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")
         for name, factor in self.slower.items():
             require_between(0, 1, **{f"slower {name}": factor})
+        require_non_negative(**{f"loss {name}": weight for name, weight in self.loss.items()})
 
     def as_data(self) -> dict[str, Any]:
         """Return the recipe as JSON has it."""

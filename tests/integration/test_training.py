@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from synthetic_clips import SyntheticClips
 
-from coopsim.errors import InvalidValueError, TrainingError
+from coopsim.errors import InvalidValueError, TrainingError, UnknownNameError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.loop import train_loop
 from coopsim.learn.loop.train_loop import TrainingProgress
@@ -156,6 +156,18 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     assert steps[0] == (3 if end is None else 6)
     assert all((tmp_path / "whole" / name).read_bytes() == (tmp_path / "cut" / name).read_bytes() for name in FILES)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_parts_of_the_loss_weigh_what_the_recipe_says(tmp_path: Path) -> None:
+    recipe = replace(TINY, steps=1)
+    train(recipe, tmp_path / "usual", source=FourFrames())
+    train(replace(recipe, loss={"size": 0.0, "heat": 2.0}), tmp_path / "other", source=FourFrames())
+    (usual,), (other,) = losses(tmp_path / "usual"), losses(tmp_path / "other")
+    assert other["loss"] == pytest.approx(usual["loss"] - usual["size"] + usual["heat"], abs=1e-4)
+    with pytest.raises(UnknownNameError, match=r"unknown part of the loss 'sise'.*'size'"):
+        train(replace(recipe, loss={"sise": 0.0}), tmp_path / "typo", source=FourFrames())
+    with pytest.raises(InvalidValueError, match="loss size must be a finite number >= 0"):
+        replace(recipe, loss={"size": -1.0})
 
 
 def test_a_folder_of_another_training_is_refused(tmp_path: Path) -> None:

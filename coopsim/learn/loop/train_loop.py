@@ -22,6 +22,7 @@ from coopsim.learn.loop.one_cycle import one_cycle
 from coopsim.learn.loop.precision import autocast_type, to_device
 from coopsim.learn.loop.ranks import Ranks
 from coopsim.learn.loop.training_log import TrainingLog
+from coopsim.learn.losses.losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_order import Position, SampleOrder
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask
@@ -132,6 +133,8 @@ class TrainLoop:
         batch = to_device(self.task.collate(samples), device)
         with nullcontext() if dtype is None else torch.autocast(device.type, dtype):
             losses: dict[str, Tensor] = model(batch)
+        if self.recipe.loss:
+            losses[LOSS] = sum_of({name: part for name, part in losses.items() if name != LOSS}, self.recipe.loss)
         self._adam.zero_grad()
         losses[LOSS].backward()  # type: ignore[no-untyped-call]
         length = torch.nn.utils.clip_grad_norm_(self._parameters, self.recipe.clip)

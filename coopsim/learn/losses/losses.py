@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from coopsim.errors import UnknownNameError
 from coopsim.learn.losses.targets import Targets
 from coopsim.nn.detector.box_code import AXIS, HEADING, HEIGHT, LOG_VARIANCE, OFFSET, SIZE, VELOCITY, residuals
 from coopsim.nn.detector.centre_head import CentreHead, at_cells
@@ -61,6 +64,18 @@ def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
     }
 
 
-def sum_of(parts: dict[str, Tensor]) -> Tensor:
-    """Return the weighted sum of the parts; parts without a weight count once."""
-    return torch.stack([WEIGHTS.get(name, 1.0) * part for name, part in parts.items()]).sum()
+def sum_of(parts: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:
+    """Return the weighted sum of the parts; parts without a weight count once.
+
+    Args:
+        parts: by name.
+        weights: that differ from `WEIGHTS`.
+
+    Raises:
+        UnknownNameError: there is a weight for no part.
+    """
+    for name in weights or ():
+        if name not in parts:
+            raise UnknownNameError("part of the loss", name, parts)
+    known = {**WEIGHTS, **(weights or {})}
+    return torch.stack([known.get(name, 1.0) * part for name, part in parts.items()]).sum()
