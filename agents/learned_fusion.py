@@ -15,35 +15,52 @@ from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_maps import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
-from coopsim.localization.recent_sweeps import RecentSweeps, turned
+from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
+    from coopsim.nn.detector.detector_net import DetectorNet
+    from coopsim.nn.inference.agent_encoder import AgentEncoder
     from coopsim.nn.inference.perceiver import OwnMap, ReceivedMap
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
 """Codecs: all cells, and as many of the surest ones as a budget has room for."""
+
+_NEEDS = {
+    "points": Needs(uplink="features", lidar=True),
+    "pictures": Needs(uplink="features", cameras="surround", any_rig=True),
+    "mixed": Needs(uplink="features"),
+}
+"""What the agents must have, by the word for `sensors`."""
 
 
 @dataclass(kw_only=True, eq=False)
 class LearnedFusion(PerceivingPolicy):
     """A policy that fuses the feature maps of all agents. Further parameters: `PerceivingPolicy`.
 
-    Each agent encodes its points once a frame, for itself and for the others. Maps come
+    Each agent encodes what its sensors gave once a frame, for itself and for the others. Maps of points and of pictures
+    mean the same, so one fusion takes both, and agents with different sensors understand each other. Maps come
     compressed to a few channels, are warped to where their senders were, and expanded and fused there. `align`, the
     correction of poses by objects that several agents see, is then that of CoAlign (Lu et al., ICRA 2023).
 
     Attributes:
-        detector_weights: of the encoder, which must be the one that the fusion was trained on.
+        detector_weights: of the encoder of points, which must be the one that the fusion was trained on.
+        sensors: what agents encode: "points", "pictures", or "mixed": each agent its points if it has a LiDAR, else its
+            pictures. One with neither sees nothing by itself, and hears the others.
+        picture_weights: of the encoder of pictures, which must have been trained beside that of points.
     """
 
-    needs = Needs(uplink="features", lidar=True)
+    needs = _NEEDS["points"]
     codec: ClassVar[str] = DENSE
     request_block: ClassVar[int] = 0
 
     detector_weights: str = "pillars"
+    sensors: str = "points"
+    picture_weights: str = "lift_splat"
 
     def load(self) -> None:
+        require_choice("sensors", self.sensors, _NEEDS)
+        self.needs = _NEEDS[self.sensors]
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import digest, load_cooperative, load_detector
         from coopsim.nn.inference.perceiver import KINDS, Perceiver
@@ -51,13 +68,28 @@ class LearnedFusion(PerceivingPolicy):
         detector = load_detector(self.detector_weights)
         net = load_cooperative(self.weights, detector)
         space = int(digest(self.weights)[:8], 16)
-        self._kinds, self._perceiver = KINDS, Perceiver(detector, net, space, self.threads)
-        self._sweeps = RecentSweeps(self._perceiver.sweeps)
+        self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self.threads)
+        self._encoder = self.make_encoder(detector)
         self._encode: EncodeOnce[OwnMap] = EncodeOnce(
             lambda view: self._encoded({view.agent: view})[view.agent], self._encoded
         )
         self._uplink: ShareMaps | None = None
         self._served: set[str] = set()
+
+    def make_encoder(self, detector: DetectorNet) -> AgentEncoder:
+        """Return the encoder of what agents' sensors give, by `sensors`; `detector` has that of points.
+
+        Raises:
+            UnknownNameError: there are no such weights for pictures.
+            InvalidValueError: they are broken, or were trained beside another encoder.
+        """
+        from coopsim.learn.weights import load_pictures
+        from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder
+
+        if self.sensors == "points":
+            return PointEncoder(detector)
+        pictures = PictureEncoder(load_pictures(self.picture_weights, detector))
+        return pictures if self.sensors == "pictures" else MixedEncoder(PointEncoder(detector), pictures)
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._uplink is None or spec.name in self._served:  # an episode begins
@@ -98,10 +130,9 @@ class LearnedFusion(PerceivingPolicy):
 
     def _encoded(self, views: Mapping[str, SensorView]) -> dict[str, OwnMap]:
         """Return the maps of several agents, made side by side."""
-        poses = [np.zeros(4) if view.pose is None else view.pose.xyz_yaw for view in views.values()]
-        points = map(self._sweeps.points, views.values())
-        clouds = [turned(each, float(pose[3])) for each, pose in zip(points, poses, strict=True)]
-        return dict(zip(views, self._perceiver.encode(clouds, [pose[:2] for pose in poses]), strict=True))
+        looks = [self._encoder.look(view) for view in views.values()]
+        places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
+        return dict(zip(views, self._perceiver.encode(looks, places), strict=True))
 
     def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""

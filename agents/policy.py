@@ -48,6 +48,7 @@ class Needs:
         lidar: the policy reads LiDAR sweeps.
         cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.rigs`), True for
             "surround"; False: the policy reads no image, and none is rendered for it.
+        any_rig: other cameras than those of `cameras` serve as well, if every agent has one.
 
     Raises:
         InvalidValueError: a value has the wrong type.
@@ -57,11 +58,12 @@ class Needs:
     uplink: str = "detections"
     lidar: bool = False
     cameras: bool | str = False
+    any_rig: bool = False
 
     def __post_init__(self) -> None:
         if not (isinstance(self.uplink, str) and self.uplink):
             raise InvalidValueError(f"uplink must be the name of a content, got {self.uplink!r}")
-        require_flag(lidar=self.lidar)
+        require_flag(lidar=self.lidar, any_rig=self.any_rig)
         rig_camera_names(self.cameras)
 
 
@@ -178,8 +180,11 @@ class Policy(ABC):
             if needs.lidar and not spec.lidars:
                 raise PolicyMismatchError(
                     f"{me} needs a LiDAR, but {spec.name} has none: make the environment with one, as "
-                    'lidar="HDL-32E"; with lidar=None, or in a replay, there are no sweeps'
+                    'lidar="HDL-32E", for all agents, with lidar_agents=None; with lidar=None, or in a replay, there '
+                    "are no sweeps"
                 )
+            if needed and needs.any_rig and spec.cameras:
+                continue
             if not needed <= set(spec.cameras):
                 raise PolicyMismatchError(
                     f"{me} needs cameras {sorted(needed)}, but {spec.name} has {sorted(spec.cameras)}: make the "

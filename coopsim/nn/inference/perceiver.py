@@ -1,4 +1,4 @@
-"""The networks of cooperating agents at work: from points to messages, and from maps to detections."""
+"""The networks of cooperating agents at work: from sensor data to messages, and from maps to detections."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.errors import CodecError
@@ -16,12 +15,11 @@ from coopsim.geometry.se3 import Floats
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.decode import decode
-from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import COARSEST, STRIDE
-from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.fusion import FusionContext, as_batch
+from coopsim.nn.inference.agent_encoder import Look
 from coopsim.nn.inference.inference import inference, side_by_side
-from coopsim.nn.inference.quick import QuickEncoder, folded
+from coopsim.nn.inference.quick import folded
 from coopsim.types import BevGrid, Detections, FeatureMap
 
 REACH_M = 76.8
@@ -38,7 +36,7 @@ _MOST_CELLS, _CELLS_M = 2**18, (0.1, 20.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnMap:
-    """What an agent's encoder makes of its points.
+    """What an agent's encoder makes of what its sensors gave.
 
     Attributes:
         features: (64, h, w), for its own use.
@@ -118,46 +116,44 @@ def compass_region(
 
 
 class Perceiver:
-    """An agent's network, and the cooperative one that stands on it.
+    """What agents saw, and the cooperative network that works on it.
 
     Args:
-        detector: of one agent.
-        net: of several.
+        net: of several agents.
+        cell_m: edge of a cell of the encoders' canvases.
         space: number of the networks, which their messages carry.
         threads: agents are encoded side by side on so many.
     """
 
-    def __init__(self, detector: DetectorNet, net: CooperativeNet, space: int, threads: int = 1) -> None:
-        cell_m = detector.config.cell_m
-        reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
-        self.sweeps, self._space, self._threads = detector.config.sweeps, space, threads
-        self._reach_m, self._pillar_m = reach_m, cell_m
+    def __init__(self, net: CooperativeNet, cell_m: float, space: int, threads: int = 1) -> None:
+        self._reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
+        self._space, self._threads, self._canvas_m = space, threads, cell_m
         self.cell_m = STRIDE * cell_m
-        self._encoder, self._net, self._head = QuickEncoder(detector.encoder), net, folded(net.head)
+        self._net, self._head = net, folded(net.head)
         self._channels = net.message_channels
 
-    def encode(self, clouds: Sequence[NDArray[np.float32]], positions_m: Sequence[Floats]) -> list[OwnMap]:
+    def encode(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[OwnMap]:
         """Return the maps of A agents.
 
         Args:
-            clouds: of each its points (P, 5), in its compass frame.
+            looks: of each what it saw, see `coopsim.nn.inference.agent_encoder`.
             positions_m: (2,) of each in the world, as it is estimated: its map lies on the world's cells.
         """
-        tasks = [partial(self._encode, *each) for each in zip(clouds, positions_m, strict=True)]
+        tasks = [partial(self._encode, *each) for each in zip(looks, positions_m, strict=True)]
         return side_by_side(tasks, self._threads)
 
     def region(self, region_m: tuple[float, float], heading_rad: float, position_m: Floats) -> BevGrid:
         """Return the world's cells around a region of an agent's base frame, see `compass_region`."""
         return compass_region(region_m, heading_rad, self.cell_m, way_to_world_cells(position_m, self.cell_m))
 
-    def _encode(self, points: NDArray[np.float32], position_m: Floats) -> OwnMap:
+    def _encode(self, look: Look, position_m: Floats) -> OwnMap:
         x_m, y_m = way_to_world_cells(position_m, self.cell_m)
         reach_m = self._reach_m
-        pillars = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._pillar_m)
+        canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._canvas_m)
         with inference():
-            features = self._encoder(collate([pillarize(points, pillars)]))
+            features = look(canvas)
             values, confidence = self._net.message(features)
-        message = FeatureMap(values[0].numpy(), pillars.coarser(STRIDE), confidence[0].numpy(), space=self._space)
+        message = FeatureMap(values[0].numpy(), canvas.coarser(STRIDE), confidence[0].numpy(), space=self._space)
         return OwnMap(features[0], message)
 
     def receive(self, content: FeatureMap) -> ReceivedMap:
