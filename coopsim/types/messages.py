@@ -110,6 +110,10 @@ class Observation:
         )
 
 
+AGENT_KINDS = ("cav", "rsu", "drone")
+"""Kinds of agents: connected cars, roadside units and drones."""
+
+
 @dataclass(frozen=True, slots=True)
 class AgentSpec:
     """Specification of an agent, known to a policy before the first frame.

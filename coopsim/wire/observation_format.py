@@ -41,7 +41,7 @@ class ObservationFormat:
     Attributes:
         agents: all agents, in the order in which an inbox numbers its senders. Codecs are numbered as in
             `CODECS.names()`.
-        lidars: names of each agent's LiDARs.
+        lidars: names of LiDARs, by agent.
         cameras: by agent and camera, the height and width of its images.
         camera_modes: the modes of images; modes that are truth are left out.
         embedding_dim: length of the embeddings of detections; 0: they have none.
@@ -51,7 +51,7 @@ class ObservationFormat:
     """
 
     agents: tuple[str, ...]
-    lidars: tuple[str, ...] = ()
+    lidars: Mapping[str, Sequence[str]] = field(default_factory=dict)
     cameras: Mapping[str, Mapping[str, tuple[int, int]]] = field(default_factory=dict)
     camera_modes: Sequence[str] = OBSERVED_MODES
     embedding_dim: int = 0
@@ -82,7 +82,7 @@ class ObservationFormat:
         if self.detection_covariances:
             detection["covariance"] = real_space(7, 7)
         sweeps: dict[str, Any] = {
-            name: spaces.Sequence(real_space(5, dtype=np.float32), stack=True) for name in self.lidars
+            name: spaces.Sequence(real_space(5, dtype=np.float32), stack=True) for name in self.lidars.get(agent, ())
         }
         images: dict[str, Any] = {name: self._image_space(size) for name, size in self.cameras.get(agent, {}).items()}
         sensed: dict[str, Any] = {"sensed": spaces.Discrete(2)} if self.skips_frames else {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from coopsim.envs.simulated.lidar_options import lidar_carriers
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.renderers.choice import make_renderer
@@ -23,6 +24,7 @@ class Equipment:
 
     Attributes:
         lidars: by kind of agent and name of the sensor.
+        lidar_carriers: names of the agents that carry them.
         cameras: each agent's cameras.
         visibility_probes: measure what LiDARs see of each actor, by kind of agent.
 
@@ -42,6 +44,7 @@ class Equipment:
             kind: VisibilityProbe([lidar.config for lidar in lidars.values()]) for kind, lidars in self.lidars.items()
         }
         kinds = {body.name: body.kind for body in bodies}
+        self.lidar_carriers = lidar_carriers(options.lidar_agents, kinds) if options.lidars else frozenset[str]()
         self.cameras: Mapping[str, Rig] = agent_rigs(options.cameras, kinds)
         # Where no cameras are on, pictures are those that `cameras=True` would make.
         self._photographers = self.cameras if self.has_cameras else agent_rigs(True, kinds)
@@ -71,7 +74,7 @@ class Equipment:
 
     def mountings(self, body: AgentBody) -> dict[str, LidarMounting]:
         """Return the mounting of each LiDAR on an agent, by name."""
-        return {sensor: _mounting(lidar.config, body.height_m) for sensor, lidar in self.lidars[body.kind].items()}
+        return {sensor: _mounting(lidar.config, body.height_m) for sensor, lidar in self._lidars_of(body).items()}
 
     def calibrations(self, body: AgentBody) -> dict[str, CameraCalibration]:
         """Return the calibration of each camera on an agent, by name."""
@@ -105,10 +108,13 @@ class Equipment:
                 self._require_free(body, body.height_m, None)
 
     def _require_free(self, body: AgentBody, height_m: float, shape: Model | None) -> None:
-        for sensor, lidar in self.lidars[body.kind].items():
+        for sensor, lidar in self._lidars_of(body).items():
             require_free_mount(sensor, lidar.config, height_m, shape)
         for camera in self.cameras[body.name]:  # which its own body does not blind
             require_above_ground(f"camera {camera.name!r} of {body.name}", camera.above_m, height_m)
+
+    def _lidars_of(self, body: AgentBody) -> Mapping[str, Lidar]:
+        return self.lidars[body.kind] if body.name in self.lidar_carriers else {}
 
     def close(self) -> None:
         """Release the renderer's resources."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -13,6 +13,7 @@ from coopsim.sensors.lidar.pattern_files import SUFFIXES
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.limits import FARTHEST_M
 from coopsim.support.checks import require_choice, require_count, require_number
+from coopsim.types.messages import AGENT_KINDS
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
@@ -57,6 +58,50 @@ def lidar_configs(lidar: LidarOption, columns: int, range_m: float) -> dict[str,
         name: one if isinstance(one, LidarConfig) else LidarConfig(one, columns=columns, max_range_m=range_m)
         for name, one in named.items()
     }
+
+
+def lidar_carriers(lidar_agents: Iterable[str] | None, kinds: Mapping[str, str]) -> frozenset[str]:
+    """Return the names of the agents that carry the LiDARs.
+
+    Args:
+        lidar_agents: names of agents, or kinds of them; None: all agents.
+        kinds: "cav", "rsu" or "drone", by agent.
+
+    Raises:
+        UnknownNameError: no agent or kind is called that.
+        InvalidValueError: there is no agent of these kinds.
+    """
+    if lidar_agents is None:
+        return frozenset(kinds)
+    wanted = tuple(lidar_agents)
+    for name in wanted:
+        require_choice("agent in lidar_agents", name, (*kinds, *AGENT_KINDS))
+    carriers = frozenset(agent for agent, kind in kinds.items() if agent in wanted or kind in wanted)
+    if not carriers:
+        raise InvalidValueError(
+            f"lidar_agents must name some of the agents ({', '.join(kinds)}) or of their kinds, got {list(wanted)}; "
+            "lidar=None is for no LiDAR at all"
+        )
+    return carriers
+
+
+def checked_lidar_agents(lidar_agents: object, lidar: object) -> tuple[str, ...] | None:
+    """Return the option `lidar_agents` as names, which the environment looks up later.
+
+    Raises:
+        InvalidValueError: it is not a name or a list of names, or there are no LiDARs.
+    """
+    if lidar_agents is None:
+        return None
+    names = (lidar_agents,) if isinstance(lidar_agents, str) else lidar_agents
+    if not (isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names)):
+        raise InvalidValueError(
+            f"lidar_agents must be names of agents, or of {', '.join(AGENT_KINDS)}, or None for all; "
+            f"got {lidar_agents!r}"
+        )
+    if lidar is None:
+        raise InvalidValueError("lidar_agents must be left out where lidar is None: there are no LiDARs to carry")
+    return tuple(names)
 
 
 def _has_fields(lidar: Mapping[str, Any]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -147,3 +147,30 @@ class ExpectReturns(LidarSensing):
         mounts_m = np.array([self._config.mount_m(body.height_m) for body in bodies])
         origins_m: Floats = np.einsum("aij,aj->ai", turn, mounts_m) + shift
         return origins_m
+
+
+class CastSomeSweeps(LidarSensing):
+    """Sweeps of the agents that carry LiDARs, and the returns to expect of one on each of the others.
+
+    Args:
+        cast: senses for the first.
+        carriers: their names.
+        expected: senses for the others.
+    """
+
+    def __init__(self, cast: LidarSensing, carriers: Collection[str], expected: LidarSensing) -> None:
+        self._cast, self._carriers, self._expected = cast, carriers, expected
+
+    def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
+        """Cast rays, or estimate the returns; see `LidarSensing.sense`."""
+        others = {name: body for name, body in bodies.items() if name not in self._carriers}
+        readings = self._cast.sense(scene, actors, self._carrying(bodies))
+        readings |= self._expected.sense(scene, actors, others)
+        return {name: readings[name] for name in bodies}
+
+    def skip(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> None:
+        """Let a frame pass; see `LidarSensing.skip`."""
+        self._cast.skip(actors, self._carrying(bodies))
+
+    def _carrying(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentBody]:
+        return {name: body for name, body in bodies.items() if name in self._carriers}

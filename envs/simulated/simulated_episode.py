@@ -9,7 +9,13 @@ import numpy as np
 
 from coopsim.envs.frames import AgentFrame, Frame, FrameProbe
 from coopsim.envs.simulated.equipment import Equipment
-from coopsim.envs.simulated.lidar_sensing import CastSweeps, ExpectReturns, LidarReading, LidarSensing
+from coopsim.envs.simulated.lidar_sensing import (
+    CastSomeSweeps,
+    CastSweeps,
+    ExpectReturns,
+    LidarReading,
+    LidarSensing,
+)
 from coopsim.envs.simulated.perception import Perception
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.envs.simulated.surroundings import Surroundings
@@ -43,7 +49,7 @@ class SimulatedEpisode:
         specs: Mapping[str, AgentSpec],
         seed: int,
     ) -> None:
-        self._options, self._equipment, self._world = options, equipment, world
+        self._options, self._equipment, self._world, self._specs = options, equipment, world, specs
         self._geometry = SceneGeometry(world.models, world.static)
         self._lidars = self._lidar_sensing(specs, seed)
         self._perception = Perception(options, specs, seed)
@@ -71,7 +77,7 @@ class SimulatedEpisode:
             images = probe.photograph() if self._equipment.has_cameras else {}
         else:
             self._lidars.skip(actors, bodies)
-            sweeps = {name: dict.fromkeys(self._options.lidars, Sweep.empty()) for name in bodies}
+            sweeps = {name: dict.fromkeys(self._specs[name].lidars, Sweep.empty()) for name in bodies}
             images = {name: self._equipment.blank_images(name) for name in bodies}
         around = Surroundings.of(bodies, actors, self._returns(actors))
         observations = self._perception.observe(time_ns, around.oracles, sweeps, images, sensed=sensed)
@@ -89,11 +95,20 @@ class SimulatedEpisode:
         return Frame(time_ns, agents, actors, self._cycle >= self._options.max_cycles, probe)
 
     def _lidar_sensing(self, specs: Mapping[str, AgentSpec], seed: int) -> LidarSensing:
+        options, carriers = self._options, self._equipment.lidar_carriers
+        if not carriers:
+            usual = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
+            return self._expected_returns(usual)
+        agents = [name for name in specs if name in carriers]
+        cast = CastSweeps(self._equipment.lidars, agents, seed, options.dt_s, options.sweep_threads)
+        if len(agents) == len(specs):
+            return cast
+        first = next(iter(options.lidars.values()))
+        return CastSomeSweeps(cast, carriers, self._expected_returns(first))
+
+    def _expected_returns(self, config: LidarConfig) -> ExpectReturns:
         options = self._options
-        if options.lidars:
-            return CastSweeps(self._equipment.lidars, specs, seed, options.dt_s, options.sweep_threads)
-        expected = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
-        return ExpectReturns(expected, options.drone_pitch_rad, self._world.static, options.chosen_weather)
+        return ExpectReturns(config, options.drone_pitch_rad, self._world.static, options.chosen_weather)
 
     def _returns(self, actors: Actors) -> Ints:
         """Return the number of returns (N, A) from each actor when last sensed; 0 for those that came since."""

@@ -56,7 +56,7 @@ class Simulation(FrameSource):
                 require_choice("agent in localization", agent, self.specs)
         self.format = ObservationFormat(
             agents=tuple(self.specs),
-            lidars=tuple(options.lidars),
+            lidars={name: tuple(spec.lidars) for name, spec in self.specs.items()},
             cameras={
                 name: {camera: calibration.size for camera, calibration in spec.cameras.items()}
                 for name, spec in self.specs.items()

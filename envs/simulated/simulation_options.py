@@ -14,7 +14,7 @@ from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
 from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
 from coopsim.envs.options import refuse_overridden
-from coopsim.envs.simulated.lidar_options import LidarOption, lidar_configs
+from coopsim.envs.simulated.lidar_options import LidarOption, checked_lidar_agents, lidar_configs
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise
@@ -56,6 +56,8 @@ class SimulationOptions:
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
             returns to expect (see `coopsim.sensors.lidar.expected_returns`).
+        lidar_agents: the agents that carry them, by name or kind ("cav", "rsu", "drone"); None: all. The others have no
+            sweeps; simulated detectors and the truth take the returns that the first LiDAR is expected to have on them.
         drone_pitch_rad: angle by which a drone's LiDARs look down, in [0, pi / 2], in addition to their own pitch.
         lidar_columns: firings per revolution; not with a `LidarConfig`, which has its own.
         lidar_range_m: farthest return; the nearest is at 1 m. Not with a `LidarConfig`, either.
@@ -64,7 +66,7 @@ class SimulationOptions:
         threads: number of threads that share the agents' sweeps (not embree's); they change nothing but the time.
         time_of_day: "day", "dusk" or "night", or a custom `Daylight`: the light for cameras.
         cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
-            a list of `Camera` objects, or one of these by agent. A policy states its needs.
+            a list of `Camera` objects, or one of these by agent or kind of agent. A policy states its needs.
         camera_modes: modes of images: "rgb", "depth", "instance", "semantic". The last two are truth, which
             goes into `infos` and needs `expose_ground_truth`.
         renderer: "auto" (OpenGL if it works, else ray casting), "opengl", "raycast" or "pyrender" (the reference).
@@ -92,6 +94,7 @@ class SimulationOptions:
     sense_every: int = 1
     detail: Literal["plain", "full"] | None = None
     lidar: LidarOption = "HDL-32E"
+    lidar_agents: Sequence[str] | None = None
     drone_pitch_rad: float = math.pi / 4
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
@@ -136,6 +139,7 @@ class SimulationOptions:
             raise InvalidValueError(f"weather must be {accepted}, got {self.weather!r}")
         self._check_files()
         lidars = self.lidars
+        object.__setattr__(self, "lidar_agents", checked_lidar_agents(self.lidar_agents, self.lidar))
         self.illumination  # noqa: B018  (its own checks run now)
         self._check_localization()
         self._check_detection(lidar=bool(lidars))

@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import SE3
-from coopsim.types import AgentSpec, Detections, LidarMounting, Message, Observation, Odometry, PoseEstimate, Sweep
+from coopsim.types import (
+    AgentSpec,
+    Detections,
+    LidarMounting,
+    Message,
+    Observation,
+    Odometry,
+    PoseEstimate,
+    SensorView,
+    Sweep,
+)
 
 FRAME_NS = 100_000_000
 CARS = ((12.0, 4.0), (25.0, -6.0), (-18.0, 3.0), (38.0, 12.0))
@@ -30,6 +40,11 @@ def sweep_from(xyz_yaw: Any, cars: Any = CARS) -> Sweep:
     pose = np.asarray(xyz_yaw, dtype=float)
     points = SE3.from_xyz_yaw(pose[:3], pose[3]).inverse().apply(world).astype(np.float32)
     return Sweep(points, np.full(len(points), 0.4, np.float32), np.zeros(len(points), np.int64))
+
+
+def view_of(sweep: Sweep) -> SensorView:
+    """What an agent with one LiDAR sees, whose axes are the world's."""
+    return SensorView("cav_0", 0, Odometry(np.zeros(4)), {"lidar": sweep})
 
 
 def observe(

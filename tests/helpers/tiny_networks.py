@@ -10,20 +10,27 @@ from typing import Any
 
 import torch
 
-from coopsim.learn.weights import encoder_digest, make_cooperative, make_detector, save_weights
+from coopsim.learn.weights import encoder_digest, make_cooperative, make_detector, make_pictures, save_weights
+from coopsim.nn.camera.sight import GEOMETRY
 
 TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 4], "layers": [0, 0, 0], "features": 8}
+TINY_PICTURES: dict[str, Any] = {"width": 8, "picture_features": 2, "depth_bins": 16} | {
+    name: TINY[name] for name in ("cell_m", "channels", "layers", "features")
+}
 FUSIONS = ("attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm")
 
 
 @cache
 def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
-    """Return a folder with the weights `pillars`, `early` and one of each fusion; it is there as long as the tests."""
+    """Return a folder with the weights `pillars`, `early`, `lift_splat` and one of each fusion; it is there as long as
+    the tests.
+    """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
     make_it_see(detector)
     for name in ("pillars", "early"):
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
+    save_pictures(folder / "lift_splat.safetensors", detector, seed)
     for name in FUSIONS:
         made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8}, seed)
         net, config = made
@@ -44,15 +51,51 @@ def make_it_see(net: Any) -> None:
         net.head.heat_of.bias.fill_(-3.0)
 
 
+def save_pictures(path: Path, detector: Any, seed: int = 0) -> None:
+    """Write an encoder of pictures beside a detector, whose scales and head it has."""
+    net = make_pictures(TINY_PICTURES, seed)
+    for part in ("scales", "sides", "join"):
+        getattr(net.encoder, part).load_state_dict(getattr(detector.encoder, part).state_dict())
+    net.head.load_state_dict(detector.head.state_dict())
+    let_it_see_light(net)
+    said = {"kind": "pictures", "config": asdict(net.config), "encoder_digest": encoder_digest(detector)}
+    save_weights(path, net, said)
+
+
+def let_it_see_light(net: Any) -> None:
+    """Let a random network on pictures see light: what is bright is hot, on the ground where it seems to be."""
+    pictures, config = net.encoder.pictures, net.config
+    with torch.no_grad():
+        for part in (pictures.backbone, pictures.hidden, pictures.features):
+            for name, weights in part.named_parameters():
+                if weights.ndim > 1:  # no norm's
+                    weights.abs_().div_(weights.flatten(1).sum(1).mean())
+                elif "bias" in name:
+                    weights.zero_()
+        pictures.backbone.middle[0][0].weight[:, -GEOMETRY:] = 0.0
+        pictures.hidden[0].weight[:, config.width :] = 0.0
+        pictures.features.weight.mul_(80.0)
+        for zeros in (pictures.features.bias, pictures.depth.weight, pictures.depth.bias):
+            zeros.zero_()
+        net.encoder.scales[0][0][0].weight[:, config.picture_features :] = 0.0
+
+
 def learned(name: str, **settings: Any) -> dict[str, Any]:
     """Return the settings with which a learned policy takes tiny weights."""
     folder = weights_folder()
     own = {"weights": str(folder / f"{name}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
     if name in FUSIONS:
         own["detector_weights"] = str(folder / "pillars.safetensors")
+        own["picture_weights"] = str(folder / "lift_splat.safetensors")
     return own | settings
 
 
 def tiny_detector(sweeps: int = 1) -> str:
     """Return the spec of the detector "pillars" with tiny weights."""
     return f"pillars(weights='{weights_folder(sweeps) / 'pillars.safetensors'}', least_score=0.3)"
+
+
+def tiny_picture_detector(**settings: Any) -> str:
+    """Return the spec of the detector "lift_splat" with tiny weights."""
+    given = "".join(f", {name}={value}" for name, value in ({"least_score": 0.3} | settings).items())
+    return f"lift_splat(weights='{weights_folder() / 'lift_splat.safetensors'}'{given})"

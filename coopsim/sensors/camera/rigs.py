@@ -9,10 +9,12 @@ import numpy as np
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.rig_names import RIG_HEADINGS_RAD, RIG_NAMES, SURROUND
+from coopsim.types.messages import AGENT_KINDS
 
 Rig = tuple[Camera, ...]
 RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[Camera]]
-"""The option `cameras`: False, True (as "surround"), the name of a rig, cameras; or one of these by agent."""
+"""The option `cameras`: False, True (as "surround"), the name of a rig, cameras; or one of these by agent or kind
+of agent."""
 
 UNIT_PITCH_RAD = np.radians(20.0)
 """Downward pitch of the named rigs on a roadside unit; chosen by us, as the rigs are."""
@@ -41,20 +43,20 @@ def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
     """Return the cameras of every agent.
 
     Args:
-        option: a `RigOption`.
+        option: a `RigOption`. In a mapping an agent's name goes before its kind.
         kinds: "cav", "rsu" or "drone", by agent.
 
     Raises:
-        UnknownNameError: no rig or agent is called that.
+        UnknownNameError: no rig, agent or kind is called that.
         InvalidValueError: not a list of cameras, or two of one name.
     """
     if not isinstance(option, Mapping):
         check_rig(option)
         return {agent: rig(option, kind) for agent, kind in kinds.items()}
     for agent in option:
-        if agent not in kinds:
-            raise UnknownNameError("cameras of agent", agent, kinds)
-    return {agent: rig(option.get(agent, False), kind) for agent, kind in kinds.items()}
+        if agent not in kinds and agent not in AGENT_KINDS:
+            raise UnknownNameError("cameras of agent", agent, (*kinds, *AGENT_KINDS))
+    return {agent: rig(option.get(agent, option.get(kind, False)), kind) for agent, kind in kinds.items()}
 
 
 def check_rig(option: object) -> None:
@@ -79,7 +81,7 @@ def rig(option: object, kind: str = "cav") -> Rig:
         option = SURROUND if option else ()
     if isinstance(option, str):
         return named_rig(option, pitch_rad=_PITCH_RAD[kind])
-    accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent"
+    accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent or kind"
     listed = tuple(option) if isinstance(option, Iterable) and not isinstance(option, np.ndarray) else (None,)
     if not all(isinstance(camera, Camera) for camera in listed):
         raise InvalidValueError(f"cameras must be {accepted}; got {option!r}")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
-from street_scene import sweep_from  # noqa: E402
+from street_scene import sweep_from, view_of  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.learn.weights import load_cooperative, load_detector  # noqa: E402
-from coopsim.localization.recent_sweeps import aged  # noqa: E402
 from coopsim.nn.cooperative.warp import warp  # noqa: E402
+from coopsim.nn.inference.agent_encoder import PointEncoder  # noqa: E402
 from coopsim.nn.inference.perceiver import (  # noqa: E402
     OwnMap,
     Perceiver,
@@ -21,7 +21,7 @@ from coopsim.nn.inference.perceiver import (  # noqa: E402
     compass_region,
     way_to_world_cells,
 )
-from coopsim.types import PointCloud  # noqa: E402
+from coopsim.types import Sweep  # noqa: E402
 
 CAR = (14.4, -7.2)
 
@@ -29,15 +29,18 @@ CAR = (14.4, -7.2)
 def perceiver(name: str = "fcooper", threads: int = 1) -> Perceiver:
     folder = weights_folder()
     detector = load_detector(folder / "pillars.safetensors")
-    return Perceiver(detector, load_cooperative(folder / f"{name}.safetensors", detector), 7, threads)
+    net = load_cooperative(folder / f"{name}.safetensors", detector)
+    return Perceiver(net, detector.config.cell_m, 7, threads)
 
 
-def maps(network: Perceiver, clouds: list[Any]) -> list[OwnMap]:
-    return network.encode(clouds, [np.zeros(2)] * len(clouds))
+def maps(network: Perceiver, sweeps: list[Sweep], places: Any = None) -> list[OwnMap]:
+    encoder = PointEncoder(load_detector(weights_folder() / "pillars.safetensors"))
+    looks = [encoder.look(view_of(sweep)) for sweep in sweeps]
+    return network.encode(looks, [np.zeros(2)] * len(looks) if places is None else places)
 
 
-def cloud(pose: Any, *cars: tuple[float, float]) -> np.ndarray:
-    return aged(PointCloud.of(sweep_from(pose, cars)))
+def cloud(pose: Any, *cars: tuple[float, float]) -> Sweep:
+    return sweep_from(pose, cars)
 
 
 @pytest.mark.parametrize(
@@ -75,9 +78,10 @@ def test_a_region_on_the_worlds_cells_still_covers_the_rectangle(heading_deg: fl
 def test_what_two_agents_see_alike_is_alike_in_the_cells_of_their_maps() -> None:
     """The same points around the same car, encoded around two places: a warp copies cells."""
     network, places = perceiver(), [np.array([3.1, -7.7]), np.array([-21.3, 11.9])]
-    points = np.random.default_rng(0).normal([CAR[0], CAR[1], 1.0, 0.3, 0.0], [2, 1, 0.3, 0.1, 0], (300, 5))
-    clouds = [(points - [*place, 0, 0, 0]).astype(np.float32) for place in places]
-    one, other = network.encode(clouds, places)
+    points = np.random.default_rng(0).normal([CAR[0], CAR[1], 1.0], [2, 1, 0.3], (300, 3))
+    like = (np.full(300, 0.3, np.float32), np.zeros(300, np.int64))
+    sweeps = [Sweep((points - [*place, 0]).astype(np.float32), *like) for place in places]
+    one, other = maps(network, sweeps, places)
     offset = np.array([*(places[0] - places[1]), 0.0])
     grid = one.message.grid
     moved, _ = warp(torch.tensor(other.message.values)[None], other.message.grid, grid, offset)
@@ -101,7 +105,7 @@ def test_maps_are_the_same_for_any_number_of_threads() -> None:
 def test_a_senders_car_arrives_where_it_stands(name: str) -> None:
     """A receiver that sees nothing; a sender 24 m east and 12 m north of it that sees a car."""
     network, sender = perceiver(name), (24.0, 12.0, 0.0, 0.0)
-    own = maps(network, [np.zeros((0, 5), np.float32)])[0]
+    own = maps(network, [Sweep.empty()])[0]
     full, empty = (maps(network, [cloud(sender, *cars)])[0].message for cars in ([CAR], []))
     region = compass_region((57.6, 38.4), 0.0, network.cell_m)
     fused = []
