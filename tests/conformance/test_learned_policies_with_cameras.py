@@ -152,7 +152,11 @@ def test_pictures_of_another_encoder_are_refused(tmp_path: Any) -> None:
 
 @pytest.mark.parametrize(
     ("given", "match"),
-    [("least_score=2", r"least_score must be in \[0, 1\]"), ("reach_m=3", r"reach_m must be"), ("threads=0", "threads")],
+    [
+        ("least_score=2", r"least_score must be in \[0, 1\]"),
+        ("reach_m=3", r"reach_m must be"),
+        ("threads=0", "threads"),
+    ],
 )
 def test_wrong_settings_of_the_detector_are_refused(given: str, match: str) -> None:
     with pytest.raises(InvalidValueError, match=match):

@@ -113,7 +113,7 @@ class Points(coopsim.Policy):
 
 
 def test_a_policy_that_reads_points_wants_them_of_all() -> None:
-    with pytest.raises(PolicyMismatchError, match="Points needs a LiDAR, but rsu_0 has none: .* lidar_agents=None"):
+    with pytest.raises(PolicyMismatchError, match=r"Points needs a LiDAR, but rsu_0 has none: .* lidar_agents=None"):
         coopsim.evaluate(Points(), **SMALL, lidar_agents=["cav"])
 
 

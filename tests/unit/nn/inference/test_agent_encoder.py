@@ -110,7 +110,9 @@ def test_a_quick_encoder_of_pictures_gives_the_same_features() -> None:
         expected = net.encoder(batch)
     assert expected.abs().max() > 0
     torch.testing.assert_close(got, expected, rtol=0.05, atol=0.05 * float(expected.abs().max()))
-    assert not any(isinstance(each, torch.nn.BatchNorm2d) for each in QuickPictureEncoder(net.encoder)._encoder.modules())
+    assert not any(
+        isinstance(each, torch.nn.BatchNorm2d) for each in QuickPictureEncoder(net.encoder)._encoder.modules()
+    )
 
 
 def picture_net_with_norms() -> Any:
