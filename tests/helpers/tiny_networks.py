@@ -64,7 +64,7 @@ def save_pictures(path: Path, detector: Any, seed: int = 0) -> None:
 
 def let_it_see_light(net: Any) -> None:
     """Let a random network on pictures see light: what is bright is hot, on the ground where it seems to be."""
-    pictures, config = net.encoder.pictures, net.config
+    pictures, config = net.encoder.pictures.net, net.config
     with torch.no_grad():
         for part in (pictures.backbone, pictures.hidden, pictures.features):
             for name, weights in part.named_parameters():

@@ -9,8 +9,8 @@ import numpy as np
 from torch import Tensor
 
 from coopsim.localization.recent_sweeps import RecentSweeps, turned
+from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
 from coopsim.nn.camera.picture_detector import PictureDetectorNet
-from coopsim.nn.camera.sight import PictureView, collate_pictures
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.inference.quick import QuickEncoder

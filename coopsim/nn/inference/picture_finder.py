@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from coopsim.nn.camera.picture_batch import PictureView, SeenPicture, collate_pictures
 from coopsim.nn.camera.picture_detector import PictureDetectorNet
-from coopsim.nn.camera.sight import PictureView, SeenPicture, collate_pictures
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.inference import inference, side_by_side

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.lift_splat import LiftSplatEncoder
-from coopsim.nn.camera.sight import PictureBatch, SeenPicture
+from coopsim.nn.camera.picture_batch import PictureBatch, SeenPicture
 from coopsim.nn.inference.quick import folded
 from coopsim.types import SensorView
 

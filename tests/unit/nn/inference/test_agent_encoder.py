@@ -15,7 +15,7 @@ from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, load_pictures  # noqa: E402
-from coopsim.nn.camera.sight import PictureView, collate_pictures  # noqa: E402
+from coopsim.nn.camera.picture_batch import PictureView, collate_pictures  # noqa: E402
 from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder  # noqa: E402
 from coopsim.nn.inference.inference import inference  # noqa: E402
 from coopsim.nn.inference.perceiver import OwnMap, Perceiver, PlacedMap, compass_region  # noqa: E402
