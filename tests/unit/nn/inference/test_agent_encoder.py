@@ -10,7 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 from lit_pictures import CAMERAS, lit_view  # noqa: E402
-from street_scene import sweep_from, view_of  # noqa: E402
+from street_scene import spec_of, sweep_from, view_of  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import InvalidValueError  # noqa: E402
@@ -51,7 +51,8 @@ def hottest(map_of: OwnMap, dark: OwnMap) -> np.ndarray[Any, Any]:
     """The middle of the cell whose features differ most from those of a dark picture."""
     change = (map_of.features.float() - dark.features.float()).abs().sum(0).numpy()
     assert change.max() > 0
-    return map_of.message.grid.cell_centers()[np.unravel_index(change.argmax(), change.shape)]
+    place: np.ndarray[Any, Any] = map_of.message.grid.cell_centers()[np.unravel_index(change.argmax(), change.shape)]
+    return place
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 40, 180])
@@ -81,7 +82,7 @@ def test_what_cameras_see_reaches_an_agent_with_a_lidar(name: str) -> None:
 
 
 def test_each_agent_is_encoded_by_what_it_has() -> None:
-    network, lidar = perceiver(), {"lidar": None}
+    network, lidar = perceiver(), spec_of("cav_0").lidars
     points, pictures = view_of(sweep_from((0, 0, 0, 0))), lit_view(LIGHT)
     both = replace(pictures, sweeps=points.sweeps, lidars=lidar)
     neither = SensorView("cav_1", 0, points.odometry)
