@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--noise", type=noises, default=(), metavar="0/0,0.4/0.4", help="m/degrees of all agents' poses, a row each")
     add("--delays-ms", type=numbers, default=(), metavar="0,200", help="of messages, a row each")
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
+    add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
     add("--detector", help="of policies without a network (default: pillars, or the environment's without torch)")
     add("--receivers", default="cars", help="cars or all (default: %(default)s)")
     add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
@@ -129,6 +130,7 @@ def _plan(options: argparse.Namespace) -> DetectPlan:
         options.receivers,
         options.boxes,
         options.protocol,
+        options.within_m,
         named_options(options, _FLAGS),
     )
 

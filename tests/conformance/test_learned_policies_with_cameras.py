@@ -12,12 +12,15 @@ pytest.importorskip("torch")
 from tiny_networks import TINY, learned, save_pictures, tiny_picture_detector, weights_folder
 
 import coopsim
+from coopsim.bench.detect.detect import measure_detection
+from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.learn.weights import make_detector
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.testing import check_policy, check_uplink
 
+WEIGHTS = {"weights": "fcooper", "detector_weights": "pillars", "picture_weights": "lift_splat"}
 LENS = Intrinsics.from_fov(64, 40, np.radians(100.0))
 CAMERAS = [Camera("ahead", LENS), Camera("behind", LENS, yaw_rad=np.pi)]
 BENT = [Camera("ahead", Intrinsics(64, 40, 30.0, 30.0, 31.5, 19.5, distortion=(-0.2, 0.04, 0.001, -0.001, 0.0)))]
@@ -103,6 +106,19 @@ def test_policies_on_boxes_run_on_the_detector_of_pictures(policy: str) -> None:
     detector = tiny_picture_detector(least_score=0.05)
     result = coopsim.evaluate(policy, seed=1, **SMALL | {"detector": detector, "cameras": {"cav": "surround"}})
     assert result.score["TP"] + result.score["FP"] > 0
+
+
+def test_detection_is_measured_by_the_same_truth() -> None:
+    given = {name: value for name, value in SMALL.items() if name not in ("max_cycles", "detector")}
+    folder = weights_folder()
+    weights = ",".join(f"{name}={folder / file}.safetensors" for name, file in WEIGHTS.items())
+    policies = (f"fcooper({weights},sensors=pictures)", f"fcooper({weights})", "no_fusion")
+    options = given | {"cameras": "front"}
+    plan = DetectPlan(policies, seeds=(0,), frames=2, detector=tiny_picture_detector(), options=options, within_m=40.0)
+    rows = measure_detection(plan)
+    assert [row["policy"] for row in rows] == list(policies)
+    assert len({row["objects"] for row in rows}) == 1 and rows[0]["objects"] > 0
+    assert all(row["bytes_per_message"] > 0 for row in rows[:2])
 
 
 def test_who_needs_cameras_or_lidars_is_told_who_has_none() -> None:

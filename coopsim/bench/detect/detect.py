@@ -112,7 +112,7 @@ class _Table:
 
     def take(self, place: _Place, job: DetectJob, perceived: Perceived) -> None:
         """Take an episode in, and make the rows that it completes."""
-        self.episodes[job] = Measured.of(perceived, self._plan.protocol)
+        self.episodes[job] = Measured.of(perceived, self._plan.protocol, self._plan.within_m)
         policy, _, disturbance = place
         whole = (policy, EVERYWHERE, disturbance)
         for each, jobs in ((place, self.jobs[place]), (whole, self._wholes.get(whole, []))):

@@ -40,6 +40,8 @@ class DetectPlan:
         receivers: "cars", or "all" agents.
         boxes: "detections", or the reported "tracks".
         protocol: of the metrics.
+        within_m: objects count, and detections are looked at, up to this distance of the receiver; None: everywhere in
+            the evaluation region.
         options: further ones of all environments, plain data.
 
     Raises:
@@ -57,6 +59,7 @@ class DetectPlan:
     receivers: Receivers = "cars"
     boxes: Boxes = "detections"
     protocol: str = "coopsim"
+    within_m: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -65,6 +68,8 @@ class DetectPlan:
         require_choice("receivers", self.receivers, RECEIVERS)
         require_choice("boxes", self.boxes, BOXES)
         PROTOCOLS.get(self.protocol)
+        if self.within_m is not None:
+            require_positive(within_m=self.within_m)
         for noise_m, noise_deg in self.noises:
             require_non_negative(position_noise_m=noise_m, heading_noise_deg=noise_deg)
         for delay_ms in self.delays_ms:

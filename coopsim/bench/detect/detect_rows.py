@@ -37,9 +37,10 @@ class Measured:
     rankings: Mapping[str, Ranking]
 
     @classmethod
-    def of(cls, perceived: Perceived, protocol: str) -> Measured:
-        """Match an episode by a protocol."""
-        return cls(perceived, PROTOCOLS.get(protocol)().rankings(Overlaps.of(perceived)))
+    def of(cls, perceived: Perceived, protocol: str, within_m: float | None = None) -> Measured:
+        """Match an episode by a protocol, up to a distance of the receivers; None: everywhere."""
+        looked_at = perceived if within_m is None else perceived.within(within_m)
+        return cls(perceived, PROTOCOLS.get(protocol)().rankings(Overlaps.of(looked_at)))
 
 
 def row_of(
@@ -67,6 +68,7 @@ def row_of(
         "seeds": list(plan.seeds),
         "receivers": plan.receivers,
         "boxes": plan.boxes,
+        "within_m": plan.within_m,
         "frames": sum(each.frames for each in episodes),
         "receiver_frames": sum(each.receiver_frames for each in episodes),
         "messages": messages,

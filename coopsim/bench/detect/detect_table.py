@@ -25,13 +25,14 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Format rows of one protocol as a Markdown table; columns in which no row has anything are left out."""
     if not rows:
         return "no results"
-    protocol = str(rows[0]["protocol"])
+    protocol, within_m = str(rows[0]["protocol"]), rows[0].get("within_m")
     numbers = _NUMBERS.get(protocol, tuple(name for name in rows[0] if name.startswith(("AP", "mAP"))))
     shown = [name for name in (*_ABOUT, *numbers, *_COSTS) if any(row.get(name) is not None for row in rows)]
     cells = [[_with_interval(row, name) for name in shown] for row in rows]
     align = ["left" if name in _ABOUT else "right" for name in shown]
     table = tabulate(cells, headers=shown, tablefmt="github", colalign=align, disable_numparse=True)
-    return f"protocol {protocol}\n\n{table}"
+    near = "" if within_m is None else f", within {within_m:g} m of the receiver"
+    return f"protocol {protocol}{near}\n\n{table}"
 
 
 def _cell(name: str, value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,22 @@ class Perceived:
         """Mask (N,) of the detections whose centre is in the region, as the truth's must be."""
         inside: Mask = np.all(np.abs(self.found_box[:, :2]) <= self.region_m, axis=1)
         return inside
+
+    def within(self, far_m: float) -> Perceived:
+        """Return what is left within this distance of the receiver, of centres over ground.
+
+        Objects farther away do not count, and detections there are left out.
+        """
+        kept = np.hypot(self.found_box[:, 0], self.found_box[:, 1]) <= far_m
+        near = np.hypot(self.true_box[:, 0], self.true_box[:, 1]) <= far_m
+        return replace(
+            self,
+            found_start=np.append(0, np.cumsum(kept))[self.found_start],
+            found_box=self.found_box[kept],
+            found_score=self.found_score[kept],
+            found_label=self.found_label[kept],
+            true_counts=self.true_counts & near,
+        )
 
 
 def _starts(counts: Sequence[int]) -> Ints:

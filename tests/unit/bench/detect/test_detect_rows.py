@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from perceived_frames import detections, objects
 
 from coopsim.bench.detect.detect_plan import DetectPlan
@@ -11,6 +12,7 @@ from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
 from coopsim.bench.detect.detect_table import markdown_table
 from coopsim.bench.detect.disturbance import Disturbance
 from coopsim.bench.detect.perceived.perceived import Perceived
+from coopsim.errors import InvalidValueError
 
 GOOD = Perceived.of([detections((0, 0.9))], [objects(0)], messages=3, sent_bytes=300, ms={"policy": 10.0})
 EMPTY = Perceived.of([detections()] * 3, [objects()] * 3, messages=1, sent_bytes=20, ms={"policy": 2.0})
@@ -24,6 +26,23 @@ def test_episodes_count_by_their_frames() -> None:
     assert row["bytes_per_message"] == 80 and row["ms_policy"] == 4
     assert row["APBEV@0.5"] == 1 and row["APBEV@0.3 people"] is None and row["intervals"] == {}
     assert (row["noise"], row["delay_ms"], row["options"]) == ("0.4/0.2", None, {"lidar": "VLP-16"})
+
+
+def test_what_is_farther_away_is_neither_found_nor_missed() -> None:
+    """Cars at 10 and 50 m, of which the near one is found; one false box at 40 m."""
+    found = [detections((40, 0.9), (10, 0.8)), detections(), detections((-10, 0.7))]
+    perceived = Perceived.of(found, [objects(10, 50), objects(-12), objects()])
+    everywhere, near, nearest = (
+        row_of(DetectPlan(within_m=within_m), PLACE, {}, [Measured.of(perceived, "coopsim", within_m)])
+        for within_m in (None, 30.0, 11.0)
+    )
+    assert [row["objects"] for row in (everywhere, near, nearest)] == [3, 2, 1]
+    assert [row["within_m"] for row in (everywhere, near, nearest)] == [None, 30.0, 11.0]
+    assert [row["APBEV@0.5"] for row in (everywhere, near, nearest)] == pytest.approx([1 / 6, 1 / 2, 1], abs=1e-6)
+    assert [row["false_per_frame"] for row in (everywhere, near)] == pytest.approx([2 / 3, 1 / 3], abs=1e-6)
+    assert markdown_table([near]).startswith("protocol coopsim, within 30 m of the receiver")
+    with pytest.raises(InvalidValueError, match="within_m must be a finite number > 0, got 0"):
+        DetectPlan(within_m=0)
 
 
 def test_without_messages_there_are_no_bytes() -> None:
