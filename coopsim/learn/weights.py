@@ -56,8 +56,8 @@ def find_weights(name_or_path: str | Path) -> Path:
     if name not in shipped:
         if name in RECIPES:
             raise InvalidValueError(
-                f"no weights of {name!r} ship yet: train them with 'coopsim train {name} --out DIR', and give "
-                f"weights='DIR/{name}{SUFFIX}'"
+                f"no weights of {name!r} ship yet: train them with 'coopsim train {name} --out DIR', and give the path "
+                f"DIR/{name}{SUFFIX} in place of the name"
             )
         raise UnknownNameError("weights", name, shipped, f"(or the path of a file *{SUFFIX})")
     return _SHIPPED / f"{name}{SUFFIX}"

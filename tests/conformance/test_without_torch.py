@@ -20,12 +20,12 @@ def run(program: str) -> str:
     return done.stdout
 
 
-def test_learned_policies_and_the_detector_name_the_extra() -> None:
+def test_learned_policies_and_detectors_name_the_extra() -> None:
     run("""
 from coopsim.errors import MissingDependencyError
 for make, names in (
     (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf")),
-    (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars",)),
+    (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars", "lift_splat")),
 ):
     for name in names:
         try:
