@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import Shape, frozen
+from coopsim.support.arrays import Shape, frozen, require_finite
+from coopsim.support.checks import require_count
 from coopsim.types.units import Ints
 
 OBSERVED_MODES = ("rgb", "depth")
@@ -129,6 +131,10 @@ class CameraCalibration:
         matrix: (3, 3), OpenCV's K.
         distortion: (5,) k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order); zeros for a pinhole.
         base_SE3_camera: pose of the camera in the agent's base frame.
+
+    Raises:
+        InvalidValueError: a number is not finite, the size is not two integers >= 1, or the matrix is not of the form
+            [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with positive fx and fy.
     """
 
     size: tuple[int, int]
@@ -139,6 +145,18 @@ class CameraCalibration:
     def __post_init__(self) -> None:
         object.__setattr__(self, "matrix", frozen(self.matrix, (3, 3), np.float64, "matrix"))
         object.__setattr__(self, "distortion", frozen(self.distortion, (5,), np.float64, "distortion"))
+        require_count(1, height=self.size[0], width=self.size[1])
+        pose = self.base_SE3_camera
+        for name in ("matrix", "distortion"):
+            require_finite(getattr(self, name), name)
+        for name in ("rotation", "translation"):
+            require_finite(getattr(pose, name), f"{name} of base_SE3_camera")
+        fx, fy, cx, cy = self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+        if not (fx > 0 and fy > 0 and (self.matrix == [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]).all()):
+            raise InvalidValueError(
+                "matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with positive fx and fy, "
+                f"got {self.matrix.tolist()}"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

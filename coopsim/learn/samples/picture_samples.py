@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -132,7 +132,7 @@ def _sample(
     mirrored = rng.random() < settings.mirrored and not whole
     if mirrored:
         mirror(cloud, boxes, velocity)
-    grid = _part(boxes, rng, settings, cell_m)
+    grid = _part(boxes, rng, replace(settings, crop_cells=None) if whole else settings, cell_m)
     way = rotated((agent.xyz_yaw[:2] - frame[:2])[None], -frame[3])[0]
     pose = np.append(way, agent.xyz_yaw[3] - frame[3])
     light = np.ones(3) if whole else rng.uniform(0.7, 1.4) * rng.uniform(0.9, 1.1, 3)

@@ -81,7 +81,7 @@ class SampleOrder:
             if empty >= _MOST_EMPTY:
                 raise TrainingError(
                     f"{empty * self.block} clips up to number {first + self.block - 1} have no sample: "
-                    "the recipe's world must have agents that see something"
+                    "the recipe's world must have agents that see something (with cameras, to train on pictures)"
                 )
             block, turn = block + 1, 0
 

@@ -88,16 +88,19 @@ class PicturesTask(TrainingTask):
 
     def _start(self, start: str, detector: DetectorNet) -> None:
         """Begin with the weights of a training before this one."""
-        encoder = self.net.encoder
-        if isinstance(encoder, LiftSplatEncoder):
-            self.net.load_state_dict(load_pictures(start, detector).state_dict())
-        elif read_texts(start).get("kind") == "pictures":
-            before = load_pictures(start, detector).encoder
-            if before.config != self._config:
-                raise InvalidValueError(f"network pictures must be that of start, {asdict(before.config)}")
-            encoder.pictures.load_state_dict(before.pictures.state_dict())
+        before: PictureDetectorNet | PointsAndPicturesNet
+        if self._reads_points and read_texts(start).get("kind") != "pictures":
+            before = load_points_and_pictures(start, detector)
         else:
-            self.net.load_state_dict(load_points_and_pictures(start, detector).state_dict())
+            before = load_pictures(start, detector)
+        same_kind = type(before) is type(self.net)
+        if before.config != (self.net.config if same_kind else self._config):
+            of_network = "network" if same_kind else "network.pictures"
+            raise InvalidValueError(f"{of_network} must be that of start, {asdict(before.config)}")
+        if same_kind:
+            self.net.load_state_dict(before.state_dict())
+        else:
+            self.net.encoder.pictures.load_state_dict(before.encoder.pictures.state_dict())
 
     def train(self, mode: bool = True) -> Self:
         super().train(mode)

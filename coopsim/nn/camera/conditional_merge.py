@@ -1,4 +1,4 @@
-"""Merging what points and pictures show, by kernels that depend on how sure each of them is.
+"""Merging what points and pictures show, by kernels that depend on how sure both of them are.
 
 DINO-CoDT (He et al., 2025, section III-C) merges the voxels of both by "confidence-aware fusion with conditional
 convolutions", without an equation. Conditional convolutions are those of Yang et al., "CondConv: Conditionally
@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 CONFIDENCES = 4
-"""Length of s: share of cells with points; mean sureness of depths; brightness of pictures and its spread."""
+"""Length of s: ten times the share of cells with points; mean over pictures of the largest share of a bin of depth;
+brightness of pictures; twice the standard deviation of their pixels."""
 
 
 class ConditionalConv(nn.Module):
@@ -46,7 +47,7 @@ class ConditionalConv(nn.Module):
 
 
 class ConditionalMerge(nn.Module):
-    """A canvas of points, to which is added what the canvas of pictures says beside it. It begins as that of points.
+    """Add to a canvas of points what the canvas of pictures says beside it. A fresh one adds nothing.
 
     Args:
         channels: of each canvas.

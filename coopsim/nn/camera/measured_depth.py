@@ -11,14 +11,17 @@ from coopsim.types import CameraCalibration
 
 
 def measured_depth(calibration: CameraCalibration, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the depth of the nearest point in each cell of a picture's features, (h, w) m; 0: there is none.
+    """Return the depth of the nearest point in each cell of a picture's features, (h, w) m; 0 where there is no point.
 
     Args:
         calibration: of the camera.
         points_m: (P, 3) in the base frame of the camera's agent, of its own LiDARs or also of other agents'.
+
+    Raises:
+        InvalidValueError: the points are of another shape, or the distortion folds the picture over.
     """
     rows, columns = cells_of(calibration.size)
-    found = project(calibration, np.asarray(points_m, np.float64))
+    found = project(calibration, points_m.astype(np.float64))
     place = np.floor((found.place_px[found.inside] + 0.5) / STRIDE_PX).astype(np.int64)
     cell = np.clip(place[:, 1], 0, rows - 1) * columns + np.clip(place[:, 0], 0, columns - 1)
     nearest = np.full(rows * columns, np.inf)

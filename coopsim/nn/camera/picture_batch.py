@@ -52,7 +52,7 @@ class PictureView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraViews:
-    """M pictures of one size as tensors.
+    """M pictures of one size, in cells of their features, as tensors.
 
     Attributes:
         rgb: (M, 3, H, W) uint8, of whole cells.
@@ -91,7 +91,8 @@ def collate_pictures(agents: Sequence[PictureView]) -> PictureBatch:
     """Join the pictures of agents whose canvases have one shape; groups are as `by_size` has them.
 
     Raises:
-        InvalidValueError: there is no agent, canvases have different shapes, or a picture has not its camera's size.
+        InvalidValueError: there is no agent, canvases have different shapes, a picture is not of its camera's size or
+            not uint8, or a lens folds its picture over.
     """
     shapes = {agent.grid.shape for agent in agents}
     if len(shapes) != 1:
@@ -105,15 +106,16 @@ def by_size(agents: Sequence[PictureView]) -> list[list[tuple[int, int]]]:
     """Return the pictures of agents in groups of one size, each picture by the numbers of its agent and among its own.
 
     Raises:
-        InvalidValueError: a picture has not its camera's size.
+        InvalidValueError: a picture is not of its camera's size, or not uint8.
     """
     groups: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for number, agent in enumerate(agents):
         for k, picture in enumerate(agent.pictures):
             size = picture.calibration.size
-            if picture.rgb.shape != (*size, 3):
+            if picture.rgb.shape != (*size, 3) or picture.rgb.dtype != np.uint8:
                 raise InvalidValueError(
-                    f"a picture must be (H, W, 3) of its camera's size {tuple(size)}, got {picture.rgb.shape}"
+                    f"a picture must be (H, W, 3) uint8 of its camera's size {tuple(size)}, "
+                    f"got {picture.rgb.shape} {picture.rgb.dtype}"
                 )
             groups.setdefault(cells_of(size), []).append((number, k))
     return list(groups.values())

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.depth_bins import DepthBins
 from coopsim.nn.camera.sight import GEOMETRY
 from coopsim.nn.detector.encoder import conv
@@ -80,7 +81,7 @@ class PictureNet(nn.Module):
 
     def __init__(self, features: int, bins: DepthBins, backbone: str = "small", width: int = 64) -> None:
         super().__init__()
-        self._bins = bins
+        self._bins, self._width = bins, width
         self.backbone = BACKBONES.get(backbone)(width)
         self.hidden = nn.Sequential(nn.Conv2d(width + bins.count + 1, width, 1), nn.ReLU(inplace=True))
         self.depth = nn.Conv2d(width, bins.count + 1, 1)
@@ -96,6 +97,9 @@ class PictureNet(nn.Module):
         Args:
             rgb: (M, 3, H, W) in [0, 255].
             geometry: (M, 4, h, w), see `coopsim.nn.camera.sight.Sight`.
+
+        Raises:
+            InvalidValueError: the backbone gives maps of another shape than `BACKBONES` says.
         """
         rows, columns = geometry.shape[-2:]
         missing = [-length % _COARSEST_PX for length in rgb.shape[-2:]]
@@ -103,7 +107,11 @@ class PictureNet(nn.Module):
         pictures = pictures.contiguous(memory_format=torch.channels_last)
         cells = [length // 8 for length in pictures.shape[-2:]]
         around = functional.pad(geometry, (0, cells[1] - columns, 0, cells[0] - rows))
-        seen = self.backbone(pictures, around)[..., :rows, :columns]
+        seen = self.backbone(pictures, around)
+        wanted = (len(pictures), self._width, *cells)
+        if tuple(seen.shape) != wanted:
+            raise InvalidValueError(f"backbone must give maps of shape {wanted}, gave {tuple(seen.shape)}")
+        seen = seen[..., :rows, :columns]
         ground = self._bins.shares(10.0 / geometry[:, 0].float().clamp_min(1e-3)).to(seen.dtype)
         hidden = self.hidden(torch.cat([seen, ground], 1))
         depth = self.depth(hidden) + self.ground(torch.log(ground + _UNLIKELY))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
+from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.conditional_merge import CONFIDENCES, ConditionalMerge
 from coopsim.nn.camera.depth_bins import DepthBins
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, PictureCanvas
@@ -60,7 +61,8 @@ class PointsAndPicturesEncoder(nn.Module):
         """Return features (A, C, H / 2, W / 2), not negative, of the points and pictures of the same A agents.
 
         Raises:
-            InvalidValueError: rows or columns of the canvas do not divide by 8.
+            InvalidValueError: rows or columns of the canvas do not divide by 8, or points and pictures are of different
+                numbers of agents or shapes of canvases.
         """
         return self.of_canvas(points, pictures, self.look(pictures))
 
@@ -73,7 +75,12 @@ class PointsAndPicturesEncoder(nn.Module):
         ]
 
     def of_canvas(self, points: PillarBatch, pictures: PictureBatch, seen: list[PictureFeatures]) -> Tensor:
-        """Return the features of points, and of what was seen in pictures."""
+        """Return the features of points, and of what was seen in pictures; shapes and errors as of `forward`."""
+        if (points.clouds, points.shape) != (pictures.agents, pictures.shape):
+            raise InvalidValueError(
+                "points and pictures must be of the same agents and canvases, got "
+                f"{points.clouds} of {points.shape} and {pictures.agents} of {pictures.shape}"
+            )
         canvas = self.points.canvas(points)
         laid = self.pictures.canvas(pictures, seen).to(canvas)
         return self.points.of_canvas(self.merge(canvas, laid, confidences(canvas, pictures, seen)))
@@ -96,17 +103,12 @@ def confidences(canvas: Tensor, pictures: PictureBatch, seen: list[PictureFeatur
     """Return how sure points and pictures are, (A, 4); see `CONFIDENCES`. Agents without pictures have zeros there."""
     out = canvas.new_zeros(len(canvas), CONFIDENCES, dtype=torch.float32)
     out[:, 0] = 10 * (canvas.detach() != 0).any(1).float().mean((1, 2))
-    count = out.new_zeros(len(canvas)).index_add(0, *_ones(pictures))
+    count = out.new_zeros(len(canvas))
     for views, each in zip(pictures.views, seen, strict=True):
         sure = each.depth.detach().float().softmax(1).amax(1).mean((1, 2))
         light = views.rgb.float() / 255
         stated = torch.stack([sure, light.mean((1, 2, 3)), 2 * light.std((1, 2, 3))], 1)
         out[:, 1:] = out[:, 1:].index_add(0, views.agent, stated)
+        count = count.index_add(0, views.agent, torch.ones_like(sure))
     out[:, 1:] /= count.clamp_min(1)[:, None]
     return out
-
-
-def _ones(pictures: PictureBatch) -> tuple[Tensor, Tensor]:
-    agents = [views.agent for views in pictures.views]
-    agent = torch.cat(agents) if agents else torch.zeros(0, dtype=torch.long)
-    return agent, torch.ones(len(agent), device=agent.device)

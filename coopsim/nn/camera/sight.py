@@ -28,9 +28,10 @@ class Sight:
 
     Attributes:
         start_m: (3,) the camera.
-        ray: (3, h, w) float32, from it through the middle of each cell; as long as the optical axis per metre of depth.
-        geometry: (4, h, w) float32: inverse depth of the nearest ground in the cell, in 1/dam (0: above the horizon),
-            elevation of the ray in rad, cells per radian as a logarithm, and height of the camera as a logarithm.
+        ray: (3, h, w) float32, through the middle of each cell: what the cell shows at a depth of d m along the optical
+            axis is at start_m + d * ray.
+        geometry: (4, h, w) float32: inverse depth of the nearest ground in the cell, in 1/dam (0: above the horizon);
+            elevation of the ray in rad; logarithm of cells per radian, less 3; logarithm of the camera's height in m.
     """
 
     start_m: Floats

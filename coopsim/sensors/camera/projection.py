@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.camera.distortion import distort, undistort
+from coopsim.support.arrays import frozen
 from coopsim.types import CameraCalibration
 
 _LEAST_DEPTH_M = 0.05
@@ -32,8 +33,16 @@ class Projected:
 
 
 def project(calibration: CameraCalibration, points_m: Floats) -> Projected:
-    """Project points (N, 3) of the agent's base frame into a camera's picture."""
-    seen = calibration.base_SE3_camera.inverse().apply(points_m)
+    """Project points into a camera's picture.
+
+    Args:
+        calibration: of the camera.
+        points_m: (N, 3) in the agent's base frame.
+
+    Raises:
+        InvalidValueError: the points are of another shape, or the distortion folds the picture over.
+    """
+    seen = calibration.base_SE3_camera.inverse().apply(frozen(points_m, (None, 3), np.float64, "points_m"))
     depth_m = seen[:, 2]
     ahead = depth_m > _LEAST_DEPTH_M
     flat = seen[:, :2] / np.where(ahead, depth_m, 1.0)[:, None]
