@@ -15,10 +15,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pictured_clips import PicturedClips
 from synthetic_clips import SyntheticClips
+from tiny_pictures import TINY_BOTH, TINY_PICTURES, tiny_points
 
 from coopsim.errors import InvalidValueError, TrainingError, UnknownNameError
 from coopsim.learn.clips.clip import Clip
+from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.learn.loop import train_loop
 from coopsim.learn.loop.train_loop import TrainingProgress
 from coopsim.learn.recipe import TrainingRecipe
@@ -132,11 +135,30 @@ def test_same_seed_gives_same_bytes_and_another_gives_others(tmp_path: Path) -> 
     assert digest(first) == digest(second) != digest(third)
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, None])
+def recipe_of(kind: str, folder: Path) -> tuple[TrainingRecipe, ClipSource]:
+    """Return the tiny training of a kind of stage A, and clips for it."""
+    if kind == "detector":
+        return TINY, SyntheticClips()
+    network = TINY_PICTURES if kind == "pictures" else TINY_BOTH
+    detector = tiny_points(folder / "points.safetensors")
+    return replace(TINY, kind=kind, network=network, detector=str(detector)), PicturedClips()
+
+
+@pytest.mark.parametrize(
+    ("kind", "end"),
+    [
+        ("detector", signal.SIGINT),
+        ("detector", signal.SIGTERM),
+        ("detector", None),
+        ("pictures", signal.SIGINT),
+        ("points_and_pictures", None),
+    ],
+)
 def test_an_interrupted_training_ends_in_the_same_bytes(
-    end: signal.Signals | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, end: signal.Signals | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    train(TINY, tmp_path / "whole", source=SyntheticClips())
+    recipe, clips = recipe_of(kind, tmp_path)
+    train(recipe, tmp_path / "whole", source=clips)
 
     def interrupt(progress: TrainingProgress) -> None:
         if progress.step == 5 and end is not None:
@@ -148,11 +170,11 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
 
     monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
     with pytest.raises(MemoryError if end is None else KeyboardInterrupt):
-        train(TINY, tmp_path / "cut", source=SyntheticClips(), show=interrupt)
+        train(recipe, tmp_path / "cut", source=clips, show=interrupt)
     unfinished = store_unfinished(tmp_path / "cut", tmp_path / "half")
     assert read_texts(unfinished[0])["step"] == ("2" if end is None else "5")
     steps = list[int]()
-    train(TINY, tmp_path / "cut", source=SyntheticClips(), show=lambda progress: steps.append(progress.step))
+    train(recipe, tmp_path / "cut", source=clips, show=lambda progress: steps.append(progress.step))
     assert steps[0] == (3 if end is None else 6)
     assert all((tmp_path / "whole" / name).read_bytes() == (tmp_path / "cut" / name).read_bytes() for name in FILES)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -209,9 +231,16 @@ def test_a_world_in_which_nobody_sees_anything_is_an_error(tmp_path: Path) -> No
         train(TINY, tmp_path, source=SyntheticClips(agents=0))
 
 
-def test_held_out_places_are_looked_at(tmp_path: Path) -> None:
-    recipe = replace(TINY, steps=4, validate_every=2, held_out=1)
-    train(recipe, tmp_path, source=SyntheticClips())
+def test_clips_without_pictures_are_no_clips_for_pictures(tmp_path: Path) -> None:
+    recipe, _ = recipe_of("pictures", tmp_path)
+    with pytest.raises(TrainingError, match="have no sample"):
+        train(recipe, tmp_path / "out", source=SyntheticClips())
+
+
+@pytest.mark.parametrize("kind", ["detector", "pictures", "points_and_pictures"])
+def test_held_out_places_are_looked_at(kind: str, tmp_path: Path) -> None:
+    recipe, clips = recipe_of(kind, tmp_path)
+    train(replace(recipe, steps=4, validate_every=2, held_out=1), tmp_path, source=clips)
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     looks = [line for line in lines if line["kind"] == "validation"]
     assert [look["step"] for look in looks] == [2, 4]

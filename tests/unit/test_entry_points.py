@@ -106,6 +106,33 @@ assert net.fusion.weight == 0.5 and type(net.fusion).__module__ == "plugged_in"
 """
 
 
+BACKBONE = """
+import torch
+
+class Mean(torch.nn.Conv2d):
+    def __init__(self, width):
+        super().__init__(3, width, 8, 8)
+
+    def forward(self, pictures, geometry):
+        return super().forward(pictures)
+"""
+
+BACKBONE_POINTS = """
+[coopsim.backbones]
+mine = plugged_in:Mean
+"""
+
+BACKBONE_PROGRAM = """
+import sys
+from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
+from coopsim.nn.camera.picture_net import BACKBONES
+
+assert "mine" in BACKBONES.names() and "plugged_in" not in sys.modules
+backbone = LiftSplatEncoder(LiftSplatConfig(backbone="mine", width=5)).pictures.net.backbone
+assert backbone.out_channels == 5 and type(backbone).__module__ == "plugged_in"
+"""
+
+
 def test_entry_points_add_to_every_registry(tmp_path: Path) -> None:
     _plug_in(tmp_path, PLUGIN, ENTRY_POINTS)
     _run(tmp_path, PROGRAM)
@@ -115,6 +142,12 @@ def test_entry_points_add_fusions(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     _plug_in(tmp_path, FUSION, FUSION_POINTS)
     _run(tmp_path, FUSION_PROGRAM)
+
+
+def test_entry_points_add_backbones(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    _plug_in(tmp_path, BACKBONE, BACKBONE_POINTS)
+    _run(tmp_path, BACKBONE_PROGRAM)
 
 
 def _plug_in(folder: Path, module: str, entry_points: str) -> None:

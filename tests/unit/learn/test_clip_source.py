@@ -29,5 +29,8 @@ def test_places_of_training_and_of_looks_differ_and_the_test_places_are_in_neith
     training, looks = simulated_clips(recipe, 3), held_out_clips(recipe)
     assert "first_place=100000" in repr(training) and "first_place=1000," in repr(looks)
     assert LaterClips(SyntheticClips()).clip(0).key == "synthetic 1000000000"
+    assert "cameras={}" in repr(looks)
+    for kind in ("pictures", "points_and_pictures"):
+        assert "cameras={'surround': 1.0}" in repr(held_out_clips(TrainingRecipe("x", kind)))
     with pytest.raises(InvalidValueError, match="environments must not be 'crossing'"):
         simulated_clips(TrainingRecipe("x", world={"environments": ["crossing"]}), 0)

@@ -18,6 +18,18 @@ def test_shipped_recipes_are_complete(name: str) -> None:
     assert TrainingRecipe(**json.loads(json.dumps(recipe.as_data()))) == recipe
 
 
+@pytest.mark.parametrize("kind", ["detector", "pictures", "points_and_pictures"])
+def test_a_teacher_is_for_fusions_alone(kind: str) -> None:
+    with pytest.raises(InvalidValueError, match=f"teacher must be none with kind: {kind}, got 'early'"):
+        TrainingRecipe("x", kind, teacher="early")
+    assert TrainingRecipe("x", "cooperative", teacher="early").teacher == "early"
+
+
+def test_unknown_kinds_are_refused_with_the_known_ones() -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown kind 'picture'\. Did you mean 'pictures'"):
+        TrainingRecipe("x", "picture")
+
+
 def test_own_files_and_their_mistakes(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("kind: detector\nsteps: 5\nworld: {rain_share: 0.5}\n")

@@ -22,6 +22,8 @@ from coopsim.learn.weights import (
     find_weights,
     load_cooperative,
     load_detector,
+    load_pictures,
+    load_points_and_pictures,
     make_cooperative,
     make_detector,
     read_texts,
@@ -146,6 +148,10 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
     texts, bytes_ = read_texts(name), find_weights(name).stat().st_size
     if texts["kind"] == "detector":
         load_detector(name)
+        assert bytes_ <= 3e6
+    elif "pictures" in texts["kind"]:
+        load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
+        load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
     else:
         load_cooperative(name, load_detector(texts["detector"]))
