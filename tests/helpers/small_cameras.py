@@ -20,11 +20,12 @@ BENT_LENS = Intrinsics(48, 32, 25.0, 25.0, 22.0, 17.0, BENT)
 AHEAD = Camera("ahead", PLAIN)
 SIDEWAYS = Camera("sideways", OFF_AXIS, x_m=0.5, y_m=-0.3, yaw_rad=2.0, pitch_rad=0.4)
 ROLLED = Camera("rolled", PLAIN, yaw_rad=-1.0, pitch_rad=0.1, roll_rad=0.6)
+HANGING = Camera("hanging", PLAIN, yaw_rad=1.0, pitch_rad=0.3, roll_rad=3.0)
 BENT_CAMERA = Camera("bent", BENT_LENS, yaw_rad=0.3, pitch_rad=0.2, roll_rad=-0.2)
 PARTIAL = Camera("partial", ODD, yaw_rad=-2.5, pitch_rad=0.3)
 
-CAMERAS = (AHEAD, SIDEWAYS, ROLLED, BENT_CAMERA, PARTIAL)
-"""A pinhole ahead; a lens off its axis; a rolled camera; a lens that distorts; a picture with parts of cells."""
+CAMERAS = (AHEAD, SIDEWAYS, ROLLED, HANGING, BENT_CAMERA, PARTIAL)
+"""A pinhole ahead, a lens off its axis, one rolled, one upside down, a lens that distorts, and parts of cells."""
 
 
 def in_mirror(calibration: CameraCalibration) -> CameraCalibration:

@@ -93,7 +93,7 @@ def test_the_same_stream_draws_the_same_pictures(points: bool) -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-@pytest.mark.parametrize(("camera", "place"), [(0, (9.0, 1.5)), (1, (1.0, 9.0)), (2, (-9.0, -3.0))])
+@pytest.mark.parametrize(("camera", "place"), [(0, (12.0, 7.0)), (1, (-6.0, 11.0)), (2, (-12.0, 5.0))])
 def test_a_target_is_found_in_the_picture_at_its_place(camera: int, place: tuple[float, float], mirrored: bool) -> None:
     """The target of the map, moved back by hand, projects into a cell that has the object's class and depth."""
     seen = one_van(*place, np.array([30.0, -12.0, 0.0, 0.7]), WIDE[camera])
@@ -108,7 +108,7 @@ def test_a_target_is_found_in_the_picture_at_its_place(camera: int, place: tuple
     (views,) = collate_picture_samples([sample]).pictures.views
     assert depth_m.shape == label.shape == views.geometry.shape[-2:]
     column = label.shape[1] - 1 - column if mirrored else column
-    assert label[row, column] == ObjectClass.VAN
+    assert label[row, column] == ObjectClass.VAN != label[row, -1 - column]
     assert 0 < projected.depth_m[0] - depth_m[row, column] < 3.5  # from its surface to its middle
     laid = views.start[0] + projected.depth_m[0] * views.ray[0, :, row, column]
     cell = divmod(int(sample.targets.cell[sample.targets.weight.argmax()]), 8)  # of the map, half as fine as the canvas

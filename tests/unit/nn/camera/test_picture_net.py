@@ -89,6 +89,16 @@ def test_a_backbone_of_ones_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None
         PictureNet(5, BINS, "mean", width=9)(views(AHEAD).rgb, views(AHEAD).geometry)
 
 
+def test_cells_keep_their_places_where_a_picture_is_filled_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A picture of 2 x 5 cells is filled up to 2 x 6 for its backbone."""
+    monkeypatch.setattr(BACKBONES, "_entries", dict(BACKBONES._entries) | {"mean": Mean})
+    look, net = views(Camera("odd", Intrinsics.from_fov(37, 9))), fresh(backbone="mean")
+    before = net(look.rgb, look.geometry).features
+    look.rgb[:, :, :8, 16:24] = 255 - look.rgb[:, :, :8, 16:24]
+    changed = (net(look.rgb, look.geometry).features != before).any(1)
+    assert changed.nonzero().tolist() == [[0, 0, 2]]
+
+
 def test_unknown_backbones_are_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown network backbone 'smal'\. Did you mean 'small'"):
         make_pictures(TINY_PICTURES | {"backbone": "smal"})
