@@ -29,7 +29,7 @@ _GATES = {"iou_3d": ("in (0, 1]", lambda gate: 0 < gate <= 1), "giou_3d": ("in [
 _AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
 
 
-@POLICIES.register("dino_codt_tracking", alias="dino_codt")
+@POLICIES.register("dino_codt_tracking")
 @dataclass(kw_only=True, eq=False)
 class DinoCoDTTracking(PooledBoxes):
     """Each class by its own motion model and assignment; embeddings match what boxes leave over.
