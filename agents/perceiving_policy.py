@@ -60,7 +60,7 @@ class PerceivingPolicy(TrackingPolicy):
 
     Attributes:
         weights: of the network, by name or as the path of a file.
-        tracker: the policy whose tracker tracks what is found, by its spec: "ab3dmot", "dino_codt_tracking", "coop_fuse", ...
+        tracker: the policy whose tracker tracks what is found, by its spec: "ab3dmot", "coop_fuse", ...
         least_score: smallest score of a detection, in [0, 1].
         region_m: the network looks for objects in |x| <= the first, |y| <= the second of the receiver's base frame,
             and in what the rectangle around it in the world's axes has besides.
