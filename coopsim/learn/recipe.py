@@ -58,6 +58,8 @@ class TrainingRecipe:
         detector: weights that pictures are trained beside, and that stage B and C stand on, by name or path.
         teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; None:
             nobody does. See `coopsim.learn.losses.teacher_loss`.
+        depths_first: share of the steps, at the beginning, in which an encoder of pictures learns depths and classes
+            alone: these steps are quick, as no maps are made, and without depths maps have nothing to teach.
         network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
             of `CooperativeConfig` for B and C.
         world: options of `WorldRecipe`: what the clips show.
@@ -83,6 +85,7 @@ class TrainingRecipe:
     start: str | None = None
     detector: str = "pillars"
     teacher: str | None = None
+    depths_first: float = 0.0
     network: Mapping[str, Any] = field(default_factory=dict)
     world: Mapping[str, Any] = field(default_factory=dict)
     samples: Mapping[str, Any] = field(default_factory=dict)
@@ -108,7 +111,7 @@ class TrainingRecipe:
         require_count(0, validate_every=self.validate_every)
         require_positive(lr=self.lr, clip=self.clip)
         require_non_negative(weight_decay=self.weight_decay)
-        require_probability(average=self.average)
+        require_probability(average=self.average, depths_first=self.depths_first)
         for each in ("slower", "loss", "network", "world", "samples"):
             if not isinstance(getattr(self, each), Mapping):
                 raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")

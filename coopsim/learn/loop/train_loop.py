@@ -131,6 +131,7 @@ class TrainLoop:
         device = self.ranks.device
         dtype = autocast_type(self.recipe.precision, device)
         batch = to_device(self.task.collate(samples), device)
+        self.task.progress = self._step / self.recipe.steps
         with nullcontext() if dtype is None else torch.autocast(device.type, dtype):
             losses: dict[str, Tensor] = model(batch)
         if self.recipe.loss:

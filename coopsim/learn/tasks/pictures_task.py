@@ -58,7 +58,7 @@ class PicturesTask(TrainingTask):
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
-        self._settings = load(SampleSettings, recipe.samples, "samples")
+        self._settings, self._depths_first = load(SampleSettings, recipe.samples, "samples"), recipe.depths_first
         detector = copy.deepcopy(load_detector(recipe.detector))
         if detector.config.head != "centre" or detector.config.sweeps != 1:
             raise InvalidValueError(
@@ -120,7 +120,7 @@ class PicturesTask(TrainingTask):
         rows, columns = targets.heat.shape[2:]
         grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
         with torch.no_grad():
-            features, _ = _features(net, batch)
+            features = _features(net, batch, _seen(net, batch))
             found = decode(net.head, features, grid)
         return [FoundMap(found[0], targets, grid)]
 
@@ -131,35 +131,49 @@ class PicturesTask(TrainingTask):
         return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
-        features, seen = _features(self.net, batch)
+        if self.progress < self._depths_first:
+            parts = self._picture_losses(batch, _seen(self.net, batch))
+            return {"loss": sum_of(parts), **parts}
+        seen = _seen(self.net, batch)
+        features = _features(self.net, batch, seen)
         parts = head_loss(self.net.head, features, batch.targets)
         parts.pop("loss")
-        share = 1 / max(1, len(seen))
-        groups = list(zip(seen, batch.depth_m, batch.label, strict=True))
-        depths = [depth_loss(each.depth, depth_m, label, self._config.bins) for each, depth_m, label in groups]
-        labels = [label_loss(each.label, label) for each, _, label in groups]
-        parts["depth"], parts["label"] = share * torch.stack(depths).sum(), share * torch.stack(labels).sum()
+        parts |= self._picture_losses(batch, seen)
         if not self._reads_points:
             with torch.no_grad():
                 of_points = self.detector.encoder(batch.pillars)
             parts["alike"] = alike_loss(features, of_points, batch.targets.heat)
         return {"loss": sum_of(parts), **parts}
 
+    def _picture_losses(self, batch: PicturesOfBatch, seen: list[PictureFeatures]) -> dict[str, Tensor]:
+        """Return the losses of depths and classes, means over the groups of pictures."""
+        groups = list(zip(seen, batch.depth_m, batch.label, strict=True))
+        depths = [depth_loss(each.depth, depth_m, label, self._config.bins) for each, depth_m, label in groups]
+        labels = [label_loss(each.label, label) for each, _, label in groups]
+        share = 1 / max(1, len(seen))
+        return {"depth": share * torch.stack(depths).sum(), "label": share * torch.stack(labels).sum()}
+
     @property
     def _reads_points(self) -> bool:
         return isinstance(self.net, PointsAndPicturesNet)
 
 
-def _features(
-    net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch
-) -> tuple[Tensor, list[PictureFeatures]]:
-    """Return the features of a batch, (A, C, h, w), and what is seen in its pictures."""
+def _seen(net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch) -> list[PictureFeatures]:
+    """Return what is seen in the pictures of a batch."""
     encoder = net.encoder
     if isinstance(encoder, LiftSplatEncoder):
-        seen = encoder.pictures.look(batch.pictures)
-        return encoder.of_canvas(encoder.pictures.canvas(batch.pictures, seen)), seen
-    seen = encoder.look(batch.pictures)
-    return encoder.of_canvas(batch.pillars, batch.pictures, seen), seen
+        return encoder.pictures.look(batch.pictures)
+    return encoder.look(batch.pictures)
+
+
+def _features(
+    net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch, seen: list[PictureFeatures]
+) -> Tensor:
+    """Return the features of a batch, (A, C, h, w)."""
+    encoder = net.encoder
+    if isinstance(encoder, LiftSplatEncoder):
+        return encoder.of_canvas(encoder.pictures.canvas(batch.pictures, seen))
+    return encoder.of_canvas(batch.pillars, batch.pictures, seen)
 
 
 def _require_same_maps(config: LiftSplatConfig, detector: DetectorNet) -> None:

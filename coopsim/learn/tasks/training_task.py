@@ -53,9 +53,11 @@ class TrainingTask(nn.Module, ABC):
 
     Attributes:
         net: the network whose parameters are trained, and which is stored.
+        progress: share of the training that has passed, in [0, 1]; set before each step.
     """
 
     net: nn.Module
+    progress: float = 1.0
 
     @abstractmethod
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:

@@ -17,7 +17,7 @@ from coopsim.support.registry import Registry
 from coopsim.types.taxonomy import CLASS_NAMES
 
 _COARSEST_PX = 16
-_UNLIKELY = 1e-3  # share of bins in which the ground is not
+_UNLIKELY = 0.01  # share of bins in which the ground is not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ from weights that were trained elsewhere."""
 
 @BACKBONES.register("small")
 class SmallBackbone(nn.Module):
-    """Convolutions at 2, 4, 8 and 16 pixels, of 16 to 96 channels, to be trained from scratch.
+    """Convolutions at 2, 4, 8 and 16 pixels, of 16 to 64 channels, to be trained from scratch.
 
     Args:
         width: channels of the result.
@@ -51,11 +51,11 @@ class SmallBackbone(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.fine = nn.Sequential(conv(3, 16, 2), conv(16, 32, 2), conv(32, 32), conv(32, 64, 2))
-        self.middle = nn.Sequential(conv(64 + GEOMETRY, 64), conv(64, 64))
-        self.coarse = nn.Sequential(conv(64, 96, 2), conv(96, 96), conv(96, 96))
+        self.fine = nn.Sequential(conv(3, 16, 2), conv(16, 24, 2), conv(24, 24), conv(24, 48, 2))
+        self.middle = nn.Sequential(conv(48 + GEOMETRY, 48), conv(48, 48))
+        self.coarse = nn.Sequential(conv(48, 64, 2), conv(64, 64), conv(64, 64))
         self.join = nn.Sequential(
-            nn.Conv2d(64 + 96, width, 1, bias=False), nn.BatchNorm2d(width, eps=1e-3, momentum=0.05), nn.ReLU()
+            nn.Conv2d(48 + 64, width, 1, bias=False), nn.BatchNorm2d(width, eps=1e-3, momentum=0.05), nn.ReLU()
         )
 
     def forward(self, pictures: Tensor, geometry: Tensor) -> Tensor:
@@ -85,11 +85,9 @@ class PictureNet(nn.Module):
         self.backbone = BACKBONES.get(backbone)(width)
         self.hidden = nn.Sequential(nn.Conv2d(width + bins.count + 1, width, 1), nn.ReLU(inplace=True))
         self.depth = nn.Conv2d(width, bins.count + 1, 1)
-        self.ground = nn.Conv2d(bins.count + 1, bins.count + 1, 1, bias=False)
+        self.ground = nn.Parameter(torch.ones(()))
         self.features = nn.Conv2d(width, features, 1)
         self.label = nn.Conv2d(width, len(CLASS_NAMES) + 1, 1)
-        with torch.no_grad():
-            self.ground.weight.copy_(torch.eye(bins.count + 1)[:, :, None, None])
 
     def forward(self, rgb: Tensor, geometry: Tensor) -> PictureFeatures:
         """Look at pictures.
@@ -114,5 +112,5 @@ class PictureNet(nn.Module):
         seen = seen[..., :rows, :columns]
         ground = self._bins.shares(10.0 / geometry[:, 0].float().clamp_min(1e-3)).to(seen.dtype)
         hidden = self.hidden(torch.cat([seen, ground], 1))
-        depth = self.depth(hidden) + self.ground(torch.log(ground + _UNLIKELY))
+        depth = self.depth(hidden) + self.ground * torch.log(ground + _UNLIKELY)
         return PictureFeatures(self.features(hidden), depth, self.label(hidden))
