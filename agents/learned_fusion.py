@@ -29,6 +29,7 @@ DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, numb
 _NEEDS = {
     "points": Needs(uplink="features", lidar=True),
     "pictures": Needs(uplink="features", cameras="surround", any_rig=True),
+    "both": Needs(uplink="features", lidar=True, cameras="surround", any_rig=True),
     "mixed": Needs(uplink="features"),
 }
 """What the agents must have, by the word for `sensors`."""
@@ -45,9 +46,10 @@ class LearnedFusion(PerceivingPolicy):
 
     Attributes:
         detector_weights: of the encoder of points, which must be the one that the fusion was trained on.
-        sensors: what agents encode: "points", "pictures", or "mixed": each agent its points if it has a LiDAR, else its
-            pictures. One with neither sees nothing by itself, and hears the others.
-        picture_weights: of the encoder of pictures, which must have been trained beside that of points.
+        sensors: what agents encode: "points", "pictures", "both" together, or "mixed": each agent its points if it has
+            a LiDAR, else its pictures. One with neither sees nothing by itself, and hears the others.
+        picture_weights: of the encoder of pictures, or of both, which must have been trained beside that of points;
+            None: "points_and_pictures" for both, else "lift_splat".
     """
 
     needs = _NEEDS["points"]
@@ -56,7 +58,7 @@ class LearnedFusion(PerceivingPolicy):
 
     detector_weights: str = "pillars"
     sensors: str = "points"
-    picture_weights: str = "lift_splat"
+    picture_weights: str | None = None
 
     def load(self) -> None:
         require_choice("sensors", self.sensors, _NEEDS)
@@ -83,12 +85,14 @@ class LearnedFusion(PerceivingPolicy):
             UnknownNameError: there are no such weights for pictures.
             InvalidValueError: they are broken, or were trained beside another encoder.
         """
-        from coopsim.learn.weights import load_pictures
-        from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder
+        from coopsim.learn.weights import load_pictures, load_points_and_pictures
+        from coopsim.nn.inference.agent_encoder import BothEncoder, MixedEncoder, PictureEncoder, PointEncoder
 
         if self.sensors == "points":
             return PointEncoder(detector)
-        pictures = PictureEncoder(load_pictures(self.picture_weights, detector))
+        if self.sensors == "both":
+            return BothEncoder(load_points_and_pictures(self.picture_weights or "points_and_pictures", detector))
+        pictures = PictureEncoder(load_pictures(self.picture_weights or "lift_splat", detector))
         return pictures if self.sensors == "pictures" else MixedEncoder(PointEncoder(detector), pictures)
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:

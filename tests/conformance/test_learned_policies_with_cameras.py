@@ -50,6 +50,22 @@ def test_policy_on_what_each_agent_has(name: str) -> None:
     check_policy(lambda: make(name, sensors="mixed"), **given)
 
 
+@pytest.mark.parametrize("name", ["attfuse", "dino_codt"])
+def test_policy_on_points_and_pictures(name: str) -> None:
+    given: dict[str, Any] = {"max_cycles": 3, "vehicles": 6, "cameras": CAMERAS, "renderer": "raycast"}
+    check_policy(lambda: make(name, sensors="both"), **given)
+
+
+def test_pictures_add_to_what_points_show() -> None:
+    def found(sensors: str) -> Any:
+        policy = make("fcooper", sensors=sensors, least_score=0.05)
+        coopsim.evaluate(policy, seed=1, **SMALL | {"cameras": CAMERAS})
+        return policy.detections("cav_0")
+
+    both, points = found("both"), found("points")
+    assert len(both) and len(points) and not np.array_equal(both.score, points.score)
+
+
 def test_their_uplinks() -> None:
     check_uplink(make(sensors="pictures"), cameras=CAMERAS, renderer="raycast", lidar=None)
     check_uplink(make(sensors="mixed"), cameras={"rsu": CAMERAS}, lidar_agents=["cav"], renderer="raycast")
@@ -144,8 +160,13 @@ def test_pictures_without_colours_are_refused(given: dict[str, bool]) -> None:
     ("settings", "error", "match"),
     [
         ({"sensors": "picture"}, UnknownNameError, "unknown sensors 'picture'. Did you mean 'pictures'"),
-        ({"sensors": 3}, UnknownNameError, "Accepted: mixed, pictures, points"),
+        ({"sensors": 3}, UnknownNameError, "Accepted: both, mixed, pictures, points"),
         ({"sensors": "mixed", "picture_weights": "nobodys"}, UnknownNameError, "unknown weights 'nobodys'"),
+        (
+            {"sensors": "both", "picture_weights": str(weights_folder() / "lift_splat.safetensors")},
+            InvalidValueError,
+            "must be weights of the kind 'points_and_pictures', is 'pictures'",
+        ),
         (
             {"sensors": "pictures", "picture_weights": str(weights_folder() / "pillars.safetensors")},
             InvalidValueError,

@@ -10,7 +10,14 @@ from typing import Any
 
 import torch
 
-from coopsim.learn.weights import encoder_digest, make_cooperative, make_detector, make_pictures, save_weights
+from coopsim.learn.weights import (
+    encoder_digest,
+    make_cooperative,
+    make_detector,
+    make_pictures,
+    make_points_and_pictures,
+    save_weights,
+)
 from coopsim.nn.camera.sight import GEOMETRY
 
 TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 4], "layers": [0, 0, 0], "features": 8}
@@ -22,8 +29,8 @@ FUSIONS = ("attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vne
 
 @cache
 def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
-    """Return a folder with the weights `pillars`, `early`, `lift_splat` and one of each fusion; it is there as long as
-    the tests.
+    """Return a folder with the weights `pillars`, `early`, `lift_splat`, `points_and_pictures` and one of each fusion;
+    it is there as long as the tests.
     """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
@@ -31,6 +38,7 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     for name in ("pillars", "early"):
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     save_pictures(folder / "lift_splat.safetensors", detector, seed)
+    save_both(folder / "points_and_pictures.safetensors", detector, seed)
     for name in FUSIONS:
         made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8}, seed)
         net, config = made
@@ -62,6 +70,17 @@ def save_pictures(path: Path, detector: Any, seed: int = 0) -> None:
     save_weights(path, net, said)
 
 
+def save_both(path: Path, detector: Any, seed: int = 0) -> None:
+    """Write an encoder of points and pictures beside a detector, which sees what that one sees."""
+    net = make_points_and_pictures({"pictures": TINY_PICTURES}, seed)
+    net.encoder.points.load_state_dict(detector.encoder.state_dict())
+    net.head.load_state_dict(detector.head.state_dict())
+    with torch.no_grad():
+        net.encoder.merge.second.kernels.fill_(0.5)
+    said = {"kind": "points_and_pictures", "config": asdict(net.config), "encoder_digest": encoder_digest(detector)}
+    save_weights(path, net, said)
+
+
 def let_it_see_light(net: Any) -> None:
     """Let a random network on pictures see light: what is bright is hot, on the ground where it seems to be."""
     pictures, config = net.encoder.pictures.net, net.config
@@ -82,11 +101,12 @@ def let_it_see_light(net: Any) -> None:
 
 def learned(name: str, **settings: Any) -> dict[str, Any]:
     """Return the settings with which a learned policy takes tiny weights."""
-    folder = weights_folder()
-    own = {"weights": str(folder / f"{name}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
-    if name in FUSIONS:
+    folder, fusion = weights_folder(), {"dino_codt": "gsaf"}.get(name, name)
+    own = {"weights": str(folder / f"{fusion}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
+    if fusion in FUSIONS:
+        both = settings.get("sensors") == "both"
         own["detector_weights"] = str(folder / "pillars.safetensors")
-        own["picture_weights"] = str(folder / "lift_splat.safetensors")
+        own["picture_weights"] = str(folder / f"{'points_and_pictures' if both else 'lift_splat'}.safetensors")
     return own | settings
 
 

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from coopsim.localization.recent_sweeps import RecentSweeps, turned
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
-from coopsim.nn.camera.picture_detector import PictureDetectorNet
+from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.inference.quick import QuickEncoder
-from coopsim.nn.inference.quick_pictures import QuickPictureEncoder, pictures_of
+from coopsim.nn.inference.quick_pictures import QuickBothEncoder, QuickPictureEncoder, pictures_of
 from coopsim.types import BevGrid, SensorView
 
 Look = Callable[[BevGrid], Tensor]
@@ -64,6 +64,33 @@ class PictureEncoder:
         """
         pictures, compass_SE2_base = pictures_of(view), np.array([0.0, 0.0, _heading_rad(view)])
         return lambda canvas: self._encoder(collate_pictures([PictureView(pictures, compass_SE2_base, canvas)]))
+
+
+class BothEncoder:
+    """The encoder of an agent's points and pictures together.
+
+    Args:
+        net: has the encoder.
+    """
+
+    def __init__(self, net: PointsAndPicturesNet) -> None:
+        self._encoder, self._sweeps = QuickBothEncoder(net.encoder), RecentSweeps(1)
+
+    def look(self, view: SensorView) -> Look:
+        """Take in an agent's points and pictures; see `AgentEncoder.look`.
+
+        Raises:
+            InvalidValueError: an image has no colours.
+        """
+        heading_rad = _heading_rad(view)
+        points, pictures = self._sweeps.points(view), pictures_of(view)
+        compass_SE2_base, around = np.array([0.0, 0.0, heading_rad]), turned(points, heading_rad)
+
+        def encode(canvas: BevGrid) -> Tensor:
+            seen = PictureView(pictures, compass_SE2_base, canvas, points_m=points[:, :3])
+            return self._encoder(collate([pillarize(around, canvas)]), collate_pictures([seen]))
+
+        return encode
 
 
 class MixedEncoder:

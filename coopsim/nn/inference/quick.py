@@ -30,6 +30,17 @@ def folded(module: M) -> M:
     return made
 
 
+def quickened(encoder: PillarEncoder) -> PillarEncoder:
+    """Return a quicker copy of an encoder of points."""
+    made = folded(encoder)
+    made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
+    made.points_norm = nn.Identity()  # type: ignore[assignment]
+    for maps in (made.scales, made.sides, made.join):
+        maps.to(torch.bfloat16 if multiplies_bfloat16() else torch.float32)
+        maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return made
+
+
 class QuickEncoder:
     """A `PillarEncoder` for use alone.
 
@@ -38,12 +49,7 @@ class QuickEncoder:
     """
 
     def __init__(self, encoder: PillarEncoder) -> None:
-        made = self._encoder = folded(encoder)
-        made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
-        made.points_norm = nn.Identity()  # type: ignore[assignment]
-        for maps in (made.scales, made.sides, made.join):
-            maps.to(torch.bfloat16 if multiplies_bfloat16() else torch.float32)
-            maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._encoder = quickened(encoder)
 
     def __call__(self, batch: PillarBatch) -> Tensor:
         """Return features (A, C, H / 2, W / 2), not negative; without gradients.
