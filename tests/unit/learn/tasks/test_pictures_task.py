@@ -74,6 +74,23 @@ def test_a_tiny_network_learns_a_sample_by_heart(kind: str, points: Path) -> Non
 
 
 @each_kind
+def test_depths_and_classes_may_be_learned_first_alone(kind: str, points: Path) -> None:
+    task = task_of(kind, points, depths_first=0.5).train()
+    batch = batch_for(task)
+    for progress, alone in ((0.0, True), (0.49, True), (0.5, False)):
+        task.progress = progress
+        losses = task(batch)
+        assert (set(losses) == {"loss", "depth", "label"}) == alone
+        assert ("heat" in losses) != alone
+    task.progress = 0.0
+    losses = task(batch)
+    torch.testing.assert_close(losses["loss"], losses["depth"] + losses["label"])
+    losses["loss"].backward()
+    taught = {name.split(".")[1] for name, each in task.net.named_parameters() if each.grad is not None}
+    assert taught <= {"pictures", "trust"}
+
+
+@each_kind
 def test_head_and_detector_are_never_changed(kind: str, points: Path) -> None:
     task, detector = task_of(kind, points).train(), load_detector(points)
     optimizer = torch.optim.SGD((each for each in task.net.parameters() if each.requires_grad), 0.01)
