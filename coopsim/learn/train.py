@@ -129,6 +129,11 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
 def _clips(
     recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int | str, ranks: Ranks
 ) -> AbstractContextManager[ClipSource]:
+    if source is None and "pictures" in recipe.kind and not recipe.world.get("cameras"):
+        raise InvalidValueError(
+            f"world.cameras must name rigs with kind: {recipe.kind}, as {{surround: 1}}: without cameras there are no "
+            "pictures"
+        )
     clips = source or simulated_clips(recipe, seed, cache)
     if ranks.ranks > 1:
         clips = ClipsOfRank(clips, recipe.block, ranks.rank, ranks.ranks)

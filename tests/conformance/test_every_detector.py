@@ -18,7 +18,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_detector, check_embedder
 from coopsim.types import AgentSpec, Detections, SensorView
 
-WITHOUT_WEIGHTS = sorted({*DETECTORS.names()} - {"pillars", "lift_splat"})
+WITHOUT_WEIGHTS = sorted({*DETECTORS.names()} - {"pillars", "lift_splat", "points_and_pictures"})
 
 
 @pytest.mark.parametrize("name", [*WITHOUT_WEIGHTS, "simulated(max_recall=0.5)"])
@@ -35,11 +35,12 @@ def test_the_detector_pillars(sweeps: int) -> None:
 
 
 @pytest.mark.parametrize("cameras", ["surround_6", {"cav_0": "front", "rsu": "surround"}])
-def test_the_detector_lift_splat(cameras: Any) -> None:
+@pytest.mark.parametrize("name", ["lift_splat", "points_and_pictures"])
+def test_detectors_with_cameras(name: str, cameras: Any) -> None:
     pytest.importorskip("torch")
     from tiny_networks import tiny_picture_detector
 
-    check_detector(tiny_picture_detector(), cameras=cameras)
+    check_detector(tiny_picture_detector(name), cameras=cameras)
 
 
 def test_registered_embedders() -> None:  # none comes with coopsim yet

@@ -115,7 +115,7 @@ def tiny_detector(sweeps: int = 1) -> str:
     return f"pillars(weights='{weights_folder(sweeps) / 'pillars.safetensors'}', least_score=0.3)"
 
 
-def tiny_picture_detector(**settings: Any) -> str:
-    """Return the spec of the detector "lift_splat" with tiny weights."""
-    given = "".join(f", {name}={value}" for name, value in ({"least_score": 0.3} | settings).items())
-    return f"lift_splat(weights='{weights_folder() / 'lift_splat.safetensors'}'{given})"
+def tiny_picture_detector(name: str = "lift_splat", **settings: Any) -> str:
+    """Return the spec of the detector "lift_splat" or "points_and_pictures" with tiny weights."""
+    given = "".join(f", {key}={value}" for key, value in ({"least_score": 0.3} | settings).items())
+    return f"{name}(weights='{weights_folder() / f'{name}.safetensors'}'{given})"

@@ -24,7 +24,7 @@ from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.learn.loop import train_loop
 from coopsim.learn.loop.train_loop import TrainingProgress
-from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.recipe import TrainingRecipe, find_recipe
 from coopsim.learn.tasks import cooperative_task, detector_task
 from coopsim.learn.train import store_unfinished, train
 from coopsim.learn.weights import digest, load_cooperative, load_detector, read_texts
@@ -229,6 +229,11 @@ def test_scenes_without_objects_are_trained_on(tmp_path: Path) -> None:
 def test_a_world_in_which_nobody_sees_anything_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="have no sample"):
         train(TINY, tmp_path, source=SyntheticClips(agents=0))
+
+
+def test_pictures_need_a_world_with_cameras(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match=r"world\.cameras must name rigs with kind: pictures"):
+        train(find_recipe("lift_splat").changed(world={}), tmp_path / "none")
 
 
 def test_clips_without_pictures_are_no_clips_for_pictures(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from coopsim.nn.camera.picture_batch import PictureView, collate_pictures  # noq
 from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder  # noqa: E402
 from coopsim.nn.inference.inference import inference  # noqa: E402
 from coopsim.nn.inference.perceiver import OwnMap, Perceiver, PlacedMap, compass_region  # noqa: E402
-from coopsim.nn.inference.picture_finder import PictureFinder  # noqa: E402
 from coopsim.nn.inference.quick_pictures import QuickPictureEncoder, pictures_of  # noqa: E402
+from coopsim.nn.inference.view_finder import ViewFinder  # noqa: E402
 from coopsim.types import BevGrid, SensorView, Sweep  # noqa: E402
 
 LIGHT = (14.4, -7.2)
@@ -129,14 +129,15 @@ def picture_net_with_norms() -> Any:
 
 
 def test_a_finder_finds_lights_by_some_cameras_and_nothing_without() -> None:
-    finder = PictureFinder(picture_net(), 2)
+    net = picture_net()
+    finder = ViewFinder(PictureEncoder(net), net.head, net.config.cell_m, 2)
     some = lit_view(LIGHT, cameras=["camera_0", "camera_3"])
-    found, dark, blind = finder.detect_around([pictures_of(each) for each in (some, lit_view())] + [[]], 38.4, 0.3)
+    found, dark, blind = finder.detect_around([some, lit_view(), replace(some, images={})], 38.4, 0.3)
     assert len(found) and found.covariance is not None
     assert np.hypot(*(found.boxes.center[0, :2] - LIGHT)) < 6.0
     assert len(dark) == len(blind) == 0
     away = lit_view(LIGHT, cameras=["camera_2"])  # it looks the other way
-    assert len(finder.detect_around([pictures_of(away)], 38.4, 0.3)[0]) == 0
+    assert len(finder.detect_around([away], 38.4, 0.3)[0]) == 0
 
 
 def test_pictures_without_colours_are_refused_and_missing_ones_are_not() -> None:
