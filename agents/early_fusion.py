@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,33 +20,59 @@ from coopsim.comms.uplinks.share_points import SharePoints
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import CodecError
 from coopsim.localization.recent_sweeps import Points, RecentSweeps, aged, turned
-from coopsim.types import AgentSpec, Detections, Message, Observation, PointCloud
+from coopsim.support.checks import require_choice
+from coopsim.types import AgentSpec, Detections, Message, Observation, PointCloud, SensorView
+
+if TYPE_CHECKING:
+    from coopsim.nn.camera.picture_batch import SeenPicture
 
 _KEEP_LOW = 0.1
 """Share of the points near the ground that are sent: the network needs to know where the ground is, and no more."""
 
 
+_NEEDS = {
+    "points": Needs(uplink="points", lidar=True),
+    "both": Needs(uplink="points", lidar=True, cameras="surround", any_rig=True),
+}
+"""What the agents must have, by the word for `sensors`."""
+
+
 @POLICIES.register("early")
 @dataclass(kw_only=True, eq=False)
 class EarlyFusion(PerceivingPolicy):
-    """The points of all agents, found in by one network. Parameters: `PerceivingPolicy`.
+    """The points of all agents, found in by one network. Further parameters: `PerceivingPolicy`.
 
     Unlike in Cooper, points are sent in the sender's frame and placed by the receiver, and of points near the ground
     one in ten is sent.
+
+    Attributes:
+        sensors: what a receiver looks at: "points", or "both": all points together with its own pictures, in which the
+            points of all agents measure depths (DINO-CoDT's depth mask).
+        picture_weights: of the network on both.
     """
 
-    needs = Needs(uplink="points", lidar=True)
+    needs = _NEEDS["points"]
 
     weights: str = "early"
+    sensors: str = "points"
+    picture_weights: str = "points_and_pictures"
 
     def load(self) -> None:
+        require_choice("sensors", self.sensors, _NEEDS)
+        self.needs = _NEEDS[self.sensors]
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-        from coopsim.learn.weights import load_detector
-        from coopsim.nn.inference.cloud_detector import CloudDetector
+        from coopsim.learn.weights import load_detector, load_points_and_pictures
+        from coopsim.nn.inference.cloud_detector import CloudAndPicturesDetector, CloudDetector
 
-        self._detector = CloudDetector(load_detector(self.weights))
-        self._sweeps = RecentSweeps(self._detector.sweeps)
         self._own: dict[str, Points] = {}
+        self._pictures: dict[str, list[SeenPicture]] = {}
+        if self.sensors == "both":
+            both = CloudAndPicturesDetector(load_points_and_pictures(self.picture_weights))
+            self._sweeps, self._detect = RecentSweeps(1), both.detect
+            return
+        clouds = CloudDetector(load_detector(self.weights))
+        self._sweeps = RecentSweeps(clouds.sweeps)
+        self._detect = lambda points, _, *more: clouds.detect(points, *more)
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         return SharePoints(codec=spec.codec or "points", keep_low=_KEEP_LOW)
@@ -53,8 +80,9 @@ class EarlyFusion(PerceivingPolicy):
     def prepare(self, observations: Mapping[str, Observation]) -> None:
         for agent, observation in observations.items():
             if observation.sensed:
-                points = self._sweeps.points(observation.view(self.specs[agent]))
-                self._own[agent] = turned(points, float(observation.pose.xyz_yaw[3]))
+                view = observation.view(self.specs[agent])
+                self._own[agent] = turned(self._sweeps.points(view), float(observation.pose.xyz_yaw[3]))
+                self._pictures[agent] = self._pictures_of(view)
 
     def decode(self, message: Message) -> PointCloud:
         cloud = decode_points(message)
@@ -66,8 +94,16 @@ class EarlyFusion(PerceivingPolicy):
         heading_rad = float(observation.pose.xyz_yaw[3])
         clouds = [self._own[agent]]
         clouds += [aged(each.content.transform(self.compass_SE3_sender(agent, observation, each))) for each in heard]
-        return self._detector.detect(np.concatenate(clouds), self.region_m, heading_rad, self.least_score)
+        points, pictures = np.concatenate(clouds), self._pictures[agent]
+        return self._detect(points, pictures, self.region_m, heading_rad, self.least_score)
 
     def found_by(self, heading_rad: float, content: PointCloud) -> Detections:
         reach = max(self.region_m)
-        return self._detector.detect(aged(content), (reach, reach), 0.0, self.least_score)
+        return self._detect(aged(content), [], (reach, reach), 0.0, self.least_score)
+
+    def _pictures_of(self, view: SensorView) -> list[SeenPicture]:
+        if self.sensors == "points":
+            return []
+        from coopsim.nn.inference.quick_pictures import pictures_of
+
+        return pictures_of(view)

@@ -50,7 +50,7 @@ def test_policy_on_what_each_agent_has(name: str) -> None:
     check_policy(lambda: make(name, sensors="mixed"), **given)
 
 
-@pytest.mark.parametrize("name", ["attfuse", "dino_codt"])
+@pytest.mark.parametrize("name", ["attfuse", "dino_codt", "early"])
 def test_policy_on_points_and_pictures(name: str) -> None:
     given: dict[str, Any] = {"max_cycles": 3, "vehicles": 6, "cameras": CAMERAS, "renderer": "raycast"}
     check_policy(lambda: make(name, sensors="both"), **given)

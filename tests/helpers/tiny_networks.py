@@ -103,10 +103,11 @@ def learned(name: str, **settings: Any) -> dict[str, Any]:
     """Return the settings with which a learned policy takes tiny weights."""
     folder, fusion = weights_folder(), {"dino_codt": "gsaf"}.get(name, name)
     own = {"weights": str(folder / f"{fusion}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
-    if fusion in FUSIONS:
-        both = settings.get("sensors") == "both"
-        own["detector_weights"] = str(folder / "pillars.safetensors")
+    both = settings.get("sensors") == "both"
+    if fusion in FUSIONS or both:
         own["picture_weights"] = str(folder / f"{'points_and_pictures' if both else 'lift_splat'}.safetensors")
+    if fusion in FUSIONS:
+        own["detector_weights"] = str(folder / "pillars.safetensors")
     return own | settings
 
 

@@ -82,7 +82,7 @@ def picture_samples(
         settings: how; of it, `crop_cells`, `reach_m` and `mirrored` matter, with points also `merged` and `thinned`.
         cell_m: edge of a cell of the canvas.
         points: the network reads the agent's points, too: what they show is to be found as well, and pictures get
-            the depths that they measure, in some samples with those of other agents' points.
+            the depths that they measure. Some samples have other agents' points, too, as early fusion has.
         whole: all pictures as they are, and the whole map.
     """
     return [
@@ -122,13 +122,17 @@ def _sample(
     frame = agent.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
     frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
+    members = [member, *(_others(scene, member, rng, settings) if points and not whole else ())]
     shown = _shown(scene, member, agent, chosen)
     if points:
-        shown |= scene.returns[:, member] > 0
+        shown |= (scene.returns[:, members] > 0).any(1)
     boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
-    cloud = moved(sweeps_of(clip, number, member, 1), agent.xyz_yaw, frame)
+    cloud = np.concatenate(
+        [moved(sweeps_of(clip, number, each, 1), scene.agents[each].xyz_yaw, frame) for each in members]
+    )
     if points and not whole:
         cloud = thin(cloud, rng, settings.thinned)
+    points_m = moved(cloud, frame, agent.xyz_yaw)[:, :3] if points else None
     mirrored = rng.random() < settings.mirrored and not whole
     if mirrored:
         mirror(cloud, boxes, velocity)
@@ -138,13 +142,7 @@ def _sample(
     light = np.ones(3) if whole else rng.uniform(0.7, 1.4) * rng.uniform(0.9, 1.1, 3)
     surfaces = [_surfaces(picture, mirrored) for picture in chosen]
     return PictureSample(
-        PictureView(
-            [_seen(picture, light) for picture in chosen],
-            pose,
-            grid,
-            mirrored,
-            _measured(clip, number, member, rng, settings, whole) if points else None,
-        ),
+        PictureView([_seen(picture, light) for picture in chosen], pose, grid, mirrored, points_m),
         tuple(depth_m for depth_m, _ in surfaces),
         tuple(label for _, label in surfaces),
         pillarize(cloud, grid),
@@ -152,21 +150,11 @@ def _sample(
     )
 
 
-def _measured(
-    clip: Clip, number: int, member: int, rng: np.random.Generator, settings: SampleSettings, whole: bool
-) -> Floats:
-    """Return the points by which depths are measured, (P, 3) in the agent's base frame."""
-    agents = clip.scenes[number].agents
-    own = agents[member]
-    clouds = [own.points[:, :3].astype(np.float64)]
-    if not whole and rng.random() < settings.merged:
-        others = [each for each in agents if each is not own]
-        clouds += [moved(_aged(each.points), each.xyz_yaw, own.xyz_yaw)[:, :3].astype(np.float64) for each in others]
-    return np.concatenate(clouds)
-
-
-def _aged(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.column_stack([points, np.zeros(len(points), np.float32)])
+def _others(scene: Scene, member: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:
+    """Return the numbers of the other agents whose points a sample has."""
+    if rng.random() >= settings.merged:
+        return []
+    return [each for each in range(len(scene.agents)) if each != member and rng.random() >= settings.dropout]
 
 
 def _some(pictures: tuple[Picture, ...], rng: np.random.Generator) -> tuple[Picture, ...]:

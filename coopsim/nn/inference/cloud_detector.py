@@ -1,4 +1,4 @@
-"""The network of one agent at work: from points to detections."""
+"""The networks of one agent at work on clouds of points, of its own or of several agents: to detections."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.localization.recent_sweeps import Points, turned
+from coopsim.nn.camera.picture_batch import PictureView, SeenPicture, collate_pictures
+from coopsim.nn.camera.picture_detector import PointsAndPicturesNet
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
@@ -15,6 +18,7 @@ from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.inference.inference import inference, side_by_side
 from coopsim.nn.inference.perceiver import compass_region
 from coopsim.nn.inference.quick import QuickEncoder, folded
+from coopsim.nn.inference.quick_pictures import QuickBothEncoder
 from coopsim.types import BevGrid, Detections
 
 
@@ -59,3 +63,35 @@ class CloudDetector:
         batch = collate([pillarize(points, pillars)])
         with inference():
             return decode(self._head, self._encoder(batch), region, least_score=least_score)[0]
+
+
+class CloudAndPicturesDetector:
+    """A `PointsAndPicturesNet` that looks for objects in a cloud of points, of one agent or several, and in pictures.
+
+    Args:
+        net: the network.
+    """
+
+    def __init__(self, net: PointsAndPicturesNet) -> None:
+        self._encoder, self._head = QuickBothEncoder(net.encoder), folded(net.head)
+        self._cell_m = STRIDE * net.config.pictures.cell_m
+
+    def detect(
+        self,
+        points: Points,
+        pictures: Sequence[SeenPicture],
+        region_m: tuple[float, float],
+        heading_rad: float,
+        least_score: float,
+    ) -> Detections:
+        """Return the detections in points (P, 5) and in an agent's pictures; see `CloudDetector.detect`.
+
+        All points measure depths in the pictures: those of other agents, too.
+        """
+        region = compass_region(region_m, heading_rad, self._cell_m)
+        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        pose = np.array([0.0, 0.0, heading_rad])
+        seen = PictureView(pictures, pose, canvas, points_m=turned(points, -heading_rad)[:, :3])
+        with inference():
+            features = self._encoder(collate([pillarize(points, canvas)]), collate_pictures([seen]))
+            return decode(self._head, features, region, least_score=least_score)[0]
