@@ -9,6 +9,7 @@ from itertools import compress
 
 import numpy as np
 
+from coopsim.agents.learned_covariance import LearnedCovariance
 from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
@@ -29,7 +30,9 @@ from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 class _AgentState:
     fuse: Fusion
     is_object: bool
+    frame_owner: str | None
     alignment: PoseAlignment | None
+    covariance: LearnedCovariance | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
     tracks: DelayedMeasurements = field(init=False)
     fused: Sequence[Detections] = ()
@@ -54,14 +57,18 @@ class TrackingPolicy(Policy):
         delayed: treatment of delayed messages: "as_current", "predict" or "replay" (see
             `coopsim.tracking.delayed`).
         align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
+        covariance: weights, by name or path, of a network that gives every box its covariance in the place of what
+            detectors state, as "dmstrack", before boxes are fused and tracked; None: what they state.
     """
 
     delayed: str = "as_current"
     align: bool = False
+    covariance: str | None = None
 
     def __post_init__(self) -> None:
         require_flag(align=self.align)
         DELAYED.get(self.delayed)
+        self._covariance = None if self.covariance is None else LearnedCovariance(self.covariance)
         self._states: dict[str, _AgentState] = {}
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
 
@@ -89,7 +96,9 @@ class TrackingPolicy(Policy):
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         first = RECEIVER if spec.frame_owner in (None, spec.name) else spec.frame_owner
         alignment = PoseAlignment.of(self.specs, spec.name) if self.align else None
-        state = self._states[spec.name] = _AgentState(self.fuse, spec.is_object, alignment)
+        state = self._states[spec.name] = _AgentState(
+            self.fuse, spec.is_object, spec.frame_owner, alignment, self._covariance
+        )
         state.tracks = DELAYED.get(self.delayed)(self.make_tracker, state.fuse_and_remember, first)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
@@ -104,7 +113,7 @@ class TrackingPolicy(Policy):
         received = self.read(agent, within_reach(observation), _decode_reportable) if reads else []
         # In the order in which they are tracked: then groups that are joined here need not be sorted later.
         received.sort(key=lambda each: each[0].sender)
-        measured = _measurements(own, received, observation, state, state.alignment if reads else None)
+        measured = _measurements(agent, own, received, observation, state, state.alignment if reads else None)
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
     def detections(self, agent: str) -> Detections:
@@ -127,6 +136,7 @@ def _decode_reportable(message: Message) -> Detections:
 
 
 def _measurements(
+    agent: str,
     own: Detections,
     received: Sequence[tuple[Message, Detections]],
     observation: Observation,
@@ -147,11 +157,16 @@ def _measurements(
         placed = own.transform(frame.odom_SE3_base)
         senders = SE3Batch.of(alignment.place(observation, frame, placed, heard))
     groups = DetectionGroups.of([own, *(found for _, found in received)])
-    groups = groups.transform_each(senders.with_first(frame.odom_SE3_base))
+    sensors = senders.with_first(frame.odom_SE3_base)
+    groups = groups.transform_each(sensors)
     if state.is_object and messages:
         over = covers(groups.joined.boxes, frame.positions_at(captured_ns)[groups.group, :2])
         over[: len(own)] = False
         groups = groups.keep(~over)
+    if state.covariance is not None:
+        sources = [agent, *(message.sender for message in messages)]
+        known = np.array([state.frame_owner in (None, source) for source in sources])
+        groups = state.covariance.apply(groups, frame.odom_SE3_base, sensors, known)
     return Measurements([RECEIVER, *(message.sender for message in messages)], captured_ns, groups)
 
 

@@ -26,7 +26,7 @@ from coopsim.learn.loop.training_curves import write_curves
 from coopsim.learn.loop.training_log import read_log
 from coopsim.learn.loop.validation import HeldOut
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
-from coopsim.learn.samples.sample_order import SampleOrder
+from coopsim.learn.samples.sample_order import SampleOrder, SampleSource
 from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.nn.inference.memory import keep_freed_memory
@@ -55,7 +55,7 @@ def train(
         recipe: a recipe, the name of a shipped one, or the path of a YAML file.
         out: folder for checkpoint, weights, card, log and curves.
         seed: of first weights, clips and samples.
-        source: of the clips; None: the simulator, in the recipe's world.
+        source: of the clips; None: the simulator, in the recipe's world, or the recordings that it names.
         device: as "cuda"; None: a GPU if there is one.
         cache: folder of clips: those in it are read, others are made and stored.
         workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
@@ -75,7 +75,7 @@ def train(
     try:
         with joined(find_device(device)) as ranks:
             task = make_task(recipe, seed).to(ranks.device)
-            with _clips(recipe, seed, source, cache, workers, ranks) as clips:
+            with _clips(task, recipe, seed, source, cache, workers, ranks) as clips:
                 order = SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, ranks.rank)
                 run = {"recipe": recipe.as_data(), "seed": seed, "processes": ranks.ranks}
                 validate = validate or _held_out(task, recipe, source, cache, ranks)
@@ -117,6 +117,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.pictures_task import PicturesTask
 
         return PicturesTask(recipe, seed)
+    if recipe.kind == "covariance":
+        from coopsim.learn.tasks.covariance_task import CovarianceTask
+
+        return CovarianceTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 
@@ -127,21 +131,28 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
 
 
 def _clips(
-    recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int | str, ranks: Ranks
-) -> AbstractContextManager[ClipSource]:
+    task: TrainingTask,
+    recipe: TrainingRecipe,
+    seed: int,
+    source: ClipSource | None,
+    cache: Path | None,
+    workers: int | str,
+    ranks: Ranks,
+) -> AbstractContextManager[SampleSource]:
     if source is None and "pictures" in recipe.kind and not recipe.world.get("cameras"):
         raise InvalidValueError(
             f"world.cameras must name rigs with kind: {recipe.kind}, as {{surround: 1}}: without cameras there are no "
             "pictures"
         )
-    clips = source or simulated_clips(recipe, seed, cache)
+    own: Any = source or task.source(seed)
+    clips: Any = own or simulated_clips(recipe, seed, cache)
     if ranks.ranks > 1:
         clips = ClipsOfRank(clips, recipe.block, ranks.rank, ranks.ranks)
     if workers == "ray":
         return ClipsOnRay(clips, ahead=4 * recipe.block)
     if isinstance(workers, str):
         raise InvalidValueError(f"workers must be an integer >= 0 or 'ray', got {workers!r}")
-    return nullcontext(clips) if source or not workers else ClipsAhead(clips, workers, recipe.block)
+    return nullcontext(clips) if own or not workers else ClipsAhead(clips, workers, recipe.block)
 
 
 def _held_out(
@@ -150,6 +161,9 @@ def _held_out(
     """Return what looks at held-out places: of a source of one's own at its clips from number 1,000,000 on."""
     if not recipe.validate_every:
         return None
+    own = task.validation()
+    if own is not None:
+        return own
     clips = held_out_clips(recipe, cache) if source is None else LaterClips(source)
     return HeldOut(task, clips, recipe.held_out, ranks.device)
 

@@ -25,6 +25,7 @@ from coopsim.nn.camera.lift_splat import LiftSplatConfig
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
+from coopsim.nn.covariance.covariance_net import CovarianceConfig, CovarianceNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.types.taxonomy import CLASS_NAMES
@@ -117,6 +118,20 @@ def load_points_and_pictures(
     return net
 
 
+def load_covariance(name_or_path: str | Path = "dmstrack") -> CovarianceNet:
+    """Return the network of boxes' covariances, ready to be used; shared by all who ask, so not to be changed.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, or holds something else.
+    """
+    path = find_weights(name_or_path)
+    _require_kind(path, read_texts(path), "covariance")
+    net = _loaded_beside(path, digest(path))
+    assert isinstance(net, CovarianceNet)
+    return net
+
+
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
     """Write a network's weights as 16 bit floats.
 
@@ -179,7 +194,12 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
-    made = {"detector": make_detector, "pictures": make_pictures, "points_and_pictures": make_points_and_pictures}
+    made = {
+        "detector": make_detector,
+        "pictures": make_pictures,
+        "points_and_pictures": make_points_and_pictures,
+        "covariance": make_covariance,
+    }
     kind = texts.get("kind", "cooperative")
     return made[kind](config) if kind in made else make_cooperative(config)[0]
 
@@ -203,6 +223,13 @@ def make_points_and_pictures(config: Mapping[str, Any], seed: int = 0) -> Points
     checked = load(PointsAndPicturesConfig, config, "network")
     with _seeded(seed):
         return PointsAndPicturesNet(checked)
+
+
+def make_covariance(config: Mapping[str, Any], seed: int = 0) -> CovarianceNet:
+    """Return a network of boxes' covariances with random weights, the same for the same seed."""
+    checked = load(CovarianceConfig, config, "network")
+    with _seeded(seed):
+        return CovarianceNet(checked)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:

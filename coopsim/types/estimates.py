@@ -135,6 +135,13 @@ def _turned(covariance: Floats, rotation: Floats) -> Floats:
     return turned
 
 
+def diagonals(variance: Floats) -> Floats:
+    """Return covariances (N, 7, 7) of boxes whose numbers err each by itself, with variances (N, 7)."""
+    covariance: Floats = np.zeros((*variance.shape, variance.shape[1]))
+    covariance[:, np.arange(7), np.arange(7)] = variance
+    return covariance
+
+
 def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
     """Join embeddings as `Detections.concatenate` says: (N, D), or None if no part has any."""
     width = next((part.embedding.shape[1] for part in parts if part.embedding is not None), None)

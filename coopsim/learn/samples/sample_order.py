@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from coopsim.errors import TrainingError
-from coopsim.learn.clips.clip import Clip
-from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.support.rng import stream
 
 _MOST_EMPTY = 20
 """Blocks in a row without any sample, after which a training gives up."""
 
 
-Cut = Callable[[Clip, np.random.Generator], Sequence[Any]]
+Cut = Callable[[Any, np.random.Generator], Sequence[Any]]
 """Draws samples from a clip."""
+
+
+class SampleSource(Protocol):
+    """Something that has clips by number, of whatever kind the task cuts samples from."""
+
+    def clip(self, index: int) -> Any:
+        """Return a clip: the same for the same index."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -53,7 +58,7 @@ class SampleOrder:
         rank: of this process among those that train together, whose draws differ.
     """
 
-    source: ClipSource
+    source: SampleSource
     cut: Cut
     seed: int
     batch: int
@@ -85,7 +90,7 @@ class SampleOrder:
                 )
             block, turn = block + 1, 0
 
-    def _shuffled(self, clips: Sequence[Clip], block: int, turn: int) -> list[list[Any]]:
+    def _shuffled(self, clips: Sequence[Any], block: int, turn: int) -> list[list[Any]]:
         """Return all full batches of one pass over a block; a block of fewer samples than a batch is one batch."""
         owners = (str(self.rank), str(block), str(turn))
         samples: list[Any] = []

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from torch import Tensor, nn
 
-from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.targets import Targets
+from coopsim.learn.samples.sample_order import SampleSource
 from coopsim.types import BevGrid, Detections
 
 LOSS = "loss"
@@ -59,12 +59,24 @@ class TrainingTask(nn.Module, ABC):
     net: nn.Module
     progress: float = 1.0
 
+    def source(self, seed: int) -> SampleSource | None:
+        """Return what it is trained on instead of simulated clips; None: these, in the recipe's world.
+
+        Args:
+            seed: of the draws.
+        """
+        return None
+
+    def validation(self) -> Callable[[nn.Module], Mapping[str, float]] | None:
+        """Return a look of its own at what is held out; None: that at held-out places."""
+        return None
+
     @abstractmethod
-    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+    def cut(self, clip: Any, rng: np.random.Generator) -> Sequence[Any]:
         """Draw samples from a clip; none is accepted."""
 
     @abstractmethod
-    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+    def cut_held_out(self, clip: Any, rng: np.random.Generator) -> Sequence[Any]:
         """Draw samples that show more, and without what is there only to make training harder, for a look at AP."""
 
     @abstractmethod

@@ -21,6 +21,7 @@ from coopsim.learn.weights import (
     encoder_digest,
     find_weights,
     load_cooperative,
+    load_covariance,
     load_detector,
     load_pictures,
     load_points_and_pictures,
@@ -153,6 +154,9 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
         load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
+    elif texts["kind"] == "covariance":
+        load_covariance(name)
+        assert bytes_ <= 1.5e6
     else:
         load_cooperative(name, load_detector(texts["detector"]))
         assert bytes_ <= 1.5e6

@@ -1,0 +1,28 @@
+"""DMSTrack (Chiu et al., "Probabilistic 3D Multi-Object Cooperative Tracking for Autonomous Driving via Differentiable
+Multi-Sensor Kalman Filter", ICRA 2024), its positional variant: every box has a covariance of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.catalog import POLICIES
+from coopsim.tracking.ab3dmot_tracker import ab3dmot
+from coopsim.tracking.tracker import Tracker
+
+
+@POLICIES.register("dmstrack")
+@dataclass(kw_only=True, eq=False)
+class DMSTrack(AB3DMOTTracking):
+    """The multi-sensor Kalman filter with a learned covariance of each box. Parameters: `AB3DMOTTracking`.
+
+    The receiver's boxes update the tracks first, then each sender's in turn. The noise of the motion is that with which
+    the covariances were trained; with `covariance=None` the policy is `sequential_kf`.
+    """
+
+    covariance: str | None = "dmstrack"
+
+    def make_tracker(self) -> Tracker:
+        motion = None if self._covariance is None else self._covariance.motion()
+        return ab3dmot(self.gate, self.hits, self.age, motion=motion)

@@ -1,0 +1,73 @@
+"""Learned covariances where detections enter a tracker: what the parameter `covariance` of tracking policies does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.types import Mask
+from coopsim.types.estimates import diagonals
+from coopsim.types.groups import DetectionGroups
+
+if TYPE_CHECKING:
+    from coopsim.nn.covariance.covariance_net import CovarianceNet
+    from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+
+
+class LearnedCovariance:
+    """A network that gives every box a covariance, in the place of what its detector states.
+
+    It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents.
+
+    Args:
+        weights: of the kind "covariance", by name or as the path of a file.
+
+    Raises:
+        MissingDependencyError: torch is not installed.
+        UnknownNameError: there are no such weights.
+        InvalidValueError: it is no text, or the file is broken, or holds something else.
+    """
+
+    def __init__(self, weights: str) -> None:
+        if not isinstance(weights, str):
+            raise InvalidValueError(f"covariance must be the name or path of weights, got {weights!r}")
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.learn.weights import load_covariance
+
+        self._net: CovarianceNet = load_covariance(weights)
+
+    def motion(self) -> ConstantVelocity:
+        """Return the motion model that the covariances were trained with."""
+        return self._net.motion()
+
+    def apply(
+        self, groups: DetectionGroups, odom_SE3_base: SE3, odom_SE3_sensors: SE3Batch, known: Mask
+    ) -> DetectionGroups:
+        """Return groups with a covariance for every box.
+
+        Args:
+            groups: G groups in the receiver's odometry frame.
+            odom_SE3_base: the receiver's base frame now.
+            odom_SE3_sensors: (G) base frame of each group's agent when it sensed.
+            known: (G,) where that is known; not in a recording, where all boxes come in one agent's frame.
+        """
+        from coopsim.nn.covariance.box_numbers import box_numbers
+
+        base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined
+        if not len(joined):
+            return groups
+        seen = joined.transform(base_SE3_odom)
+        at = odom_SE3_sensors.seen_from(base_SE3_odom)
+        sensors = np.where(known[:, None], np.column_stack([at.translation, at.yaw]), np.nan)
+        numbers = box_numbers(seen.boxes.array, seen.score, groups.group, sensors)
+        spread = replace(seen, covariance=diagonals(self._net.variances(numbers))).transform(odom_SE3_base).covariance
+        assert spread is not None
+        if groups.parts is None:
+            return DetectionGroups(replace(joined, covariance=spread), groups.starts)
+        bounds = zip(groups.parts, groups.starts[:-1], groups.starts[1:], strict=True)
+        return DetectionGroups.of(replace(part, covariance=spread[first:last]) for part, first, last in bounds)

@@ -1,0 +1,135 @@
+"""Losses of a filter along tracks: how far its boxes are from the labels, and how likely its innovations are.
+
+The tracks are given: no gradient passes through the association.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from coopsim.geometry.se3 import Floats
+from coopsim.learn.recorded.recorded_frames import RecordedFrames
+from coopsim.learn.recorded.recorded_windows import RecordedWindow
+from coopsim.learn.recorded.window_tracks import NONE, WindowTracks, track_frames
+from coopsim.nn.covariance.box_filter import (
+    BoxFilter,
+    TensorBeliefs,
+    axis_difference,
+    innovation_of,
+    squared_distance,
+)
+from coopsim.nn.covariance.covariance_net import CovarianceNet
+from coopsim.tracking.motion.constant_velocity import MEASURED
+from coopsim.types import Ints
+
+TRUNCATED = 10
+"""Frames through which gradients pass, as in DMSTrack."""
+
+_TINY = 1e-12  # m^2, so that the length of no difference has a gradient
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackErrors:
+    """What became of the updates along tracks.
+
+    Attributes:
+        error: (E,) length of the difference of updated boxes to their labels, m and rad.
+        distance: (U,) squared Mahalanobis distance of the innovations: 7 on average where the covariances are right.
+        log_det: (U,) of their covariances S.
+    """
+
+    error: Tensor
+    distance: Tensor
+    log_det: Tensor
+
+    def losses(self) -> dict[str, Tensor]:
+        """Return the means: "updated", the source's loss, and "innovation", the negative log likelihood."""
+        likelihood = 0.5 * (self.distance + self.log_det + MEASURED * math.log(2 * math.pi))
+        return {"updated": _mean(self.error), "innovation": _mean(likelihood)}
+
+
+def window_errors(net: CovarianceNet, windows: Sequence[RecordedWindow]) -> TrackErrors:
+    """Filter along the tracks of windows, which must not be none, with the covariances of a network, with gradients."""
+    device = net.base.device
+    variance = [net(torch.from_numpy(each.numbers).float().to(device)).double() for each in windows]
+    return errors_along([each.tracks for each in windows], variance, net.box_filter(), windows[0].dt_s)
+
+
+def tracked_errors(net: CovarianceNet, recordings: Sequence[RecordedFrames]) -> TrackErrors:
+    """Track recordings with the covariances of a network, and filter along the tracks."""
+    tracked = [(each, track_frames(each, net.variances(each.numbers), net.motion())) for each in recordings]
+    return window_errors(net, [RecordedWindow(each.numbers, tracks, each.dt_s) for each, tracks in tracked])
+
+
+def errors_along(
+    tracks: Sequence[WindowTracks], variance: Sequence[Tensor], box_filter: BoxFilter, dt_s: float
+) -> TrackErrors:
+    """Filter along the tracks of several windows of the same number of frames, all at once.
+
+    Args:
+        tracks: of each window.
+        variance: (M, 7) float64 of each window's detections.
+        box_filter: the filter.
+        dt_s: time between two frames.
+    """
+    device = variance[0].device
+    boxes = torch.from_numpy(np.concatenate([each.boxes for each in tracks])).to(device)
+    detection, truth = (torch.from_numpy(each).to(device) for each in joined(tracks))
+    spread = torch.cat(list(variance))
+    count = detection.shape[2]
+    beliefs, born = _nothing(count, boxes), torch.zeros(count, dtype=torch.bool)
+    errors, distances, log_dets = [], [], []
+    for frame in range(len(detection)):
+        beliefs = box_filter.predict(beliefs.detach() if frame % TRUNCATED == 0 else beliefs, dt_s)
+        for row in detection[frame]:
+            found = row.cpu() != NONE
+            old, new = ((found & each).nonzero()[:, 0].to(device) for each in (born, ~born))
+            if len(old):
+                known, at = beliefs.at(old), row[old]
+                innovation = innovation_of(known, boxes[at])
+                updated, factor = box_filter.update(known, innovation, spread[at])
+                beliefs = beliefs.put(old, updated)
+                distances.append(squared_distance(innovation, factor))
+                log_dets.append(2 * torch.diagonal(factor, dim1=1, dim2=2).log().sum(dim=1))
+            if len(new):
+                beliefs = beliefs.put(new, box_filter.initiate(boxes[row[new]], spread[row[new]]))
+            born = born | found
+        labelled = torch.isfinite(truth[frame, :, 0]).nonzero()[:, 0]
+        difference = axis_difference(beliefs.mean[labelled, :MEASURED], truth[frame, labelled])
+        errors.append((difference.square().sum(dim=1) + _TINY).sqrt())
+    none = [spread.new_zeros(0)]
+    return TrackErrors(torch.cat(errors or none), torch.cat(distances or none), torch.cat(log_dets or none))
+
+
+def joined(tracks: Sequence[WindowTracks]) -> tuple[Ints, Floats]:
+    """Return `detection` and `truth` of several windows side by side, with numbers among all their detections.
+
+    A window of fewer frames or agents than others has none in those that it lacks.
+    """
+    frames, agents = (max(each.detection.shape[axis] for each in tracks) for axis in (0, 1))
+    detections, truths, before = [], [], 0
+    for each in tracks:
+        t, a, k = each.detection.shape
+        detection, truth = np.full((frames, agents, k), NONE), np.full((frames, k, MEASURED), np.nan)
+        detection[:t, :a] = np.where(each.detection == NONE, NONE, each.detection + before)
+        truth[:t] = each.truth
+        detections.append(detection)
+        truths.append(truth)
+        before += len(each.boxes)
+    return np.concatenate(detections, axis=2), np.concatenate(truths, axis=1)
+
+
+def _nothing(count: int, like: Tensor) -> TensorBeliefs:
+    """Return beliefs about objects that are not seen yet; they mean nothing."""
+    none = like.new_zeros(count, 10)
+    return TensorBeliefs(none, torch.diag_embed(none + 1))
+
+
+def _mean(values: Tensor) -> Tensor:
+    return values.sum() / max(len(values), 1)

@@ -1,0 +1,1 @@
+"""A learned covariance for every box, and the Kalman filter through which it learns (DMSTrack)."""

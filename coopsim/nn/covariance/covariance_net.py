@@ -1,0 +1,135 @@
+"""The network of DMSTrack, in its positional variant: from what is known of a box to the covariance of its numbers.
+
+Chiu et al., "Probabilistic 3D Multi-Object Cooperative Tracking for Autonomous Driving via Differentiable Multi-Sensor
+Kalman Filter", ICRA 2024.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.nn.covariance.box_filter import BoxFilter
+from coopsim.nn.covariance.box_numbers import ANGLES, NUMBERS, SCORE, SHORT
+from coopsim.support.checks import require_count, require_flag
+from coopsim.tracking.motion.constant_velocity import MEASURED, ConstantVelocity
+
+LEAST_VARIANCE, MOST_VARIANCE = 1e-4, 1e2
+"""Bounds of a learned variance, m^2 or rad^2."""
+
+_FAR, _SHORT = 200.0, 10.0  # m, of distances and of heights and sizes, that are one unit
+
+_FIRST_VARIANCE = 0.1
+_FIRST_GROWTH, _FIRST_SPEED_GROWTH, _FIRST_SPEED_VARIANCE = 1.0, 10.0, 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class CovarianceConfig:
+    """Sizes of the network.
+
+    Attributes:
+        codes: numbers that each input becomes: sines and cosines.
+        widths: of the hidden layers.
+        constant: the same covariance for all boxes, learned alike: what a learned one has to beat.
+    """
+
+    codes: int = 16
+    widths: tuple[int, ...] = (128, 64)
+    constant: bool = False
+
+    def __post_init__(self) -> None:
+        require_count(2, 256, codes=self.codes)
+        require_flag(constant=self.constant)
+        if self.codes % 2:
+            raise InvalidValueError(f"codes must be even, half sines and half cosines, got {self.codes}")
+        if not isinstance(self.widths, (tuple, list)) or not 1 <= len(self.widths) <= 8:
+            raise InvalidValueError(f"widths must be 1 to 8 numbers, got {self.widths!r}")
+        for k, width in enumerate(self.widths):
+            require_count(1, 4608, **{f"widths[{k}]": width})
+        object.__setattr__(self, "widths", tuple(self.widths))
+
+
+class CovarianceNet(nn.Module):
+    """Variances of boxes, and the noise of the motion that they fit to.
+
+    The result is diagonal in the receiver's base frame, as the source's is. A filter weighs a box by its variance
+    against that of the prediction, so the growth of the latter is learned along: nine numbers, the same for all.
+
+    Args:
+        config: sizes.
+    """
+
+    def __init__(self, config: CovarianceConfig) -> None:
+        super().__init__()
+        self.config = config
+        widths = (config.codes * NUMBERS, *config.widths)
+        hidden = [layer for a, b in itertools.pairwise(widths) for layer in (nn.Linear(a, b), nn.ReLU())]
+        self.hidden = nn.Sequential(*hidden) if not config.constant else None
+        self.last = nn.Linear(widths[-1], MEASURED) if not config.constant else None
+        if self.last is not None:
+            nn.init.zeros_(self.last.weight)
+            nn.init.zeros_(self.last.bias)
+        self.base = nn.Parameter(torch.full((MEASURED,), _logit(_FIRST_VARIANCE)))
+        self.log_growth = nn.Parameter(torch.full((MEASURED,), math.log(_FIRST_GROWTH)))
+        self.log_speed = nn.Parameter(torch.tensor([math.log(_FIRST_SPEED_GROWTH), math.log(_FIRST_SPEED_VARIANCE)]))
+        unit = torch.full((NUMBERS,), 1 / _FAR)
+        unit[list(SHORT)] = 1 / _SHORT
+        unit[[*ANGLES, SCORE]] = 1.0
+        frequency = math.pi / 2 ** (2 * torch.arange(config.codes // 2) / config.codes)
+        self.register_buffer("scale", unit[:, None] * frequency, persistent=False)
+
+    def forward(self, numbers: Tensor) -> Tensor:
+        """Return the variances (N, 7) of x, y, z, l, w, h, yaw.
+
+        Args:
+            numbers: (N, 19) float32, of `box_numbers`.
+        """
+        scale = self.base.expand(len(numbers), -1)
+        if self.hidden is not None and self.last is not None:
+            angle = (numbers[:, :, None] * self.get_buffer("scale")).flatten(1)
+            scale = scale + self.last(self.hidden(torch.cat([angle.sin(), angle.cos()], dim=1)))
+        return _bounded(scale.float())
+
+    def variances(self, numbers: Floats) -> Floats:
+        """Return `forward` of an array (N, 19), without gradients, as an array (N, 7)."""
+        with torch.no_grad():
+            found: Floats = self(torch.from_numpy(numbers.astype(np.float32))).double().numpy()
+        return found
+
+    def box_filter(self) -> BoxFilter:
+        """Return the filter with the learned noise of the motion, through which gradients pass."""
+        speed_growth, speed = self.log_speed.double().exp()
+        return BoxFilter(self.log_growth.double().exp(), speed_growth, speed)
+
+    def motion(self) -> ConstantVelocity:
+        """Return the motion model with the learned noise; boxes without a covariance have a middling one."""
+        with torch.no_grad():
+            growth, (speed_growth, speed) = self.log_growth.double().exp(), self.log_speed.double().exp().tolist()
+            usual = _bounded(self.base.double())
+        return ConstantVelocity(
+            initial_variance=tuple(usual.tolist()),
+            initial_velocity_variance=speed,
+            process_variance_per_s=tuple(growth.tolist()),
+            process_velocity_variance_per_s=speed_growth,
+            measurement_variance=tuple(usual.tolist()),
+        )
+
+
+def _bounded(logit: Tensor) -> Tensor:
+    """Return variances within their bounds; a hard bound would have no gradient."""
+    lowest, highest = math.log(LEAST_VARIANCE), math.log(MOST_VARIANCE)
+    return torch.exp(lowest + (highest - lowest) * torch.sigmoid(logit))
+
+
+def _logit(variance: float) -> float:
+    """Return the number of which the network makes this variance."""
+    lowest, highest = math.log(LEAST_VARIANCE), math.log(MOST_VARIANCE)
+    share = (math.log(variance) - lowest) / (highest - lowest)
+    return math.log(share / (1 - share))
