@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEMO_FLAGS ?=
 
 # In this order: all others begin with the encoder of the first.
-WEIGHTS := pillars early fcooper attfuse where2comm pyramid
+WEIGHTS := pillars early fcooper attfuse where2comm pyramid dmstrack
 TRAIN_FLAGS ?=
 
 .PHONY: demo test lint types check bench weights clean
@@ -29,7 +29,7 @@ check: lint types test
 bench: $(VENV)/.dev
 	$(BIN)/python -u -m pytest tests/benchmarks --override-ini=addopts= -s -q
 
-# Train all weights that ship anew, one after the other; what was interrupted goes on.
+# Train all weights that ship anew, one after the other; what was interrupted goes on. The last reads COOPSIM_DATA.
 weights: $(VENV)/.dev
 	set -e; for name in $(WEIGHTS); do \
 		$(BIN)/coopsim train $$name --out build/weights/$$name $(TRAIN_FLAGS); \
