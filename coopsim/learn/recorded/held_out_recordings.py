@@ -9,7 +9,7 @@ from torch import nn
 
 from coopsim.learn.recorded.filter_losses import tracked_errors
 from coopsim.learn.recorded.recorded_frames import RecordedFrames, frames_of
-from coopsim.learn.recorded.recorded_world import RecordedWorld
+from coopsim.learn.recorded.training_recordings import RecordedWorld
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog

@@ -8,7 +8,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.recorded.recorded_frames import frames_of
-from coopsim.learn.recorded.recorded_world import RecordedWorld
+from coopsim.learn.recorded.training_recordings import RecordedWorld
 from coopsim.learn.recorded.window_tracks import WindowTracks, track_frames
 from coopsim.support.rng import stream
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity

@@ -16,7 +16,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.recorded.filter_losses import window_errors
 from coopsim.learn.recorded.held_out_recordings import HeldOutRecordings
 from coopsim.learn.recorded.recorded_windows import RecordedWindow, RecordedWindows
-from coopsim.learn.recorded.recorded_world import RecordedWorld
+from coopsim.learn.recorded.training_recordings import RecordedWorld
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile
 from coopsim.learn.weights import load_covariance, make_covariance
 from coopsim.nn.covariance.covariance_net import CovarianceNet

@@ -109,5 +109,5 @@ def axis_difference(boxes: Tensor, others: Tensor) -> Tensor:
 
 def squared_distance(innovation: Tensor, factor: Tensor) -> Tensor:
     """Return the squared Mahalanobis distances (N,) of innovations (N, 7), by the Cholesky factors of S (N, 7, 7)."""
-    whitened = torch.linalg.solve_triangular(factor, innovation[:, :, None], upper=False)
+    whitened: Tensor = torch.linalg.solve_triangular(factor, innovation[:, :, None], upper=False)
     return whitened.square().sum(dim=(1, 2))

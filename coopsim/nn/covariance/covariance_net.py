@@ -26,6 +26,8 @@ LEAST_VARIANCE, MOST_VARIANCE = 1e-4, 1e2
 
 _FAR, _SHORT = 200.0, 10.0  # m, of distances and of heights and sizes, that are one unit
 
+_ROWS = 64  # boxes at once
+
 _FIRST_VARIANCE = 0.1
 _FIRST_GROWTH, _FIRST_SPEED_GROWTH, _FIRST_SPEED_VARIANCE = 1.0, 10.0, 100.0
 
@@ -98,9 +100,18 @@ class CovarianceNet(nn.Module):
         return _bounded(scale.float())
 
     def variances(self, numbers: Floats) -> Floats:
-        """Return `forward` of an array (N, 19), without gradients, as an array (N, 7)."""
+        """Return `forward` of an array (N, 19), without gradients, as an array (N, 7).
+
+        A row's result does not depend on the other rows: products of matrices of other sizes are rounded otherwise, so
+        all have one size.
+        """
+        found = np.empty((len(numbers), MEASURED))
+        padded = torch.zeros(_ROWS, NUMBERS)
         with torch.no_grad():
-            found: Floats = self(torch.from_numpy(numbers.astype(np.float32))).double().numpy()
+            for first in range(0, len(numbers), _ROWS):
+                part = numbers[first : first + _ROWS]
+                padded[: len(part)] = torch.from_numpy(part.astype(np.float32))
+                found[first : first + _ROWS] = self(padded)[: len(part)].double().numpy()
         return found
 
     def box_filter(self) -> BoxFilter:

@@ -78,6 +78,7 @@ def test_what_detectors_state_is_replaced(weights: str) -> None:
     sensors = SE3Batch.of([base, base])
     mixed = learned.apply(DetectionGroups.of([stated, plain]), base, sensors, KNOWN)
     alike = learned.apply(DetectionGroups.of([plain, plain]), base, sensors, KNOWN)
+    assert mixed.joined.covariance is not None and alike.joined.covariance is not None
     np.testing.assert_allclose(mixed.joined.covariance, alike.joined.covariance)
     none = DetectionGroups.of([plain[:0], plain[:0]])
     assert learned.apply(none, base, sensors, KNOWN) is none

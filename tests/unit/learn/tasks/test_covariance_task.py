@@ -15,6 +15,7 @@ from coopsim.learn.loop.train_loop import TrainingProgress
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.train import make_task, train
 from coopsim.learn.weights import load_covariance
+from coopsim.nn.covariance.covariance_net import CovarianceNet
 
 
 @pytest.fixture(scope="module")
@@ -84,4 +85,5 @@ def test_training_goes_on_from_other_weights(recipe: TrainingRecipe, tmp_path: P
     first = train(replace(recipe, steps=2, validate_every=0), tmp_path)
     task = make_task(replace(recipe, start=str(first), network={}), seed=5)
     numbers = np.ones((3, 19))
+    assert isinstance(task.net, CovarianceNet)
     np.testing.assert_array_equal(task.net.variances(numbers), load_covariance(first).variances(numbers))

@@ -19,6 +19,7 @@ NUMBERS = np.random.default_rng(0).normal(scale=50.0, size=(40, 19))
 def excited(**config: Any) -> Any:
     """A network whose last layer does something."""
     net = make_covariance(config, seed=3)
+    assert net.last is not None
     torch.nn.init.normal_(net.last.weight, std=3.0, generator=torch.Generator().manual_seed(0))
     return net
 
@@ -27,6 +28,12 @@ def test_variances_differ_and_are_within_bounds() -> None:
     found = excited().variances(NUMBERS)
     assert found.shape == (40, 7) and found.std(axis=0).min() > 0
     assert found.min() >= LEAST_VARIANCE * 0.999 and found.max() <= MOST_VARIANCE * 1.001
+
+
+def test_a_box_has_the_same_bits_among_any_others() -> None:
+    net, many = excited(), np.concatenate([NUMBERS] * 4)
+    np.testing.assert_array_equal(net.variances(many)[-40:], net.variances(NUMBERS))
+    np.testing.assert_array_equal(net.variances(NUMBERS[7:8]), net.variances(NUMBERS)[7:8])
 
 
 def test_an_untrained_network_says_the_same_of_all_boxes() -> None:
@@ -43,7 +50,7 @@ def test_the_constant_one_has_nothing_that_looks_at_a_box() -> None:
 def test_the_motion_has_the_noise_of_the_filter() -> None:
     net = make_covariance({})
     with torch.no_grad():
-        net.log_growth += torch.arange(7) / 7
+        net.log_growth.add_(torch.arange(7) / 7)
     motion, made = net.motion(), net.box_filter()
     np.testing.assert_allclose(motion.process_variance_per_s, made.growth_per_s.detach())
     assert motion.process_velocity_variance_per_s == pytest.approx(made.speed_growth_per_s.item())

@@ -9,7 +9,7 @@ from synthetic_recordings import write_recordings
 
 from coopsim.errors import CoopsimError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.learn.recorded.recorded_windows import RecordedWindows
-from coopsim.learn.recorded.recorded_world import RecordedWorld
+from coopsim.learn.recorded.training_recordings import RecordedWorld
 
 KNOWN = ("0000", "0001", "0026", "0027")
 
