@@ -1,4 +1,4 @@
-"""Recordings of cars on straight ways, seen by an agent that measures well and one that does not."""
+"""Recordings of cars on straight ways, seen by an agent that measures well and one that does not, and is less sure."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def write_recordings(folder: Path, names: tuple[str, ...] = ("0001", "0002"), fr
             for car in range(cars):
                 place = np.array([8.0 * car - 12.0, 1.0, 15.0 + speed[car] * k])
                 lines["labels"].append(f"{k} {car} Car 0 0 0 0 0 0 0 1.6 1.9 4.5 {_text(place, ' ')} -1.5707963")
-                for agent, sigma_m in (("ego", SHARP_M), ("1", BLURRED_M)):
+                for agent, sigma_m, score in (("ego", SHARP_M, 0.9), ("1", BLURRED_M, 0.4)):
                     seen = place + rng.normal(scale=sigma_m, size=3)
-                    lines[agent].append(f"{k},2,0,0,0,0,0.9,1.6,1.9,4.5,{_text(seen, ',')},-1.5707963,0.0")
+                    lines[agent].append(f"{k},2,0,0,0,0,{score},1.6,1.9,4.5,{_text(seen, ',')},-1.5707963,0.0")
         for kind, path in (("labels", "labels"), ("ego", "detections/ego"), ("1", "detections/1")):
             file = folder / path / f"{name}.txt"
             file.parent.mkdir(parents=True, exist_ok=True)

@@ -45,7 +45,7 @@ def test_it_learns_who_measures_worse(recipe: TrainingRecipe, tmp_path: Path) ->
     assert own.sum() == (~own).sum()
     sharp_m, blurred_m = np.median(sigma_m[own]), np.median(sigma_m[~own])
     assert sharp_m < 0.8 * blurred_m
-    assert BLURRED_M / 2 < blurred_m < BLURRED_M * 2
+    assert BLURRED_M / 3 < blurred_m < BLURRED_M * 3
     card = json.loads((tmp_path / "card.json").read_text())
     assert 4 < card["held_out"]["mahalanobis"] < 12
     assert set(card["losses"]) == {"loss", "updated", "innovation"}
