@@ -38,6 +38,7 @@ METHODS = {
     "AttFuse": "attfuse",
     "Where2comm": "where2comm",
     "pyramid": "pyramid",
+    "GSAF": "gsaf",
     "late, aligned": "late_fusion(merge=nms, align=true)",
     "Where2comm, aligned": "where2comm(align=true)",
 }
