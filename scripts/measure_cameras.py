@@ -157,7 +157,7 @@ def tables(rows: list[dict[str, Any]]) -> str:
     parts = []
     day = [row for row in rows if row["light"] == "day"]
     cells = [
-        [row["sees"], row["title"], *(f"{row[metric]:.3f}" for metric in COLUMNS), f"{row['bytes_per_message']:,.0f}"]
+        [row["sees"], row["title"], *(_number(row[metric]) for metric in COLUMNS), f"{row['bytes_per_message']:,.0f}"]
         + [f"{row[part]:.0f}" for part in ("ms_environment", "ms_uplink", "ms_policy")]
         for row in day
     ]
@@ -166,12 +166,16 @@ def tables(rows: list[dict[str, Any]]) -> str:
     for metric, title in COLUMNS.items():
         by_place: dict[tuple[str, str], dict[str, str]] = {}
         for row in rows:
-            by_place.setdefault((row["sees"], row["title"]), {})[row["light"]] = f"{row[metric]:.3f}"
+            by_place.setdefault((row["sees"], row["title"]), {})[row["light"]] = _number(row[metric])
         lights = list(dict.fromkeys(row["light"] for row in rows))
         cells = [[*key, *(each.get(light, "-") for light in lights)] for key, each in by_place.items()]
         text = tabulate(cells, ("", "", *lights), tablefmt="github", disable_numparse=True)
         parts.append(f"## {metric}: {title}\n\n{text}")
     return "\n\n".join(parts) + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 if __name__ == "__main__":
