@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from measure_detection import PLACES
+from measure_detection import PLACES, TimeIsUpError
 from tabulate import tabulate
 
 from coopsim.bench.benchmark import Engine
@@ -74,10 +74,6 @@ COLUMNS = {
     "APBEV@0.3 people": "people",
     "APBEV@0.3 riders": "riders",
 }
-
-
-class TimeIsUpError(Exception):
-    """The time that was given is over."""
 
 
 def main() -> None:

@@ -14,7 +14,6 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from measure_detection import PLACES
 from tabulate import tabulate
@@ -51,6 +50,7 @@ PARTS = {
 }
 TRACKED = ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "IDS")
 SUPERCLASSES = ("Vehicle", "Pedestrian", "Truck")
+BY_SUPERCLASS = (*(f"APBEV@{iou} {name}" for name in SUPERCLASSES for iou in (0.3, 0.5)), "mAPBEV@0.3", "mAPBEV@0.5")
 
 
 def main() -> None:
@@ -65,9 +65,9 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     tracked = {policy: _tracks(policy, given) for policy in {*TRACKING.values(), *PARTS.values()}}
     parts = [
-        "## II: average precision by superclass\n\n" + _detection(given),
+        "## II: average precision by superclass\n\n" + _detection(given, "v2x-real", BY_SUPERCLASS),
         "## III: tracks by superclass\n\n" + _tracking(TRACKING, tracked, SUPERCLASSES),
-        "## IV: vehicles by the protocol of OPV2V\n\n" + _vehicles(given),
+        "## IV: vehicles by the protocol of OPV2V\n\n" + _detection(given, "opencood", ("APBEV@0.5", "APBEV@0.7")),
         "## V: parts of the method, people\n\n" + _tracking(PARTS, tracked, ("Pedestrian",)),
     ]
     text = "\n\n".join(parts) + "\n"
@@ -99,31 +99,15 @@ def _episode(policy: str, place: str, seed: int, given: argparse.Namespace) -> d
     return dict(json.loads(kept.read_text(encoding="utf-8")))
 
 
-def _rows(given: argparse.Namespace, protocol: str) -> dict[str, Mapping[str, Any]]:
+def _detection(given: argparse.Namespace, protocol: str, columns: Sequence[str]) -> str:
+    """Return the table of all policies that detect, by a protocol; episodes are run once for all protocols."""
     plan = DetectPlan(
         tuple(DETECTION.values()), tuple(given.places), tuple(given.seeds), given.frames, protocol=protocol
     )
     rows = measure_detection(plan, folder=given.out / "episodes", engine=Engine(workers=given.jobs))
-    return {row["policy"]: row for row in rows if row["environment"] == EVERYWHERE}
-
-
-def _detection(given: argparse.Namespace) -> str:
-    rows = _rows(given, "v2x-real")
-    columns = [f"APBEV@{iou} {name}" for name in SUPERCLASSES for iou in (0.3, 0.5)]
-    columns += ["mAPBEV@0.3", "mAPBEV@0.5"]
-    return _table(
-        [[title, *(_number(rows[policy].get(each)) for each in columns)] for title, policy in DETECTION.items()],
-        columns,
-    )
-
-
-def _vehicles(given: argparse.Namespace) -> str:
-    rows = _rows(given, "opencood")
-    columns = ["APBEV@0.5", "APBEV@0.7"]
-    return _table(
-        [[title, *(_number(rows[policy].get(each)) for each in columns)] for title, policy in DETECTION.items()],
-        columns,
-    )
+    pooled = {row["policy"]: row for row in rows if row["environment"] == EVERYWHERE}
+    cells = [[title, *(_number(pooled[policy].get(each)) for each in columns)] for title, policy in DETECTION.items()]
+    return _table(cells, columns)
 
 
 def _tracking(

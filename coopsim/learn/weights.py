@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -31,6 +31,8 @@ from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"
+
+N = TypeVar("N", bound=nn.Module)
 
 _SHIPPED = Path(coopsim.__file__).parent / "weights"
 _LOADED = 8
@@ -206,30 +208,22 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
 
 def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
     """Return a network of one agent with random weights, the same for the same seed."""
-    checked = load(EncoderConfig, config, "network")
-    with _seeded(seed):
-        return DetectorNet(checked)
+    return _made(EncoderConfig, DetectorNet, config, seed)
 
 
 def make_pictures(config: Mapping[str, Any], seed: int = 0) -> PictureDetectorNet:
     """Return a network of an agent with cameras, with random weights, the same for the same seed."""
-    checked = load(LiftSplatConfig, config, "network")
-    with _seeded(seed):
-        return PictureDetectorNet(checked)
+    return _made(LiftSplatConfig, PictureDetectorNet, config, seed)
 
 
 def make_points_and_pictures(config: Mapping[str, Any], seed: int = 0) -> PointsAndPicturesNet:
     """Return a network of an agent with LiDARs and cameras, with random weights, the same for the same seed."""
-    checked = load(PointsAndPicturesConfig, config, "network")
-    with _seeded(seed):
-        return PointsAndPicturesNet(checked)
+    return _made(PointsAndPicturesConfig, PointsAndPicturesNet, config, seed)
 
 
 def make_covariance(config: Mapping[str, Any], seed: int = 0) -> CovarianceNet:
     """Return a network of boxes' covariances with random weights, the same for the same seed."""
-    checked = load(CovarianceConfig, config, "network")
-    with _seeded(seed):
-        return CovarianceNet(checked)
+    return _made(CovarianceConfig, CovarianceNet, config, seed)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:
@@ -237,6 +231,13 @@ def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[Cooperat
     checked: CooperativeConfig = load(CooperativeConfig, config, "network")
     with _seeded(seed):
         return CooperativeNet.from_config(checked), checked
+
+
+def _made(kind: type[Any], network: Callable[[Any], N], config: Mapping[str, Any], seed: int) -> N:
+    """Return a network of a config's checked options, with random weights of a seed."""
+    checked = load(kind, config, "network")
+    with _seeded(seed):
+        return network(checked)
 
 
 @contextmanager

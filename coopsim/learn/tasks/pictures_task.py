@@ -131,10 +131,10 @@ class PicturesTask(TrainingTask):
         return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
-        if self.progress < self._depths_first:
-            parts = self._picture_losses(batch, _seen(self.net, batch))
-            return {"loss": sum_of(parts), **parts}
         seen = _seen(self.net, batch)
+        if self.progress < self._depths_first:
+            parts = self._picture_losses(batch, seen)
+            return {"loss": sum_of(parts), **parts}
         features = _features(self.net, batch, seen)
         parts = head_loss(self.net.head, features, batch.targets)
         parts.pop("loss")

@@ -21,11 +21,12 @@ from coopsim.nn.inference.agent_encoder import Look
 from coopsim.nn.inference.inference import inference, side_by_side
 from coopsim.nn.inference.quick import folded
 from coopsim.types import BevGrid, Detections, FeatureMap
+from coopsim.types.messages import AGENT_KINDS
 
 REACH_M = 76.8
 """Half the edge of the square that an agent's map covers."""
 
-KINDS = ("cav", "rsu", "drone")
+KINDS = AGENT_KINDS
 """Kinds of agents, in the order in which networks number them."""
 
 _LARGEST = 1e4
