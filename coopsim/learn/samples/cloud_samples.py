@@ -40,6 +40,8 @@ class SampleSettings:
         dropout: probability that an agent does not take part in a merged or fused sample.
         late: share of fused samples with messages from earlier scenes.
         sparse: share of fused samples of which only the surest cells arrive.
+        receivers: most agents of a fused sample whose view is taught, drawn anew for each; None: every agent. The
+            others send: a costly fusion is trained on as many scenes in less time.
     """
 
     reach_m: float = REACH_M
@@ -53,11 +55,14 @@ class SampleSettings:
     dropout: float = 0.2
     late: float = 0.5
     sparse: float = 0.0
+    receivers: int | None = None
 
     def __post_init__(self) -> None:
         require_positive(reach_m=self.reach_m)
         if self.crop_cells is not None:
             require_count(8, crop_cells=self.crop_cells)
+        if self.receivers is not None:
+            require_count(1, receivers=self.receivers)
         require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
         require_probability(
             merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, noisy=self.noisy, dropout=self.dropout,

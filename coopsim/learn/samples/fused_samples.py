@@ -66,7 +66,7 @@ class CooperativeSample:
         seen: (A, 9, h, w) heat of the objects that each cloud shows.
         objects: their number.
         grid: the cells of all features.
-        views: of every receiver.
+        views: of the receivers.
     """
 
     pillars: PillarBatch
@@ -133,7 +133,7 @@ class _Draft:
         self.middles: list[Floats] = []
 
     def sample(self) -> CooperativeSample:
-        views = tuple(self._view(member) for member in self.members)
+        views = tuple(self._view(member) for member in self._receivers())
         return CooperativeSample(
             collate(self.clouds),
             torch.cat([targets.heat for targets in self.seen]),
@@ -141,6 +141,12 @@ class _Draft:
             self.grid,
             views,
         )
+
+    def _receivers(self) -> list[int]:
+        most = self.settings.receivers
+        if most is None or most >= len(self.members):
+            return self.members
+        return sorted(self.rng.choice(self.members, most, replace=False).tolist())
 
     def _row(self, number: int, member: int) -> int:
         """Return the number of an agent's map in a scene; it is made when first asked for."""

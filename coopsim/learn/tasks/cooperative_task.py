@@ -89,7 +89,7 @@ class CooperativeTask(TrainingTask):
         return scene_samples(clip, rng, self._settings, config.cell_m, config.sweeps, taught=taught)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)
+        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
         return scene_samples(clip, rng, settings, self.detector.config.cell_m, self.detector.config.sweeps)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:

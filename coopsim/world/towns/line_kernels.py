@@ -8,6 +8,10 @@ from numba import njit
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Mask
 
+_SAME_M2 = 1e-9
+"""Points are equally far from a line if squares of their distances differ by less, m^2: processors round differently,
+and no two of them may choose different points."""
+
 
 @njit(cache=True, nogil=True)
 def distances_to_lines(points: Floats, starts: Floats, ends: Floats, width_m: Floats) -> Floats:
@@ -67,6 +71,6 @@ def _farthest(points: Floats, first: int, last: int, most_m: float) -> int:
         for axis in range(points.shape[1]):
             along = points[last, axis] - points[first, axis]
             squared += (points[k, axis] - points[first, axis] - share * along) ** 2
-        if squared > worst:
+        if squared > worst + _SAME_M2:
             worst, where = squared, k
     return where

@@ -94,3 +94,23 @@ def test_some_messages_are_sparse() -> None:
     samples = scene_samples(clip(4), np.random.default_rng(0), SampleSettings(sparse=0.5, dropout=0.0))
     most = {view.most_cells is None for sample in samples for view in sample.views}
     assert most == {True, False}
+
+
+def test_as_many_receivers_are_taught_as_asked_for_and_all_others_send() -> None:
+    made = clip(4, agents=4)
+    samples = scene_samples(made, np.random.default_rng(0), SampleSettings(receivers=2, dropout=0.0))
+    assert {len(sample.views) for sample in samples} == {2}
+    assert {len(view.others) for sample in samples for view in sample.views} == {3}
+    everyone = scene_samples(made, np.random.default_rng(0), SampleSettings(dropout=0.0))
+    assert {len(sample.views) for sample in everyone} == {4}
+
+
+def test_every_agent_may_be_the_receiver_that_is_taught() -> None:
+    made, kinds = clip(4), ("cav", "rsu", "drone")
+    scenes = tuple(
+        replace(each, agents=tuple(replace(agent, kind=kind) for agent, kind in zip(each.agents, kinds, strict=True)))
+        for each in made.scenes
+    )
+    settings, rng = SampleSettings(**PLAIN, receivers=1), np.random.default_rng(0)
+    samples = [sample for _ in range(5) for sample in scene_samples(replace(made, scenes=scenes), rng, settings)]
+    assert {view.own_kind for sample in samples for view in sample.views} == {0, 1, 2}

@@ -27,3 +27,11 @@ def test_line_through_fewer_points_stays_close():
 def test_straight_line_keeps_its_ends_only():
     kept = keep_corners(np.column_stack([np.arange(9.0), np.arange(9.0)]), 0.01)
     assert np.flatnonzero(kept).tolist() == [0, 8]
+
+
+def test_of_points_as_far_from_the_line_the_first_is_kept_however_their_coordinates_are_rounded() -> None:
+    angle = np.linspace(0.0, np.pi, 200)
+    arc = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    kept = [keep_corners(arc + np.random.default_rng(seed).normal(0.0, 1e-13, arc.shape), 0.2) for seed in range(8)]
+    assert 3 < kept[0].sum() < 40
+    assert all(np.array_equal(each, kept[0]) for each in kept)
