@@ -82,7 +82,7 @@ def test_a_seed_gives_the_same_town_on_any_machine(seed: int, expected: str) -> 
 
 
 def test_a_seed_gives_the_same_town_whatever_way_a_processor_rounds() -> None:
-    # OpenBLAS rounds products of matrices differently by processor: its kernels for an old one stand for another machine.
+    # OpenBLAS rounds products of matrices differently by processor: its kernels for an old one stand for another.
     code = (
         "from coopsim.world.towns.drawn_place import describe_town;"
         "from coopsim.world.towns.validity import fingerprint;"
