@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 class LearnedCovariance:
     """A network that gives every box a covariance, in the place of what its detector states.
 
-    It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents.
+    It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents. A
+    network that sees features works where these are, in the detector: then what detectors state stays as it is, and
+    only the motion model is the network's.
 
     Args:
         weights: of the kind "covariance", by name or as the path of a file.
@@ -59,7 +61,7 @@ class LearnedCovariance:
         from coopsim.nn.covariance.box_numbers import box_numbers
 
         base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined
-        if not len(joined):
+        if not len(joined) or self._net.config.features:
             return groups
         seen = joined.transform(base_SE3_odom)
         at = odom_SE3_sensors.seen_from(base_SE3_odom)

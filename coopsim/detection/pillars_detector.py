@@ -28,29 +28,37 @@ class PillarsDetector(Detector):
         least_score: smallest score of a detection, in [0, 1].
         reach_m: half the edge of the square.
         threads: agents are looked at side by side on so many; the results are the same for any number.
+        covariance: weights of a network that replaces the boxes' covariances, as "dmstrack_seen", by name or path;
+            None: they are the head's.
 
     Raises:
         MissingDependencyError: torch is not installed.
         UnknownNameError: there are no such weights.
-        InvalidValueError: a value is not accepted, or the weights are broken.
+        InvalidValueError: a value is not accepted, or the weights are broken or of another encoder.
     """
 
     needs = SensorNeeds(lidar=True)
 
     def __init__(
-        self, weights: str = "pillars", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 2
+        self,
+        weights: str = "pillars",
+        least_score: float = 0.1,
+        reach_m: float = 76.8,
+        threads: int = 2,
+        covariance: str | None = None,
     ) -> None:
         require_probability(least_score=least_score)
         require_between(5, 300, reach_m=reach_m)
         require_count(1, threads=threads)
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-        from coopsim.learn.weights import load_detector
+        from coopsim.learn.weights import load_covariance, load_detector
         from coopsim.nn.inference.cloud_detector import CloudDetector
 
         self._least_score, self._reach_m = least_score, reach_m
         net = load_detector(weights)
-        self.states_covariance = net.config.head == "centre"
-        self._network: CloudDetector = CloudDetector(net, threads)
+        judge = None if covariance is None else load_covariance(covariance, net)
+        self.states_covariance = net.config.head == "centre" or judge is not None
+        self._network: CloudDetector = CloudDetector(net, threads, judge)
         self._sweeps = RecentSweeps(self._network.sweeps)
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:

@@ -25,9 +25,9 @@ _FOLDER = Path(__file__).parent / "recipes"
 RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped recipes."""
 
-KINDS = ("detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance")
+KINDS = ("detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance", "seen_covariance")
 """Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
-frozen encoder. Stage C: both. A covariance of boxes is trained on recordings."""
+frozen encoder. Stage C: both. A covariance of boxes is trained on recordings; one that sees features, on clips."""
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -40,7 +40,7 @@ class TrainingRecipe:
         name: of the weights that it makes.
         kind: one of `KINDS`.
         steps: of the optimizer.
-        batch: samples a step: agents' views for stage A, frames for B and C, windows of a recording for a covariance.
+        batch: samples a step: agents' views for stage A, frames for B and C, windows of frames for covariances.
         block: clips that are read together, and their samples shuffled.
         passes: times that a block is used, each time with new random changes of its samples.
         lr: highest learning rate of the one-cycle schedule.
@@ -61,9 +61,9 @@ class TrainingRecipe:
         depths_first: share of the steps, at the beginning, in which an encoder of pictures learns depths and classes
             alone: these steps are quick, as no maps are made, and without depths maps have nothing to teach.
         network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
-            of `CooperativeConfig` for B and C; of `CovarianceConfig` for a covariance.
-        world: options of `WorldRecipe`: what the clips show; of `RecordedWorld` for a covariance.
-        samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed; none for a covariance.
+            of `CooperativeConfig` for B and C; of `CovarianceConfig` for covariances.
+        world: options of `WorldRecipe`: what the clips show; of `RecordedWorld` with kind: covariance.
+        samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed; none for covariances.
     """
 
     name: str

@@ -121,6 +121,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.covariance_task import CovarianceTask
 
         return CovarianceTask(recipe, seed)
+    if recipe.kind == "seen_covariance":
+        from coopsim.learn.tasks.seen_covariance_task import SeenCovarianceTask
+
+        return SeenCovarianceTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 

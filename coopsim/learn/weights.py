@@ -120,17 +120,24 @@ def load_points_and_pictures(
     return net
 
 
-def load_covariance(name_or_path: str | Path = "dmstrack") -> CovarianceNet:
+def load_covariance(name_or_path: str | Path = "dmstrack", detector: DetectorNet | None = None) -> CovarianceNet:
     """Return the network of boxes' covariances, ready to be used; shared by all who ask, so not to be changed.
+
+    Args:
+        name_or_path: of the weights.
+        detector: whose features it is to read, if it reads any; it must have the encoder that it was trained on.
 
     Raises:
         UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, or holds something else.
+        InvalidValueError: the file is broken, too large, holds something else, or was trained on another encoder.
     """
     path = find_weights(name_or_path)
-    _require_kind(path, read_texts(path), "covariance")
+    texts = read_texts(path)
+    _require_kind(path, texts, "covariance")
     net = _loaded_beside(path, digest(path))
     assert isinstance(net, CovarianceNet)
+    if net.config.features:
+        _require_encoder(path, texts, detector)
     return net
 
 

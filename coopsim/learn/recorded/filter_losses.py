@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -56,9 +56,35 @@ class TrackErrors:
 
 def window_errors(net: CovarianceNet, windows: Sequence[RecordedWindow]) -> TrackErrors:
     """Filter along the tracks of windows, which must not be none, with the covariances of a network, with gradients."""
-    device = net.base.device
-    variance = [net(torch.from_numpy(each.numbers).float().to(device)).double() for each in windows]
-    return errors_along([each.tracks for each in windows], variance, net.box_filter(), windows[0].dt_s)
+    box_filter, found = net.box_filter(), []
+    for dt_s in sorted({each.dt_s for each in windows}):
+        alike = [each for each in windows if each.dt_s == dt_s]
+        noise = [window_noise(net, each) for each in alike]
+        found.append(errors_along([each.tracks for each in alike], noise, box_filter, dt_s))
+    return TrackErrors(*(torch.cat([getattr(each, part.name) for each in found]) for part in fields(TrackErrors)))
+
+
+def window_noise(net: CovarianceNet, window: RecordedWindow) -> Tensor:
+    """Return the covariances (M, 7, 7) float64 of a window's detections, in the frame of its boxes."""
+    given = [window.numbers] if window.patches is None else [window.numbers, window.patches]
+    tensors = [torch.from_numpy(each).float().to(net.base.device) for each in given]
+    variance = net(*tensors).double()
+    if window.heading_rad is None:
+        return torch.diag_embed(variance)
+    return turned_noise(variance, torch.from_numpy(window.heading_rad).to(variance.device))
+
+
+def turned_noise(variance: Tensor, heading_rad: Tensor) -> Tensor:
+    """Return covariances (M, 7, 7) of variances (M, 7) that hold along axes turned by headings (M,)."""
+    cos, sin = heading_rad.cos(), heading_rad.sin()
+    along, across = variance[:, 0], variance[:, 1]
+    noise = torch.diag_embed(variance)
+    x = cos * cos * along + sin * sin * across
+    y = sin * sin * along + cos * cos * across
+    both = cos * sin * (along - across)
+    corner = torch.stack([torch.stack([x, both], dim=1), torch.stack([both, y], dim=1)], dim=1)
+    upper = torch.cat([corner, noise[:, :2, 2:]], dim=2)
+    return torch.cat([upper, noise[:, 2:]], dim=1)
 
 
 def tracked_errors(net: CovarianceNet, recordings: Sequence[RecordedFrames]) -> TrackErrors:
@@ -68,20 +94,20 @@ def tracked_errors(net: CovarianceNet, recordings: Sequence[RecordedFrames]) -> 
 
 
 def errors_along(
-    tracks: Sequence[WindowTracks], variance: Sequence[Tensor], box_filter: BoxFilter, dt_s: float
+    tracks: Sequence[WindowTracks], noise: Sequence[Tensor], box_filter: BoxFilter, dt_s: float
 ) -> TrackErrors:
     """Filter along the tracks of several windows of the same number of frames, all at once.
 
     Args:
         tracks: of each window.
-        variance: (M, 7) float64 of each window's detections.
+        noise: (M, 7, 7) float64, the covariances of each window's detections.
         box_filter: the filter.
         dt_s: time between two frames.
     """
-    device = variance[0].device
+    device = noise[0].device
     boxes = torch.from_numpy(np.concatenate([each.boxes for each in tracks])).to(device)
     detection, truth = (torch.from_numpy(each).to(device) for each in joined(tracks))
-    spread = torch.cat(list(variance))
+    spread = torch.cat(list(noise))
     count = detection.shape[2]
     beliefs, born = _nothing(count, boxes), torch.zeros(count, dtype=torch.bool)
     errors, distances, log_dets = [], [], []

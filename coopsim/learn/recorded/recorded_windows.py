@@ -22,11 +22,16 @@ class RecordedWindow:
         numbers: (M, 19) of the window's detections, see `box_numbers`.
         tracks: which detections each track consists of.
         dt_s: time between two frames.
+        heading_rad: (M,) of the agents that detected them, in the frame of the boxes: variances are along and across
+            it; None: along the axes of the frame, the owner's.
+        patches: (M, 9 C) of `box_patches`; None: the recording has no features.
     """
 
     numbers: Floats
     tracks: WindowTracks
     dt_s: float
+    heading_rad: Floats | None = None
+    patches: Floats | None = None
 
 
 class RecordedWindows:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from coopsim.tracking.motion.constant_velocity import MEASURED, YAW
 
@@ -57,11 +58,14 @@ class BoxFilter:
     speed_growth_per_s: Tensor
     speed_variance: Tensor
 
-    def initiate(self, boxes: Tensor, variance: Tensor) -> TensorBeliefs:
-        """Return the beliefs after one measurement each: boxes (N, 7), with their variances (N, 7)."""
+    def initiate(self, boxes: Tensor, noise: Tensor) -> TensorBeliefs:
+        """Return the beliefs after one measurement each: boxes (N, 7), with their covariances (N, 7, 7)."""
         still = boxes.new_zeros(len(boxes), STATE - MEASURED)
-        spread = torch.cat([variance, self.speed_variance.expand_as(still)], dim=1)
-        return TensorBeliefs(torch.cat([boxes, still], dim=1), torch.diag_embed(spread))
+        unknown = torch.diag_embed(self.speed_variance.expand_as(still))
+        wide = functional.pad(noise, (0, STATE - MEASURED, 0, STATE - MEASURED))
+        return TensorBeliefs(
+            torch.cat([boxes, still], dim=1), wide + functional.pad(unknown, (MEASURED, 0, MEASURED, 0))
+        )
 
     def predict(self, beliefs: TensorBeliefs, dt_s: float) -> TensorBeliefs:
         """Return the beliefs `dt_s` >= 0 later: x' = F x, P' = F P F^T + Q."""
@@ -73,18 +77,18 @@ class BoxFilter:
         )
 
     @staticmethod
-    def update(beliefs: TensorBeliefs, innovation: Tensor, variance: Tensor) -> tuple[TensorBeliefs, Tensor]:
+    def update(beliefs: TensorBeliefs, innovation: Tensor, noise: Tensor) -> tuple[TensorBeliefs, Tensor]:
         """Return the beliefs after one more measurement each, in the Joseph form, and the Cholesky factors of S.
 
         Args:
             beliefs: of N objects.
             innovation: (N, 7), of `innovation_of`.
-            variance: (N, 7) of the measurements.
+            noise: (N, 7, 7) covariances of the measurements.
 
         Returns:
             Beliefs, and L (N, 7, 7) with L L^T = S = H P H^T + R.
         """
-        prior, noise = beliefs.covariance, torch.diag_embed(variance)
+        prior = beliefs.covariance
         factor = torch.linalg.cholesky(prior[:, :MEASURED, :MEASURED] + noise)
         gain = torch.cholesky_solve(prior[:, :MEASURED], factor).mT
         moved = beliefs.mean + (gain @ innovation[:, :, None])[:, :, 0]

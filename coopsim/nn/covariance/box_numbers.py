@@ -57,3 +57,8 @@ def box_numbers(boxes: Floats, score: Floats, group: Ints, sensors: Floats) -> F
     )
     numbers: Floats = np.clip(np.stack(columns, axis=1), -_LARGEST, _LARGEST)
     return numbers
+
+
+def own_numbers(boxes: Floats, score: Floats) -> Floats:
+    """Return the numbers (N, 19) of an agent's own boxes (N, 7), in its base frame, with their scores (N,)."""
+    return box_numbers(boxes, score, np.zeros(len(boxes), np.int64), np.zeros((1, 4)))

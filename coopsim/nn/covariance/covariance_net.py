@@ -1,4 +1,6 @@
-"""The network of DMSTrack, in its positional variant: from what is known of a box to the covariance of its numbers.
+"""The network of DMSTrack: from what is known of a box to the covariance of its numbers.
+
+Its positional variant is told where the box is; the other one also reads the detecting agent's map of features there.
 
 Chiu et al., "Probabilistic 3D Multi-Object Cooperative Tracking for Autonomous Driving via Differentiable Multi-Sensor
 Kalman Filter", ICRA 2024.
@@ -18,6 +20,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.nn.covariance.box_filter import BoxFilter
 from coopsim.nn.covariance.box_numbers import ANGLES, NUMBERS, SCORE, SHORT
+from coopsim.nn.covariance.box_patch import PLACES
 from coopsim.support.checks import require_count, require_flag
 from coopsim.tracking.motion.constant_velocity import MEASURED, ConstantVelocity
 
@@ -40,15 +43,23 @@ class CovarianceConfig:
         codes: numbers that each input becomes: sines and cosines.
         widths: of the hidden layers.
         constant: the same covariance for all boxes, learned alike: what a learned one has to beat.
+        features: of a cell of the detecting agent's map, which the network reads around the box; 0: it does not.
+        seen: numbers that it makes of these.
     """
 
     codes: int = 16
     widths: tuple[int, ...] = (128, 64)
     constant: bool = False
+    features: int = 0
+    seen: int = 32
 
     def __post_init__(self) -> None:
         require_count(2, 256, codes=self.codes)
+        require_count(0, 1024, features=self.features)
+        require_count(1, 4608, seen=self.seen)
         require_flag(constant=self.constant)
+        if self.constant and self.features:
+            raise InvalidValueError(f"features must be 0 with constant: true, got {self.features}")
         if self.codes % 2:
             raise InvalidValueError(f"codes must be even, half sines and half cosines, got {self.codes}")
         if not isinstance(self.widths, (tuple, list)) or not 1 <= len(self.widths) <= 8:
@@ -71,7 +82,9 @@ class CovarianceNet(nn.Module):
     def __init__(self, config: CovarianceConfig) -> None:
         super().__init__()
         self.config = config
-        widths = (config.codes * NUMBERS, *config.widths)
+        looks = config.features > 0
+        self.look = nn.Linear(config.features * PLACES**2, config.seen) if looks else None
+        widths = (config.codes * NUMBERS + config.seen * looks, *config.widths)
         hidden = [layer for a, b in itertools.pairwise(widths) for layer in (nn.Linear(a, b), nn.ReLU())]
         self.hidden = nn.Sequential(*hidden) if not config.constant else None
         self.last = nn.Linear(widths[-1], MEASURED) if not config.constant else None
@@ -87,31 +100,38 @@ class CovarianceNet(nn.Module):
         frequency = math.pi / 2 ** (2 * torch.arange(config.codes // 2) / config.codes)
         self.register_buffer("scale", unit[:, None] * frequency, persistent=False)
 
-    def forward(self, numbers: Tensor) -> Tensor:
+    def forward(self, numbers: Tensor, patches: Tensor | None = None) -> Tensor:
         """Return the variances (N, 7) of x, y, z, l, w, h, yaw.
 
         Args:
             numbers: (N, 19) float32, of `box_numbers`.
+            patches: (N, 9 C) float32, of `box_patches`; None: the network reads no features.
         """
         scale = self.base.expand(len(numbers), -1)
         if self.hidden is not None and self.last is not None:
             angle = (numbers[:, :, None] * self.get_buffer("scale")).flatten(1)
-            scale = scale + self.last(self.hidden(torch.cat([angle.sin(), angle.cos()], dim=1)))
+            known = [angle.sin(), angle.cos()]
+            if self.look is not None:
+                assert patches is not None, "patches must be given to a network that reads features"
+                known.append(self.look(patches).relu())
+            scale = scale + self.last(self.hidden(torch.cat(known, dim=1)))
         return _bounded(scale.float())
 
-    def variances(self, numbers: Floats) -> Floats:
-        """Return `forward` of an array (N, 19), without gradients, as an array (N, 7).
+    def variances(self, numbers: Floats, patches: Floats | None = None) -> Floats:
+        """Return `forward` of arrays (N, 19) and (N, 9 C), without gradients, as an array (N, 7).
 
         A row's result does not depend on the other rows: products of matrices of other sizes are rounded otherwise, so
         all have one size.
         """
         found = np.empty((len(numbers), MEASURED))
-        padded = torch.zeros(_ROWS, NUMBERS)
+        given = [each for each in (numbers, patches) if each is not None]
+        padded = [torch.zeros(_ROWS, each.shape[1]) for each in given]
         with torch.no_grad():
             for first in range(0, len(numbers), _ROWS):
-                part = numbers[first : first + _ROWS]
-                padded[: len(part)] = torch.from_numpy(part.astype(np.float32))
-                found[first : first + _ROWS] = self(padded)[: len(part)].double().numpy()
+                count = len(numbers[first : first + _ROWS])
+                for into, each in zip(padded, given, strict=True):
+                    into[:count] = torch.from_numpy(each[first : first + _ROWS].astype(np.float32))
+                found[first : first + _ROWS] = self(*padded)[:count].double().numpy()
         return found
 
     def box_filter(self) -> BoxFilter:

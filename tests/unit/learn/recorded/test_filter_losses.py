@@ -10,8 +10,9 @@ import torch
 from synthetic_recordings import write_recordings
 
 from coopsim.data.recording_set import RecordingSet
-from coopsim.geometry.se3 import Floats
-from coopsim.learn.recorded.filter_losses import TRUNCATED, errors_along, joined, tracked_errors
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.learn.recorded.filter_losses import TRUNCATED, errors_along, joined, tracked_errors, turned_noise
 from coopsim.learn.recorded.recorded_frames import RecordedFrames, frames_of
 from coopsim.learn.recorded.window_tracks import NONE, WindowTracks, track_frames
 from coopsim.learn.weights import make_covariance
@@ -53,7 +54,7 @@ def test_errors_are_those_of_the_librarys_tracker(recordings: list[RecordedFrame
     recorded, variance = recordings[0], NET.variances(recordings[0].numbers)
     motion = NET.motion()
     tracks = tracked(recorded)
-    found = errors_along([tracks], [torch.from_numpy(variance)], NET.box_filter(), recorded.dt_s)
+    found = errors_along([tracks], [torch.from_numpy(diagonals(variance))], NET.box_filter(), recorded.dt_s)
     tracker, errors = ab3dmot(motion=motion), []
     for frame, groups in enumerate(recorded.found):
         found_now = DetectionGroups(with_net(groups, variance, frame), groups.starts)
@@ -71,7 +72,7 @@ def test_gradients_reach_covariances_through_ten_frames_at_most(recordings: list
     recorded = recordings[0]
     variance = torch.from_numpy(NET.variances(recorded.numbers)).requires_grad_()
     tracks = tracked(recorded)
-    found = errors_along([tracks], [variance], NET.box_filter(), recorded.dt_s)
+    found = errors_along([tracks], [torch.diag_embed(variance)], NET.box_filter(), recorded.dt_s)
     last = np.isfinite(tracks.truth[-1, :, 0]).sum()
     (slope,) = torch.autograd.grad(found.error[-last:].sum(), variance)
     frame = np.repeat(np.arange(15), 8)
@@ -113,3 +114,15 @@ def test_a_cut_has_what_is_detected_in_it(recordings: list[RecordedFrames]) -> N
 def test_nothing_to_filter_has_no_loss() -> None:
     empty = RecordedFrames((), (), np.zeros((0, 19)), 0.1)
     assert [float(loss) for loss in tracked_errors(NET, [empty]).losses().values()] == [0.0, 0.0]
+
+
+def test_noise_turns_with_the_agent_as_the_librarys_covariances_do() -> None:
+    rng = np.random.default_rng(0)
+    variance, heading_rad = rng.uniform(0.1, 3.0, (6, 7)), rng.uniform(-np.pi, np.pi, 6)
+    found = turned_noise(torch.from_numpy(variance), torch.from_numpy(heading_rad)).numpy()
+    for row in range(6):
+        box = Boxes3D.from_array(np.array([[1.0, 2.0, 0.0, 4.0, 2.0, 1.5, 0.3]]))
+        seen = Detections(box, np.ones(1), np.zeros(1, np.int64), diagonals(variance[row : row + 1]))
+        turned = seen.transform(SE3.from_xyz_yaw([5.0, -3.0, 0.0], heading_rad[row])).covariance
+        assert turned is not None
+        np.testing.assert_allclose(found[row], turned[0], atol=1e-12)

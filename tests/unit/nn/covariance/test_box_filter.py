@@ -37,7 +37,7 @@ def assert_same(ours: TensorBeliefs, library: Beliefs) -> None:
 def test_it_equals_the_librarys_filter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     seen, variance = boxes(rng), rng.uniform(1e-3, 5.0, (5, 7))
-    ours = FILTER.initiate(torch.from_numpy(seen), torch.from_numpy(variance))
+    ours = FILTER.initiate(torch.from_numpy(seen), torch.from_numpy(diagonals(variance)))
     library = MOTION.initiate(seen, diagonals(variance))
     assert_same(ours, library)
     for dt_s in (0.1, 0.0, 0.5, 0.1):
@@ -47,7 +47,7 @@ def test_it_equals_the_librarys_filter(seed: int) -> None:
         ours, library = FILTER.predict(ours, dt_s), MOTION.predict(library, dt_s)
         assert_same(ours, library)
         innovation = innovation_of(ours, torch.from_numpy(seen))
-        ours, _ = FILTER.update(ours, innovation, torch.from_numpy(variance))
+        ours, _ = FILTER.update(ours, innovation, torch.from_numpy(diagonals(variance)))
         library = MOTION.update(library, seen, diagonals(variance))
         assert_same(ours, library)
 
@@ -55,9 +55,9 @@ def test_it_equals_the_librarys_filter(seed: int) -> None:
 def test_the_distance_is_that_of_the_innovations_covariance() -> None:
     rng = np.random.default_rng(0)
     seen, variance = boxes(rng), rng.uniform(0.1, 1.0, (5, 7))
-    beliefs = FILTER.predict(FILTER.initiate(torch.from_numpy(seen), torch.from_numpy(variance)), 0.1)
+    beliefs = FILTER.predict(FILTER.initiate(torch.from_numpy(seen), torch.from_numpy(diagonals(variance))), 0.1)
     innovation = innovation_of(beliefs, torch.from_numpy(seen + 0.3))
-    _, factor = FILTER.update(beliefs, innovation, torch.from_numpy(variance))
+    _, factor = FILTER.update(beliefs, innovation, torch.from_numpy(diagonals(variance)))
     system = beliefs.covariance[:, :7, :7].numpy() + diagonals(variance)
     expected = np.einsum("ni,nij,nj->n", innovation, np.linalg.inv(system), innovation)
     np.testing.assert_allclose(squared_distance(innovation, factor), expected, rtol=1e-10)
@@ -68,8 +68,8 @@ def test_gradients_are_those_of_finite_differences() -> None:
     first, second = (torch.from_numpy(boxes(rng, 2)) for _ in range(2))
 
     def updated(variance: torch.Tensor) -> torch.Tensor:
-        beliefs = FILTER.predict(FILTER.initiate(first, variance), 0.1)
-        return FILTER.update(beliefs, innovation_of(beliefs, second), 2 * variance)[0].mean
+        beliefs = FILTER.predict(FILTER.initiate(first, torch.diag_embed(variance)), 0.1)
+        return FILTER.update(beliefs, innovation_of(beliefs, second), torch.diag_embed(2 * variance))[0].mean
 
     variance = torch.from_numpy(rng.uniform(0.2, 1.0, (2, 7))).requires_grad_()
     assert torch.autograd.gradcheck(updated, (variance,))
@@ -77,7 +77,7 @@ def test_gradients_are_those_of_finite_differences() -> None:
 
 def test_some_beliefs_are_replaced_and_the_others_stay() -> None:
     rng = np.random.default_rng(2)
-    many = FILTER.initiate(torch.from_numpy(boxes(rng)), torch.ones(5, 7, dtype=torch.float64))
+    many = FILTER.initiate(torch.from_numpy(boxes(rng)), torch.eye(7, dtype=torch.float64).expand(5, 7, 7))
     rows = torch.tensor([3, 1])
     changed = many.put(rows, FILTER.predict(many.at(rows), 1.0))
     assert torch.equal(changed.covariance[[0, 2, 4]], many.covariance[[0, 2, 4]])
