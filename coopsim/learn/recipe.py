@@ -25,9 +25,13 @@ _FOLDER = Path(__file__).parent / "recipes"
 RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped recipes."""
 
-KINDS = ("detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance", "seen_covariance")
+KINDS = (
+    "detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance", "seen_covariance",
+    "point_identity",
+)  # fmt: skip
 """Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
-frozen encoder. Stage C: both. A covariance of boxes is trained on recordings; one that sees features, on clips."""
+frozen encoder. Stage C: both. A covariance of boxes is trained on recordings; one that sees features, on clips. An
+identity tells objects apart."""
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -40,7 +44,8 @@ class TrainingRecipe:
         name: of the weights that it makes.
         kind: one of `KINDS`.
         steps: of the optimizer.
-        batch: samples a step: agents' views for stage A, frames for B and C, windows of frames for covariances.
+        batch: samples a step: agents' views for stage A, frames for B and C, windows of frames for covariances, groups
+            of objects for an identity.
         block: clips that are read together, and their samples shuffled.
         passes: times that a block is used, each time with new random changes of its samples.
         lr: highest learning rate of the one-cycle schedule.

@@ -125,6 +125,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.seen_covariance_task import SeenCovarianceTask
 
         return SeenCovarianceTask(recipe, seed)
+    if recipe.kind == "point_identity":
+        from coopsim.learn.tasks.point_identity_task import PointIdentityTask
+
+        return PointIdentityTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 
@@ -143,7 +147,7 @@ def _clips(
     workers: int | str,
     ranks: Ranks,
 ) -> AbstractContextManager[SampleSource]:
-    if source is None and "pictures" in recipe.kind and not recipe.world.get("cameras"):
+    if source is None and "picture" in recipe.kind and not recipe.world.get("cameras"):
         raise InvalidValueError(
             f"world.cameras must name rigs with kind: {recipe.kind}, as {{surround: 1}}: without cameras there are no "
             "pictures"

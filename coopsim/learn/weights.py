@@ -28,6 +28,7 @@ from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, Cooperativ
 from coopsim.nn.covariance.covariance_net import CovarianceConfig, CovarianceNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
+from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"
@@ -141,6 +142,15 @@ def load_covariance(name_or_path: str | Path = "dmstrack", detector: DetectorNet
     return net
 
 
+def load_point_identity(name_or_path: str | Path = "point_identity") -> PointIdentityNet:
+    """Return the network of objects' identity by their points; to be shared, and errors, as of `load_covariance`."""
+    path = find_weights(name_or_path)
+    _require_kind(path, read_texts(path), "point_identity")
+    net = _loaded_beside(path, digest(path))
+    assert isinstance(net, PointIdentityNet)
+    return net
+
+
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
     """Write a network's weights as 16 bit floats.
 
@@ -208,6 +218,7 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
         "pictures": make_pictures,
         "points_and_pictures": make_points_and_pictures,
         "covariance": make_covariance,
+        "point_identity": make_point_identity,
     }
     kind = texts.get("kind", "cooperative")
     return made[kind](config) if kind in made else make_cooperative(config)[0]
@@ -231,6 +242,11 @@ def make_points_and_pictures(config: Mapping[str, Any], seed: int = 0) -> Points
 def make_covariance(config: Mapping[str, Any], seed: int = 0) -> CovarianceNet:
     """Return a network of boxes' covariances with random weights, the same for the same seed."""
     return _made(CovarianceConfig, CovarianceNet, config, seed)
+
+
+def make_point_identity(config: Mapping[str, Any], seed: int = 0) -> PointIdentityNet:
+    """Return a network of objects' identity by their points, with random weights, the same for the same seed."""
+    return _made(PointIdentityConfig, PointIdentityNet, config, seed)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:

@@ -1,12 +1,12 @@
-"""A look at held-out places in the middle of a training: average precision on samples of them.
+"""A look at held-out places in the middle of a training: a task's own values, or average precision on samples of them.
 
-It is quick and comparable only within one training: samples show parts of maps, and their truth is what their agents
-see. `coopsim detect` measures networks as they are used.
+The latter is quick and comparable only within one training: samples show parts of maps, and their truth is what their
+agents see. `coopsim detect` measures networks as they are used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,13 +41,17 @@ class HeldOut:
         self._task, self._source, self._clips, self._device = task, source, clips, device
         self._batches: list[Any] = []
 
-    def __call__(self, net: nn.Module) -> dict[str, float]:
-        """Return average precisions of a network by name, seen from above: of vehicles and of people."""
+    def __call__(self, net: nn.Module) -> Mapping[str, float]:
+        """Return the task's values by name, or average precisions, seen from above: of vehicles and of people."""
         if not self._batches:
             for index in range(self._clips):
                 samples = self._task.cut_held_out(self._source.clip(index), stream(0, "training.held_out", str(index)))
                 self._batches += [self._task.collate([sample]) for sample in samples]
-        maps = [each for batch in self._batches for each in self._task.find(net, to_device(batch, self._device))]
+        batches = [to_device(batch, self._device) for batch in self._batches]
+        values = self._task.look(net, batches)
+        if values is not None:
+            return values
+        maps = [each for batch in batches for each in self._task.find(net, batch)]
         return {
             "AP@0.5": precision_of(maps, VEHICLES, 0.5),
             "AP@0.7": precision_of(maps, VEHICLES, 0.7),

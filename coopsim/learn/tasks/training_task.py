@@ -83,6 +83,10 @@ class TrainingTask(nn.Module, ABC):
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         """Return what a network finds in the maps of a batch."""
 
+    def look(self, net: nn.Module, batches: Sequence[Any]) -> Mapping[str, float] | None:
+        """Return values of its own, by name, of held-out batches; None: average precisions of what `find` finds."""
+        return None
+
     def collate(self, samples: Sequence[Any]) -> Any:
         """Return samples as a batch: their list, unless overridden."""
         return list(samples)

@@ -36,6 +36,9 @@ class PerfectTask:
     def collate(self, samples: Sequence[Any]) -> Any:
         return samples[0]
 
+    def look(self, net: nn.Module, batches: Sequence[Any]) -> None:
+        return None
+
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         boxes, velocity, label = batch
         targets: Targets = make_targets(boxes, velocity, label, GRID)

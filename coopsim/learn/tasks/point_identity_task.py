@@ -1,0 +1,57 @@
+"""The training of an identity from points (YOLOO's LGPEnc)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.samples.sample_frames import thin
+from coopsim.learn.samples.sightings import Sightings
+from coopsim.learn.tasks.identity_task import IdentityTask
+from coopsim.learn.weights import load_point_identity, make_point_identity
+from coopsim.nn.identity.object_points import LEAST_POINTS, ObjectPoints, PointBatch, join_points, points_in_boxes
+
+
+class PointIdentityTask(IdentityTask):
+    """The training of a `PointIdentityNet`.
+
+    Args:
+        recipe: of the kind "point_identity".
+        seed: of the first weights.
+
+    Raises:
+        InvalidValueError: the weights to start with are of another network.
+    """
+
+    def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
+        encoder = make_point_identity(recipe.network, seed)
+        if recipe.start is not None:
+            start = load_point_identity(recipe.start)
+            if recipe.network and start.config != encoder.config:
+                raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
+            encoder = make_point_identity(asdict(start.config), seed)
+            encoder.load_state_dict(start.state_dict())
+        super().__init__(recipe, encoder)
+        most: Any = encoder.config.points
+        self._most = int(most)
+
+    def inputs(
+        self, clip: Clip, seen: Sightings, rng: np.random.Generator, *, whole: bool
+    ) -> list[ObjectPoints | None]:
+        found: list[ObjectPoints | None] = [None] * len(seen)
+        for number, member in np.unique(np.column_stack([seen.scene, seen.agent]), axis=0):
+            rows = np.flatnonzero((seen.scene == number) & (seen.agent == member))
+            cloud = clip.scenes[number].agents[member].points
+            for row, points in zip(rows, points_in_boxes(cloud, seen.boxes[rows], self._most), strict=True):
+                shown = points if whole else thin(points, rng, self.settings.thinned)
+                found[row] = shown if len(shown) >= LEAST_POINTS else None
+        return found
+
+    def joined(self, inputs: Sequence[Any]) -> PointBatch:
+        return join_points(inputs)
