@@ -39,6 +39,10 @@ METHODS = {
     "Where2comm": "where2comm",
     "pyramid": "pyramid",
     "GSAF": "gsaf",
+    "DiscoNet": "disconet",
+    "V2VNet": "v2vnet",
+    "CoBEVT": "cobevt",
+    "V2X-ViT": "v2x_vit",
     "late, aligned": "late_fusion(merge=nms, align=true)",
     "Where2comm, aligned": "where2comm(align=true)",
 }
