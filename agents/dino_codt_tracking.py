@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
-from coopsim.support.checks import require_choice, require_flag, require_instance, require_number
+from coopsim.support.checks import require_choice, require_flag, require_number
 from coopsim.tracking.affinity import giou_3d, iou_3d
 from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.by_class import TrackersByClass
@@ -49,7 +49,12 @@ class DinoCoDTTracking(PooledBoxes):
         hits: frames with a detection, consecutive or not, until a track is reported.
         age: frames without a detection until the track of a standing object is dropped (A_c; one for all classes).
         age_per_m_s: frames more per m/s (alpha). The paper finds 1.0 to 1.2 best (sec. IV-E-2).
-        appearance: how embeddings are used; None: with the defaults.
+        coast: frames without a detection for which a track is still reported; None: while it is kept, as AB3DMOT does.
+        window_s: as of `Appearance`, like all that follow: age from which an embedding is forgotten.
+        similarity: smallest cosine similarity of a track and a detection (beta).
+        reach_m: largest distance of an object from its predicted place, for each frame without a detection.
+        cross_similarity: smallest cosine similarity of two agents' detections of one object.
+        cross_reach_m: largest distance between two agents' boxes of one object.
     """
 
     gate: float = 0.01
@@ -59,7 +64,12 @@ class DinoCoDTTracking(PooledBoxes):
     hits: int = 3
     age: int = 2
     age_per_m_s: float = 0.2
-    appearance: Appearance | None = None
+    coast: int | None = 1
+    window_s: float = Appearance().window_s
+    similarity: float = Appearance().similarity
+    reach_m: float = Appearance().reach_m
+    cross_similarity: float = Appearance().cross_similarity
+    cross_reach_m: float = Appearance().cross_reach_m
 
     def __post_init__(self) -> None:
         require_choice("affinity", self.affinity, _AFFINITIES)
@@ -67,7 +77,6 @@ class DinoCoDTTracking(PooledBoxes):
         accepted, accepts = _GATES[self.affinity]
         require_number(f"{accepted} with affinity {self.affinity!r}", accepts, gate=self.gate)
         require_flag(by_superclass=self.by_superclass)
-        require_instance(Appearance, appearance=self.appearance)
         super().__post_init__()
 
     def make_tracker(self) -> TrackersByClass:
@@ -78,9 +87,15 @@ class DinoCoDTTracking(PooledBoxes):
         return TrackersByClass(self._tracker(ConstantVelocity(), hungarian), by_class)
 
     def _tracker(self, motion: Motion, assigner: Assigner) -> Tracker:
-        appearance = self.appearance or Appearance()
-        rule = VelocityAdaptiveAge(self.hits, self.age, self.age_per_m_s)
-        lifecycle = Remembered(rule, self.hits, appearance.frames)
+        appearance = Appearance(
+            self.window_s,
+            similarity=self.similarity,
+            reach_m=self.reach_m,
+            cross_similarity=self.cross_similarity,
+            cross_reach_m=self.cross_reach_m,
+        )
+        rule = VelocityAdaptiveAge(self.hits, self.age, self.age_per_m_s, self.coast)
+        lifecycle = Remembered(rule, self.hits)
         by_boxes = Stage(_AFFINITIES[self.affinity], assigner, self.gate, tracks=lifecycle.in_sight)
         stages = Cascade([by_boxes, appearance.stage()], SUPERCLASS_NUMBERS if self.by_superclass else None)
         return Tracker(motion, stages, lifecycle, appearance=appearance)

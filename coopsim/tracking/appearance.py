@@ -2,8 +2,8 @@
 
 After boxes have been compared, unmatched tracks and detections are matched by their embeddings, within a temporal
 window. A detection that is still unmatched is compared with other agents' detections of the same time and the memories
-of their tracks; on a match it belongs to that track, whose memory it refreshes. Without embeddings none of this
-happens.
+of their tracks; on a match it belongs to that track, whose memory it refreshes. The older id wins: a track that has not
+been reported yet gives its detection to a lost track that looks the same. Without embeddings none of this happens.
 
 The paper sets no limit to the distance of two objects that look alike. There is one here, because cars of one model
 look alike; infinity removes it.
@@ -18,7 +18,7 @@ import numpy as np
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.box_similarity import center_distance_bev
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_between, require_count, require_number
+from coopsim.support.checks import require_between, require_count, require_number, require_positive
 from coopsim.tracking.cascade import Stage
 from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.tracked import Tracked
@@ -31,23 +31,25 @@ class Appearance:
     """Settings of re-identification. The paper gives none of these numbers.
 
     Attributes:
-        views: number of embeddings kept of a track, the latest ones.
-        frames: frames without a detection for which a reported track is kept to be found again (see `Remembered`).
+        window_s: age from which an embedding is forgotten. A reported track is kept while it has one, to be found again
+            (see `Remembered`).
+        views: most embeddings kept of a track, the latest ones.
         similarity: smallest cosine similarity of a track and a detection, in [-1, 1] (the paper's beta).
         reach_m: largest distance of an object from its predicted place, for each frame without a detection.
         cross_similarity: smallest cosine similarity of two agents' detections of one object, in [-1, 1].
         cross_reach_m: largest distance between two agents' boxes of one object, by errors of poses and by delays.
     """
 
-    views: int = 10
-    frames: int = 30
+    window_s: float = 3.0
+    views: int = 30
     similarity: float = 0.9
     reach_m: float = 3.0
     cross_similarity: float = 0.9
     cross_reach_m: float = 5.0
 
     def __post_init__(self) -> None:
-        require_count(1, views=self.views, frames=self.frames)
+        require_positive(window_s=self.window_s)
+        require_count(1, views=self.views)
         require_between(-1, 1, similarity=self.similarity, cross_similarity=self.cross_similarity)
         reaches = {"reach_m": self.reach_m, "cross_reach_m": self.cross_reach_m}
         require_number("> 0 (inf: no limit)", lambda reach: reach > 0, **reaches)
@@ -71,6 +73,34 @@ class Appearance:
         foreign = np.logical_or.outer(tracks.foreign, seen_by_others(detections))
         reach_m = np.where(foreign, np.maximum(reach_m, self.cross_reach_m), reach_m)
         return np.where(distance_m <= reach_m, similarity, -np.inf)
+
+    def older(self, tracks: Tracked, detections: Detections, rows: Ints, columns: Ints, reported: Mask) -> Ints:
+        """Find the lost tracks that the detections of younger tracks look like: the historical id supersedes.
+
+        The younger track must have begun after the older one was last seen, and must not have been reported, so that no
+        report takes an id back.
+
+        Args:
+            tracks: N tracks.
+            detections: M detections.
+            rows: (K,) matched tracks.
+            columns: (K,) their detections.
+            reported: (N,) tracks that have been reported.
+
+        Returns:
+            (K,) for each pair the row of the lost track that its detection belongs to, or of its own.
+        """
+        lost = np.setdiff1d(np.flatnonzero(tracks.appearance.known), rows)
+        young = np.flatnonzero(~reported[rows])
+        if not (len(lost) and len(young)):
+            return rows
+        old, new = tracks[lost], tracks[rows[young]]
+        possible = (new.age < old.misses[:, None]) & (new.label == old.label[:, None])
+        affinity = np.where(possible, self.affinity(old, detections[columns[young]]), -np.inf)
+        first, second = greedy(affinity, self.similarity)
+        rows = rows.copy()
+        rows[young[second]] = lost[first]
+        return rows
 
     def repeats(self, found: Detections, matched: Ints, memory: EmbeddingMemory | None = None) -> Ints:
         """Find the detections that repeat another agent's detection of the same object, at one moment.

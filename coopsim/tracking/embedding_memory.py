@@ -1,10 +1,10 @@
 """The memory of tracks' embeddings, by which a lost track is found again.
 
-DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's last
-feature vectors (its eq. 8) and compares an otherwise unmatched detection (eq. 7) with them by cosine similarity (eq.
-9): above a strict threshold they are the same object. Then the same is tried with other agents' vectors of the same
-time. The table is here, its use by a tracker in `appearance`. What makes the vectors is the caller's choice: the paper
-takes layer 31 of DINOv2.
+DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's
+feature vectors within a temporal window (its eq. 8) and compares an otherwise unmatched detection (eq. 7) with them by
+cosine similarity (eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents'
+vectors of the same time. The table is here, its use by a tracker in `appearance`. What makes the vectors is the
+caller's choice: the paper takes block 31 of DINOv2.
 """
 
 from __future__ import annotations
@@ -22,25 +22,31 @@ from coopsim.types.embedding import normalize_embeddings
 
 Index = NDArray[np.integer] | NDArray[np.bool_]
 
+_NEVER_NS = np.iinfo(np.int64).min
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmbeddingMemory:
-    """The last W embeddings of each of N tracks, first in, first out. Immutable: every change makes a new memory.
+    """Embeddings of each of N tracks, at most W, first in, first out. Immutable: every change makes a new memory.
 
     An embedding that is not finite, or all zeros, is invalid: it is not stored, displaces no other, and is similar to
     nothing. `readable` makes such rows for detections without an embedding. Until the first embedding comes, D is 0.
 
     Attributes:
-        vectors: (N, W, D) unit vectors, the newest last; zeros where there is none.
+        vectors: (N, W, D) unit vectors, the newest last; of no meaning where there is none.
         valid: (N, W) bool, where there is an embedding.
+        time_ns: (N, W) int64, when each was seen; the smallest integer where there never was one.
     """
 
     vectors: NDArray[np.float32]
     valid: NDArray[np.bool_]
+    time_ns: NDArray[np.int64]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vectors", frozen(self.vectors, (None, None, None), np.float32, "vectors"))
-        object.__setattr__(self, "valid", frozen(self.valid, self.vectors.shape[:2], np.bool_, "valid"))
+        shape = self.vectors.shape[:2]
+        object.__setattr__(self, "valid", frozen(self.valid, shape, np.bool_, "valid"))
+        object.__setattr__(self, "time_ns", frozen(self.time_ns, shape, np.int64, "time_ns"))
         require_count(1, window=self.window)
 
     @classmethod
@@ -50,23 +56,27 @@ class EmbeddingMemory:
         Args:
             count: N, number of tracks.
             dim: D, length of an embedding.
-            window: W, number of embeddings kept of a track.
+            window: W, largest number of embeddings kept of a track.
         """
         require_count(0, count=count, dim=dim)
         require_count(1, window=window)
-        return cls(np.zeros((count, window, dim), dtype=np.float32), np.zeros((count, window), dtype=np.bool_))
+        none = np.zeros((count, window), dtype=np.bool_)
+        return cls(np.zeros((count, window, dim), dtype=np.float32), none, np.full((count, window), _NEVER_NS))
 
     @classmethod
-    def trusted(cls, vectors: NDArray[np.float32], valid: NDArray[np.bool_]) -> EmbeddingMemory:
+    def trusted(
+        cls, vectors: NDArray[np.float32], valid: NDArray[np.bool_], time_ns: NDArray[np.int64]
+    ) -> EmbeddingMemory:
         """Return a memory of arrays that are known to be right and that nobody else writes to."""
         self = object.__new__(cls)
         object.__setattr__(self, "vectors", sealed(vectors))
         object.__setattr__(self, "valid", sealed(valid))
+        object.__setattr__(self, "time_ns", sealed(time_ns))
         return self
 
     @property
     def window(self) -> int:
-        """Number of embeddings kept of a track, W."""
+        """Largest number of embeddings kept of a track, W."""
         return int(self.vectors.shape[1])
 
     @property
@@ -83,6 +93,17 @@ class EmbeddingMemory:
         known: Mask = np.any(self.valid, axis=1)  # numpy types the method as a scalar
         return known
 
+    @property
+    def ever_known(self) -> Mask:
+        """Mask (N,) of tracks that have or had an embedding."""
+        ever: Mask = np.any(self.time_ns != _NEVER_NS, axis=1)
+        return ever
+
+    def since(self, oldest_ns: int) -> EmbeddingMemory:
+        """Return the memory without the embeddings that were seen before a time."""
+        valid = self.valid & (self.time_ns >= oldest_ns)
+        return self if (valid == self.valid).all() else EmbeddingMemory.trusted(self.vectors, valid, self.time_ns)
+
     def ready_for(self, found: Detections) -> EmbeddingMemory:
         """Return a blank memory of the width of these detections' embeddings or, once an embedding is stored, this one.
 
@@ -98,21 +119,19 @@ class EmbeddingMemory:
             return np.full((len(found), self.dim), np.nan)
         return found.embedding
 
-    def begin(self, embeddings: ArrayLike) -> EmbeddingMemory:
+    def begin(self, embeddings: ArrayLike, time_ns: int) -> EmbeddingMemory:
         """Return the memory of M new tracks alone, with one embedding (M, D) each; `join` adds them."""
         given = frozen(embeddings, (None, self.dim), np.float64, "embeddings")
-        vectors = np.zeros((len(given), self.window, self.dim), dtype=np.float32)
-        valid = np.zeros((len(given), self.window), dtype=np.bool_)
-        if self.dim:
-            vectors[:, -1], valid[:, -1] = normalize_embeddings(given)
-        return EmbeddingMemory.trusted(vectors, valid)
+        fresh = EmbeddingMemory.blank(len(given), self.dim, self.window)
+        return fresh.update(np.arange(len(given)), given, time_ns)
 
-    def update(self, rows: Index, embeddings: ArrayLike) -> EmbeddingMemory:
-        """Return the memory with one more embedding for some tracks; a full window loses its oldest.
+    def update(self, rows: Index, embeddings: ArrayLike, time_ns: int) -> EmbeddingMemory:
+        """Return the memory with one more embedding for some tracks; a full one loses its oldest.
 
         Args:
             rows: M different tracks: indices, or a mask (N,).
             embeddings: (M, D).
+            time_ns: when they were seen.
         """
         if not self.dim:
             return self
@@ -121,19 +140,25 @@ class EmbeddingMemory:
         if not present.any():
             return self
         at, unit = at[present], unit[present]
-        vectors, valid = self.vectors.copy(), self.valid.copy()
-        vectors[at, :-1], valid[at, :-1] = self.vectors[at, 1:], self.valid[at, 1:]
-        vectors[at, -1], valid[at, -1] = unit, True
-        return EmbeddingMemory.trusted(vectors, valid)
+        vectors, valid, times_ns = self.vectors.copy(), self.valid.copy(), self.time_ns.copy()
+        vectors[at, :-1], valid[at, :-1], times_ns[at, :-1] = (
+            before[at, 1:] for before in (self.vectors, self.valid, self.time_ns)
+        )
+        vectors[at, -1], valid[at, -1], times_ns[at, -1] = unit, True, time_ns
+        return EmbeddingMemory.trusted(vectors, valid, times_ns)
 
     def take(self, index: Index) -> EmbeddingMemory:
         """Return the memory of some tracks, given by a mask (N,) or indices."""
-        return EmbeddingMemory.trusted(self.vectors[index], self.valid[index])
+        return EmbeddingMemory.trusted(self.vectors[index], self.valid[index], self.time_ns[index])
 
     def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
         """Return the memory of these tracks, then the other's; windows and lengths of embeddings must agree."""
         added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
-        return EmbeddingMemory.trusted(np.concatenate([self.vectors, added]), np.concatenate([self.valid, other.valid]))
+        return EmbeddingMemory.trusted(
+            np.concatenate([self.vectors, added]),
+            np.concatenate([self.valid, other.valid]),
+            np.concatenate([self.time_ns, other.time_ns]),
+        )
 
     def similarity(self, embeddings: ArrayLike) -> Floats:
         """Return the cosine similarity of every track with every detection (eq. 9): (N, M) in [-1, 1].

@@ -92,20 +92,22 @@ class VelocityAdaptiveAge:
         age: frames without a detection until the track of a standing object is dropped (the paper's A_c).
         age_per_m_s: frames more per m/s (the paper's alpha), >= 0.
         coast: frames without a detection for which a track is still reported; a track that is kept longer is not
-            reported meanwhile.
+            reported meanwhile. None: reported while it is kept, as AB3DMOT reports.
     """
 
     hits: int = 3
     age: int = 2
     age_per_m_s: float = 0.2
-    coast: int = 1
+    coast: int | None = 1
 
     def __post_init__(self) -> None:
         require_count(1, hits=self.hits, age=self.age)
-        require_count(0, coast=self.coast)
+        require_count(0, coast=0 if self.coast is None else self.coast)
         require_non_negative(age_per_m_s=self.age_per_m_s)
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
+        if self.coast is None:
+            return _confirmed(tracks, frame, self.hits, np.inf) & self.alive(tracks)
         return _confirmed(tracks, frame, self.hits, self.coast)
 
     def alive(self, tracks: Tracked) -> Mask:
@@ -116,36 +118,33 @@ class VelocityAdaptiveAge:
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
-    """Another rule that also keeps, unreported, confirmed tracks with embeddings that it would drop.
+    """Another rule that also keeps, unreported, confirmed tracks that it would drop, while their looks are remembered.
 
-    Their boxes mean little by then: a stage that compares boxes selects the tracks `in_sight`, a stage that compares
-    embeddings all.
+    For how long they are, the tracker's appearance says (`Appearance.window_s`). Boxes of such tracks mean little: a
+    stage that compares boxes selects the tracks `in_sight`, a stage that compares embeddings all.
 
     Attributes:
         rule: reports and drops the tracks in sight, and all tracks without an embedding.
         hits: frames with a detection from which a track is kept.
-        frames: frames without a detection until such a track is dropped.
     """
 
     rule: Lifecycle
     hits: int = 3
-    frames: int = 30
 
     def __post_init__(self) -> None:
-        require_count(1, hits=self.hits, frames=self.frames)
+        require_count(1, hits=self.hits)
 
     def reported(self, tracks: Tracked, frame: int) -> Mask:
         return self.rule.reported(tracks, frame) & self.rule.alive(tracks)
 
     def alive(self, tracks: Tracked) -> Mask:
-        kept = tracks.appearance.known & (tracks.hits >= self.hits) & (tracks.misses < self.frames)
-        return self.rule.alive(tracks) | kept
+        return self.rule.alive(tracks) | (tracks.appearance.known & (tracks.hits >= self.hits))
 
     def in_sight(self, tracks: Tracked) -> Mask:
         """Return which predicted tracks (N,) the other rule would have kept until this frame."""
         before = replace(tracks, misses=tracks.misses - 1)
-        return self.rule.alive(before) | ~tracks.appearance.known
+        return self.rule.alive(before) | ~tracks.appearance.ever_known
 
 
-def _confirmed(tracks: Tracked, frame: int, hits: int, coast: int) -> Mask:
+def _confirmed(tracks: Tracked, frame: int, hits: int, coast: float) -> Mask:
     return ((tracks.hits >= hits) | (frame <= hits)) & (tracks.misses <= coast)

@@ -17,7 +17,7 @@ from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion.constant_velocity import Beliefs, Motion
 from coopsim.tracking.track_scoring import Latest, Scoring
 from coopsim.tracking.tracked import Tracked
-from coopsim.types import NS_PER_S, Detections, Ints, Tracks
+from coopsim.types import NS_PER_S, Detections, Ints, Mask, Tracks, seconds_to_ns
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
 
@@ -91,7 +91,8 @@ class Tracker:
     def reset(self) -> None:
         """Forget everything, as before the first frame."""
         memory = EmbeddingMemory.blank(0, dim=0, window=1 if self._appearance is None else self._appearance.views)
-        none = self._initiate(Detections.empty(), np.zeros((0, 7)), np.zeros(0, dtype=np.int64), 1, memory)
+        nobody = np.zeros(0, dtype=np.int64)
+        none = self._initiate(Detections.empty(), np.zeros((0, 7)), nobody, 1, memory, time_ns=0)
         self.state = TrackerState(none, next_id=1, frame=0, time_ns=None)
 
     @property
@@ -136,8 +137,7 @@ class Tracker:
         for number, found in enumerate(_valid(groups)):
             rules = self._later if number else self._first
             if len(found):
-                known, tracked = len(tracked), self._take_in(tracked, found, rules, next_id)
-                next_id += len(tracked) - known
+                tracked, next_id = self._take_in(tracked, found, rules, next_id, time_ns)
         if incomplete:
             np.maximum(tracked.misses - 1, 0, out=tracked.misses)
         missed = np.flatnonzero(tracked.misses)
@@ -187,7 +187,7 @@ class Tracker:
             before.misses + 1,
             before.age + 1,
             before.foreign.copy(),
-            before.appearance,
+            self._recent(before.appearance, time_ns),
         )
 
     def reported(self) -> Tracked:
@@ -206,27 +206,51 @@ class Tracker:
     def _reported_rows(self) -> Ints:
         return np.flatnonzero(self._lifecycle.reported(self.state.tracked, self.state.frame))
 
-    def _take_in(self, tracked: Tracked, found: Detections, rules: AssociationRound, next_id: int) -> Tracked:
-        """Return the tracks after one group of valid detections, the new ones last, with ids from `next_id` on."""
+    def _recent(self, memory: EmbeddingMemory, time_ns: int) -> EmbeddingMemory:
+        """Return the memory of a time: without what is older than the window."""
+        if self._appearance is None:
+            return memory
+        return memory.since(time_ns - seconds_to_ns(self._appearance.window_s))
+
+    def _take_in(
+        self, tracked: Tracked, found: Detections, rules: AssociationRound, next_id: int, time_ns: int
+    ) -> tuple[Tracked, int]:
+        """Return the tracks after one group of valid detections, the new ones last with ids from `next_id` on.
+
+        The second result is the next id then.
+        """
         embedded = self._appearance is not None and found.embedding is not None
         if embedded:
             tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
         rows, columns = rules.association.match(tracked, found)
-        boxes = found.boxes.array
+        boxes, younger = found.boxes.array, rows
+        if self._appearance is not None and embedded:
+            rows = self._appearance.older(tracked, found, rows, columns, self._were_reported(tracked))
         if len(rows):
-            tracked = self._update(tracked, rows, found, boxes, columns)
+            tracked = self._update(tracked, rows, found, boxes, columns, time_ns)
         free = np.ones(len(found), dtype=np.bool_)
         free[columns] = False
         if self._appearance is not None and embedded:
             shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
-            tracked = _refresh_memory(tracked, rows, columns, found, shown)
+            tracked = _refresh_memory(tracked, rows, columns, found, shown, time_ns)
             free &= shown == np.arange(len(found))
         new = np.flatnonzero(free)
         if len(new) and rules.initiator is not everything:
             new = new[rules.initiator(found[new])]
-        return tracked.join(self._initiate(found, boxes, new, next_id, tracked.appearance)) if len(new) else tracked
+        if not np.array_equal(rows, younger):
+            tracked = tracked[np.setdiff1d(np.arange(len(tracked)), np.setdiff1d(younger, rows))]
+        if len(new):
+            tracked = tracked.join(self._initiate(found, boxes, new, next_id, tracked.appearance, time_ns))
+        return tracked, next_id + len(new)
 
-    def _update(self, tracked: Tracked, rows: Ints, found: Detections, boxes: Floats, columns: Ints) -> Tracked:
+    def _were_reported(self, tracked: Tracked) -> Mask:
+        """Return which predicted tracks (N,) have been reported, as far as their numbers of hits say."""
+        seen = replace(tracked, misses=np.zeros_like(tracked.misses))
+        return self._lifecycle.reported(seen, self.state.frame + 1)
+
+    def _update(
+        self, tracked: Tracked, rows: Ints, found: Detections, boxes: Floats, columns: Ints, time_ns: int
+    ) -> Tracked:
         """Return the tracks with those at `rows` (K,) updated by the detections at `columns` (K,), in place."""
         beliefs, covariance = tracked.beliefs, found.covariance
         matched = self._motion.update(
@@ -243,11 +267,13 @@ class Tracker:
         tracked.foreign[rows] = seen_by_others(found)[columns]
         memory = tracked.appearance
         if found.embedding is not None and memory.dim:
-            memory = memory.update(rows, memory.readable(found)[columns])
+            memory = memory.update(rows, memory.readable(found)[columns], time_ns)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
         return tracked.moved(boxes, velocity, memory)
 
-    def _initiate(self, found: Detections, boxes: Floats, new: Ints, first_id: int, memory: EmbeddingMemory) -> Tracked:
+    def _initiate(
+        self, found: Detections, boxes: Floats, new: Ints, first_id: int, memory: EmbeddingMemory, time_ns: int
+    ) -> Tracked:
         """Return new tracks, one for each of the detections at `new` (K,)."""
         count, covariance = len(new), found.covariance
         beliefs = self._motion.initiate(boxes[new], None if covariance is None else covariance[new])
@@ -267,7 +293,7 @@ class Tracker:
             none,
             none,
             seen_by_others(found)[new],
-            memory.begin(memory.readable(found)[new]),
+            memory.begin(memory.readable(found)[new], time_ns),
         )
 
 
@@ -283,7 +309,9 @@ def _apart_from(before: Floats, now: Floats) -> Floats:
     return now if now.flags.writeable and not np.may_share_memory(before, now) else now.copy()
 
 
-def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints) -> Tracked:
+def _refresh_memory(
+    tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints, time_ns: int
+) -> Tracked:
     """Add the embeddings of repeated detections to the memories of the tracks that they belong to.
 
     Args:
@@ -292,6 +320,7 @@ def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detectio
         columns: (K,) their detections.
         found: all N detections.
         shown: (N,) as from `Appearance.repeats`.
+        time_ns: now.
     """
     row_of = np.full(len(found), -1)
     row_of[columns] = rows
@@ -299,6 +328,6 @@ def _refresh_memory(tracked: Tracked, rows: Ints, columns: Ints, found: Detectio
     memory = tracked.appearance
     while len(repeated):  # once for each agent that saw the same object
         at, first = np.unique(row_of[shown[repeated]], return_index=True)
-        memory = memory.update(at, memory.readable(found[repeated[first]]))
+        memory = memory.update(at, memory.readable(found[repeated[first]]), time_ns)
         repeated = np.delete(repeated, first)
     return replace(tracked, appearance=memory)

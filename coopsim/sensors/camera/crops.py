@@ -149,3 +149,21 @@ def _picture_corners(calibration: CameraCalibration, boxes: Boxes3D, bounds: Pic
     enter, leave = sides.min(axis=0).max(axis=-1), sides.max(axis=0).min(axis=-1)
     met: Mask = (enter <= leave) & (leave > LEAST_DEPTH_M)
     return rays, met
+
+
+def hidden_shares(crops: Crops, away_m: Floats) -> Floats:
+    """Return which share of each box's rectangle (N,) the rectangle of one nearer box in the same picture covers.
+
+    Rectangles reach beyond what they go around, so it is a bound: where it is large, the crop may show something else.
+
+    Args:
+        crops: of N boxes.
+        away_m: (N,) their distance, which says who is in front.
+    """
+    low, high = crops.place_px[:, :2], crops.place_px[:, 2:]
+    both = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    front = (away_m < away_m[:, None]) & (crops.camera == crops.camera[:, None]) & crops.known
+    area = (high - low).prod(axis=1)
+    covered = np.where(front, np.maximum(both, 0).prod(axis=-1), 0.0).max(axis=1, initial=0.0)
+    share: Floats = np.where(crops.known, covered / np.where(crops.known, area, 1.0), 0.0)
+    return share

@@ -79,16 +79,45 @@ def test_after_a_long_occlusion_looks_bring_the_id_back() -> None:
     assert ids_from_left(swapped[-1]) == before[::-1]
 
 
+def test_how_long_a_lost_object_is_known_is_a_time_not_a_number_of_frames() -> None:
+    """The same walk and the same 12 hidden frames, seen ten times a second and twice."""
+    frames = behind_a_van()
+    for frame_ns, known in ((FRAME_NS, True), (5 * FRAME_NS, False)):
+        one = tracker()
+        reports = [one.step(found, k * frame_ns) for k, found in enumerate(frames)]
+        assert (ids_from_left(reports[-1]) == ids_from_left(reports[11])) == known
+
+
+def test_the_older_id_wins_over_a_track_that_was_not_reported_yet() -> None:
+    """Coming out, a person is half hidden at first: for two frames there is a box, and no embedding."""
+    frames = behind_a_van()
+    for number in (24, 25):
+        frames[number] = replace(frames[number], embedding=np.zeros((2, 3)))
+    reports = run(tracker(), frames)
+    assert ids_from_left(reports[-1]) == ids_from_left(reports[11])
+    assert len({number for report in reports for number in report.id.tolist()}) == 2
+    frames[26] = replace(frames[26], embedding=np.zeros((2, 3)))  # then the new ids were reported: they stay
+    late = run(tracker(), frames)
+    assert not set(ids_from_left(late[-1])) & set(ids_from_left(late[11]))
+
+
+def test_two_that_were_seen_at_once_are_two_however_alike() -> None:
+    """A second one, dressed the same, appears beside a person who is then lost."""
+    frames = [people((0, 0, RED))] * 8 + [people((0, 0, RED), (2, 0, RED))] + [people((2, 0, RED))] * 4
+    reports = run(tracker(), frames)
+    assert reports[7].id.tolist() != reports[-1].id.tolist()
+
+
 def test_too_long_too_far_or_too_different_is_not_the_same() -> None:
     frames = behind_a_van()
-    for setting in ({"frames": 8}, {"reach_m": 0.01}, {"similarity": 1.0}):
+    for setting in ({"window_s": 0.8}, {"reach_m": 0.01}, {"similarity": 1.0}):
         first, last = (ids_from_left(run(tracker(**setting), noisy(frames))[k]) for k in (11, -1))
         assert not set(first) & set(last)
     assert ids_from_left(run(tracker(), noisy(frames))[-1]) == ids_from_left(run(tracker(), noisy(frames))[11])
 
 
-def tracker(**appearance: float) -> TrackersByClass:
-    return DinoCoDTTracking(appearance=Appearance(**appearance)).make_tracker()  # type: ignore[arg-type]
+def tracker(**options: float) -> TrackersByClass:
+    return DinoCoDTTracking(**options).make_tracker()  # type: ignore[arg-type]
 
 
 def noisy(frames: list[Detections]) -> list[Detections]:
@@ -176,7 +205,7 @@ def test_a_repeated_view_refreshes_the_memory() -> None:
 
 def test_what_looks_like_the_memory_repeats_its_track_though_not_what_is_seen_of_it_now() -> None:
     side = 0.6 * RED + 0.8 * BLUE
-    memory = EmbeddingMemory.blank(0, 3, 4).begin([BLUE]).update(np.array([0]), np.array([side]))
+    memory = EmbeddingMemory.blank(0, 3, 4).begin([BLUE], 0).update(np.array([0]), np.array([side]), 1)
     found = pool([people((0, 0, side)), people((1, 0, BLUE))])
     matched = np.array([0])
     assert Appearance().repeats(found, matched).tolist() == [0, 1]
@@ -214,7 +243,7 @@ def test_rewind_and_replay_is_exact_with_embeddings(seed: int) -> None:
 
 def test_memory_is_that_of_the_tracks_alive_and_states_do_not_change() -> None:
     rng = np.random.default_rng(0)
-    trackers = tracker(views=4)
+    trackers = tracker()
     for k in range(300):
         crowd = people(*((x, 0, rng.normal(size=3)) for x in rng.uniform(-40, 40, 5)))
         before = trackers.state
@@ -223,7 +252,7 @@ def test_memory_is_that_of_the_tracks_alive_and_states_do_not_change() -> None:
         for state, vectors in zip(before, kept, strict=True):
             np.testing.assert_array_equal(state.tracked.appearance.vectors, vectors)
     alive = [state.tracked for state in trackers.state]
-    assert all(each.appearance.vectors.shape[:2] == (len(each), 4) for each in alive)
+    assert all(each.appearance.vectors.shape[:2] == (len(each), 30) for each in alive)
     assert sum(map(len, alive)) < 5 * 30
 
 
@@ -234,16 +263,17 @@ def test_the_first_width_stands_while_a_track_is_known_by_it() -> None:
     ready = memory.ready_for(wide)
     assert (ready.dim, len(ready), ready.known.tolist()) == (5, 2, [False, False])
     assert ready.ready_for(people((0, 0, RED))).dim == 3
-    known = ready.update(np.array([0]), wide.embedding)
+    known = ready.update(np.array([0]), wide.embedding, 0)
     assert known.ready_for(people((0, 0, RED))) is known
     assert np.isnan(known.readable(people((0, 0, RED)))).all()
     assert np.isneginf(Appearance().affinity(tracks(0, 9, memory=known), people((0, 0, RED)))).all()
 
 
 def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
-    rule = Remembered(HitsAndAge(hits=3, age=2), hits=3, frames=10)
-    memory = EmbeddingMemory.blank(0, 3, 1).begin([RED, RED, RED, NONE, RED])
-    known = tracks(*range(5), memory=memory, hits=[3, 3, 2, 3, 3], misses=[0, 5, 5, 5, 10])
+    rule = Remembered(HitsAndAge(hits=3, age=2), hits=3)
+    memory = EmbeddingMemory.blank(0, 3, 1).begin([RED, RED, RED, NONE, RED], 5)
+    memory = memory.update(np.arange(4), [RED, RED, RED, NONE], 7).since(6)
+    known = tracks(*range(5), memory=memory, hits=[3, 3, 2, 3, 3], misses=[0, 5, 5, 5, 5])
     assert rule.alive(known).tolist() == [True, True, False, False, False]
     assert rule.reported(known, frame=50).tolist() == [True, False, False, False, False]
     expected = tracks(*range(5), memory=memory, hits=3, misses=[1, 2, 3, 9, 6])
@@ -254,7 +284,7 @@ def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
     ("setting", "message"),
     [
         ({"views": 0}, "views must be an integer >= 1"),
-        ({"frames": 2.5}, "frames must be an integer >= 1"),
+        ({"window_s": 0}, "window_s must be a finite number > 0"),
         ({"similarity": 1.5}, r"similarity must be in \[-1, 1\]"),
         ({"cross_similarity": float("nan")}, r"cross_similarity must be in \[-1, 1\]"),
         ({"reach_m": 0}, r"reach_m must be > 0 \(inf: no limit\)"),
@@ -264,5 +294,6 @@ def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
 def test_bad_settings(setting: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         Appearance(**setting)  # type: ignore[arg-type]
-    with pytest.raises(InvalidValueError, match=r"write Appearance\(\)"):
-        DinoCoDTTracking(appearance=Appearance)  # type: ignore[arg-type]
+    if "views" not in setting:
+        with pytest.raises(InvalidValueError, match=message):
+            DinoCoDTTracking(**setting)  # type: ignore[arg-type]

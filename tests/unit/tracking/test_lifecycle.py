@@ -41,6 +41,12 @@ def test_fast_objects_are_kept_longer() -> None:
     assert rule.reported(fast, frame=10).tolist() == [True, True, False, False, False]
 
 
+def test_fast_objects_may_be_reported_while_they_are_kept() -> None:
+    rule = VelocityAdaptiveAge(age=2, age_per_m_s=0.2, coast=None)
+    fast = tracks(*range(5), misses=[0, 1, 2, 3, 4], hits=[3, 3, 3, 2, 3], speed_m_s=10.0)
+    assert rule.reported(fast, frame=10).tolist() == [True, True, True, False, False]
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -48,6 +54,7 @@ def test_fast_objects_are_kept_longer() -> None:
         (lambda: HitsAndAge(age=-1), "age must be an integer >= 1"),
         (lambda: ByScore(report=float("nan")), "report and drop must be numbers"),
         (lambda: ByScore(report=0.5, coast=-1), "coast must be an integer >= 0"),
+        (lambda: VelocityAdaptiveAge(coast=-1), "coast must be an integer >= 0"),
         (lambda: VelocityAdaptiveAge(age_per_m_s=-0.1), "age_per_m_s must be a finite number >= 0"),
     ],
 )

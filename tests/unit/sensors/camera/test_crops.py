@@ -94,7 +94,7 @@ def test_the_camera_that_shows_most_is_taken_and_stains_are_not() -> None:
     assert np.isnan(found.place_px[2]).all()
     far = best_crops(cameras, boxes((90, 0, 1, 0.6, 0.6, 1.7, 0)), least_area_px=1)
     width, height = far.place_px[0, 2:] - far.place_px[0, :2]
-    assert far.camera[0] == 0 and 1 <= width * height < LEAST_AREA_PX
+    assert far.camera[0] == 1 and 1 <= width * height < LEAST_AREA_PX
     assert not best_crops({}, many(3, 0)).known.any()
     assert len(best_crops(cameras, boxes()).camera) == 0
 
