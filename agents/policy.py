@@ -74,11 +74,14 @@ class Policy(ABC):
         needs: requirements on the environment; of the class, or set on the object.
         specs: the agents of the running episode, in the environment's order.
         rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
+        counts: what the policy counts in the episode, by name in plain words, as how often a part of it lacked what it
+            needs and another one stood in; reports show it.
     """
 
     needs: Needs = Needs()
     specs: Mapping[str, AgentSpec]
     rejected: Counter[tuple[str, str]]
+    counts: Counter[str]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -159,6 +162,7 @@ class Policy(ABC):
         """
         self.require(agent_specs)
         self.specs, self.rejected, self._decoded = dict(agent_specs), Counter(), DecodeOnce()
+        self.counts = Counter()
         self._format = ObservationFormat.to_unpack(self.specs)
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))

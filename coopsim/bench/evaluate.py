@@ -43,6 +43,7 @@ class Evaluation:
             policy could not read.
         links: the same counts by link: sender and receiver.
         place_seed: seed of the drawn place of the episode; None: the place is not drawn.
+        counts: what the policy counted, by name (`Policy.counts`).
     """
 
     score: Score
@@ -52,6 +53,7 @@ class Evaluation:
     messages: ChannelCounts
     links: Mapping[tuple[str, str], ChannelCounts] = field(default_factory=dict)
     place_seed: int | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def frames_per_s(self) -> float:
@@ -108,10 +110,12 @@ def evaluate(
     try:
         seed = usual_seed(environment) if seed is None else seed
         rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        rejected = getattr(policy, "rejected", {})  # a policy with its own `act` may not count
+        # A policy with its own `act` may not count.
+        rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))
         place_seed = env.episode_infos.get("place_seed")
-        return Evaluation(env.score(), rewards, len(rewards), seconds, messages, env.link_counts, place_seed)
+        score, links = env.score(), env.link_counts
+        return Evaluation(score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts))
     finally:
         env.close()
 

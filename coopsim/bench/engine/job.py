@@ -114,6 +114,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         rewards=np.asarray(evaluation.rewards, np.float64),
         messages=asdict(evaluation.messages),
         place_seed=evaluation.place_seed,
+        counts=dict(evaluation.counts),
     )
 
 

@@ -73,6 +73,7 @@ class CellResult:
         messages: number of messages sent, lost, ..., by the names of `ChannelCounts`.
         traceback: of the exception that made the cell fail; None for a finished cell.
         place_seed: seed of the drawn place that the run was in; None: the place is not drawn, or unknown.
+        counts: what the policy counted, by name (`Policy.counts`).
     """
 
     cell: Cell
@@ -82,6 +83,7 @@ class CellResult:
     messages: Mapping[str, int] = field(default_factory=dict)
     traceback: str | None = None
     place_seed: int | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:

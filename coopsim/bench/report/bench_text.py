@@ -40,6 +40,9 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     for k, condition in enumerate(table.conditions):
         parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
+    if table.counted:
+        lines = [_escaped(f"{policy}: {text}") for policy, text in table.counted.items()]
+        parts.append("## Counted by policies in all cells\n\n" + "\n".join(f"- {line}" for line in lines))
     if table.failures:
         parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
     return "\n\n".join(parts) + "\n"
@@ -52,8 +55,9 @@ def leaderboard_text(table: ResultTable, metrics: Sequence[str] = ()) -> str:
 
 
 def to_csv(table: ResultTable) -> str:
-    """Format one row per cell, unrounded: the cell, whether it failed, all values, and counts as `messages_...`."""
+    """Format one row per cell, unrounded: the cell, whether it failed, all values, `messages_...` and `counts_...`."""
     counts = sorted({name for result in table.results for name in result.messages})
+    counted = sorted({name for result in table.results for name in result.counts})
     drawn = any(result.place_seed is not None for result in table.results)
     rows: list[dict[str, Any]] = []
     for result in table.results:
@@ -68,6 +72,7 @@ def to_csv(table: ResultTable) -> str:
                 "failed": result.failed,
                 **{name: result.values.get(name) for name in table.metrics},
                 **{f"messages_{name}": result.messages.get(name) for name in counts},
+                **{f"counts_{name}": result.counts.get(name) for name in counted},
             }
         )
     return to_csv_text(rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -108,6 +109,15 @@ class ResultTable:
     def failures(self) -> tuple[CellResult, ...]:
         """The results of failed cells."""
         return tuple(result for result in self.results if result.failed)
+
+    @property
+    def counted(self) -> dict[str, str]:
+        """What policies counted in all their cells, in words, by policy; those that counted nothing are left out."""
+        total: dict[str, Counter[str]] = {policy: Counter() for policy in self.policies}
+        for result in self.results:
+            total[result.cell.policy].update(result.counts)
+        words = {policy: ", ".join(f"{n} {name}" for name, n in sorted(each.items())) for policy, each in total.items()}
+        return {policy: text for policy, text in words.items() if text}
 
     @property
     def scenarios(self) -> tuple[str, ...]:

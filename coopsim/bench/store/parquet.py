@@ -33,6 +33,7 @@ _SCHEMA = pa.schema(
         ("messages", pa.map_(pa.string(), pa.int64())),
         ("traceback", pa.string()),
         ("place_seed", pa.int64()),
+        ("counts", pa.map_(pa.string(), pa.int64())),
         ("decided_by", pa.string()),
         ("checksum", pa.string()),
     ]
@@ -58,6 +59,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "messages": dict(result.messages),
         "traceback": result.traceback,
         "place_seed": result.place_seed,
+        "counts": dict(result.counts),
         "decided_by": decided_by,
     }
     table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
@@ -84,7 +86,8 @@ def decode(content: bytes) -> tuple[CellResult, str]:
             np.array(row["rewards"], np.float64),
             row["messages"],
             row["traceback"],
-            row.get("place_seed"),  # older files lack it
+            row.get("place_seed"),  # older files lack it, and the next
+            row.get("counts", {}),
         )
         return result, str(row["decided_by"])
     except StoreError:
@@ -96,7 +99,7 @@ def decode(content: bytes) -> tuple[CellResult, str]:
 def _row(content: bytes) -> dict[str, Any]:
     """Read the row as `encode` had it."""
     (row,) = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False).to_pylist()
-    for name in ("values", "agents", "messages"):
+    for name in {"values", "agents", "messages", "counts"} & set(row):
         row[name] = dict(row[name])  # a map comes as pairs
     row["agents"] = {agent: dict(values) for agent, values in row["agents"].items()}
     return dict(row)

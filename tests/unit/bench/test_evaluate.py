@@ -38,6 +38,12 @@ class Talker(Echo):
     needs = coopsim.Needs()
 
 
+class Counting(Echo):
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        self.counts["frames of an agent"] += 1
+        return super().track(agent, observation)
+
+
 class FirstSequenceOnly(Echo):
     """Reports nothing in any episode but its first, where it also reports a ghost."""
 
@@ -54,6 +60,14 @@ class FirstSequenceOnly(Echo):
         box = type(seen.boxes).from_array([*seen.boxes.array, [50, 20, 0, 4, 2, 1.5, 0]])
         count = len(box)
         return Tracks(np.arange(count), box, np.zeros((count, 2)), np.ones(count), np.zeros(count, dtype=int))
+
+
+def test_what_a_policy_counts_is_of_one_episode() -> None:
+    policy = Counting()
+    for _ in range(2):
+        found = coopsim.evaluate(policy, **SHORT)
+        assert found.counts == {"frames of an agent": found.frames * len(found.score.agents)}
+    assert coopsim.evaluate(Echo(), **SHORT).counts == {}
 
 
 @pytest.fixture

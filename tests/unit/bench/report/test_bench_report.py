@@ -183,6 +183,21 @@ def test_csv_has_every_cell_unrounded() -> None:
             assert float(row["sAMOTA"]) == each.values["sAMOTA"] and row["messages_sent"] == "10"
 
 
+def test_what_policies_count_is_shown_for_all_their_cells() -> None:
+    counting = [replace(each, counts={"odd <pairs>": 2}) if each.cell.policy == "bad" else each for each in results()]
+    table = ResultTable.of(counting)
+    assert table.counted == {"bad": "18 odd <pairs>"} and TABLE.counted == {}
+    assert "- bad: 18 odd \\<pairs\\>" in to_markdown(table, "t") and "Counted" not in to_markdown(TABLE, "t")
+    assert "18 odd &lt;pairs&gt;" in render_bench_report(table, ABOUT)
+    assert "Counted" not in render_bench_report(TABLE, ABOUT)
+    rows = list(csv.DictReader(io.StringIO(to_csv(table))))
+    assert {(row["policy"], row["counts_odd <pairs>"]) for row in rows} == {
+        ("bad", "2"),
+        ("good", ""),
+        ("middling", ""),
+    }
+
+
 def test_markdown_has_the_leaderboard_and_each_condition() -> None:
     text = to_markdown(TABLE, "results")
     heads = [line for line in text.splitlines() if line.startswith("#")]

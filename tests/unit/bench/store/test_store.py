@@ -27,13 +27,14 @@ RESULT = CellResult(
     {"cav_0": {"MOTA": 1 / 3}, "rsu_0": {"MOTA": -math.inf}},
     np.array([0.1, -0.2, 0.3, 1e-300, 0.0]),
     {"sent": 12, "lost": 3},
+    counts={"pairs by geometry alone": 5},
 )
 FAILED = CellResult(replace(CELL, seed=8), traceback="Traceback ...\nValueError: ü\n")
 
 
 def same(a: CellResult, b: CellResult) -> bool:
-    return repr((a.cell, a.values, a.agents, a.rewards.tolist(), a.messages, a.traceback)) == repr(
-        (b.cell, b.values, b.agents, b.rewards.tolist(), b.messages, b.traceback)
+    return repr((a.cell, a.values, a.agents, a.rewards.tolist(), a.messages, a.traceback, a.counts)) == repr(
+        (b.cell, b.values, b.agents, b.rewards.tolist(), b.messages, b.traceback, b.counts)
     )
 
 
