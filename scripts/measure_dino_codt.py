@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    tracked = {policy: _tracks(policy, given) for policy in {*TRACKING.values(), *PARTS.values()}}
+    tracked = {policy: _tracks(policy, given) for policy in dict.fromkeys([*TRACKING.values(), *PARTS.values()])}
     parts = [
         "## II: average precision by superclass\n\n" + _detection(given, "v2x-real", BY_SUPERCLASS),
         "## III: tracks by superclass\n\n" + _tracking(TRACKING, tracked, SUPERCLASSES),
