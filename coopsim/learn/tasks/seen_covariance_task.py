@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +12,6 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clip_source import held_out_clips
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
@@ -47,7 +46,7 @@ class SeenCovarianceTask(TrainingTask):
         self.net = make_covariance({"features": detector.config.features, **recipe.network}, seed)
         if self.net.config.features not in (0, detector.config.features):
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}, or 0")
-        self._detector, self._recipe = CloudDetector(detector), recipe
+        self._detector, self._most = CloudDetector(detector), 2 * recipe.block
         self._kept: OrderedDict[str, RecordedWindow] = OrderedDict()
         self._metadata = {
             "kind": "covariance",
@@ -55,9 +54,6 @@ class SeenCovarianceTask(TrainingTask):
             "detector": recipe.detector,
             "encoder_digest": encoder_digest(detector),
         }
-
-    def validation(self) -> Callable[[nn.Module], Mapping[str, float]]:
-        return _HeldOutWindows(self, self._recipe)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[RecordedWindow]:
         window = self.window(clip)
@@ -70,7 +66,7 @@ class SeenCovarianceTask(TrainingTask):
         """Return the window of a clip; those of a block's clips are kept, as each is asked for in every pass."""
         if clip.key not in self._kept:
             self._kept[clip.key] = self._without_features(detected_window(clip, self._detector))
-            while len(self._kept) > 2 * self._recipe.block:
+            while len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return self._kept[clip.key]
 
@@ -82,28 +78,20 @@ class SeenCovarianceTask(TrainingTask):
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         return []
 
+    def look(self, net: nn.Module, batches: Sequence[Sequence[RecordedWindow]]) -> dict[str, float]:
+        """Return values by name: both losses, and the mean squared Mahalanobis distance of innovations."""
+        assert isinstance(net, CovarianceNet)
+        windows = [window for batch in batches for window in batch]
+        if not windows:
+            return {}
+        with torch.no_grad():
+            found = window_errors(net, windows)
+        values = {**found.losses(), "mahalanobis": found.distance.mean() if len(found.distance) else 0.0}
+        return {name: round(float(value), 4) for name, value in values.items()}
+
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
         return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Sequence[RecordedWindow]) -> dict[str, Tensor]:
         parts = window_errors(self.net, batch).losses()
         return {LOSS: sum_of(parts), **parts}
-
-
-class _HeldOutWindows:
-    """A look at clips of towns that no training sees; they are detected once."""
-
-    def __init__(self, task: SeenCovarianceTask, recipe: TrainingRecipe) -> None:
-        self._task, self._recipe = task, recipe
-        self._windows: list[RecordedWindow] = []
-
-    def __call__(self, net: nn.Module) -> dict[str, float]:
-        """Return values by name: both losses, and the mean squared Mahalanobis distance of innovations."""
-        assert isinstance(net, CovarianceNet)
-        if not self._windows:
-            clips = held_out_clips(self._recipe)
-            self._windows = [self._task.window(clips.clip(number)) for number in range(self._recipe.held_out)]
-        with torch.no_grad():
-            found = window_errors(net, self._windows)
-        values = {**found.losses(), "mahalanobis": found.distance.mean() if len(found.distance) else 0.0}
-        return {name: round(float(value), 4) for name, value in values.items()}
