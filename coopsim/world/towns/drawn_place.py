@@ -14,14 +14,14 @@ from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
 from coopsim.world.scenario import Place
+from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.first_agents import bring_near
 from coopsim.world.towns.road_clearance import off_roads
-from coopsim.world.towns.street_plan import draw_plan
-from coopsim.world.towns.town_blocks import dress_streets
+from coopsim.world.towns.streets.street_plan import draw_plan
+from coopsim.world.towns.streets.town_roads import lay_roads
+from coopsim.world.towns.streets.town_starts import FIRST, place_starts
 from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_population import usual_population
-from coopsim.world.towns.town_roads import lay_roads
-from coopsim.world.towns.town_starts import FIRST, place_starts
 
 _ANY = TownOptions()
 _KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.world.towns.plan import LANE_M
+from coopsim.world.towns.streets.plan import LANE_M
 
 _CLEAR_M = LANE_M / 2 + 0.02  # more than coordinates are rounded
 
