@@ -21,6 +21,7 @@ from coopsim.agents import (
     v2x_vit_policy,
     vic_fscm_association,
     where2comm_policy,
+    yoloo,
     yoloo_geometry,
 )
 from coopsim.agents.policy import Needs, Policy
@@ -48,5 +49,6 @@ __all__ = [
     "v2x_vit_policy",
     "vic_fscm_association",
     "where2comm_policy",
+    "yoloo",
     "yoloo_geometry",
 ]

@@ -122,7 +122,7 @@ class PerceivingPolicy(TrackingPolicy):
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
-        self._heard[spec.name] = {}
+        self._heard[spec.name], self._tracking.counts = {}, self.counts
 
     def prepare(self, observations: Mapping[str, Observation]) -> None:
         """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""

@@ -1,6 +1,6 @@
 """The geometric half of YOLOO's association (Gu et al., eq. 8-9): the flexible geometric constraint, matched greedily.
 
-The other half of its cost, the learned similarity of point clouds, is not part of this policy.
+The whole cost, with the learned similarity of point clouds, is that of `yoloo`.
 """
 
 from __future__ import annotations

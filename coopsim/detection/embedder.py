@@ -60,7 +60,9 @@ class Embedder(ABC):
         return replace(detections, embedding=embedding)
 
 
-EMBEDDERS: Registry[Callable[..., Embedder]] = Registry("embedder", group="coopsim.embedders")
+EMBEDDERS: Registry[Callable[..., Embedder]] = Registry(
+    "embedder", home="coopsim.detection.presets", group="coopsim.embedders"
+)
 """Functions that make an embedder, by name; packages add theirs through the group `coopsim.embedders`."""
 
 

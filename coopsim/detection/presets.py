@@ -1,4 +1,4 @@
-"""Built-in detectors by name. Detectors fitted to recordings are YAML files (`fitted/*.yaml`)."""
+"""Built-in detectors and embedders by name. Detectors fitted to recordings are YAML files (`fitted/*.yaml`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from coopsim.config.load import load, read_mapping
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.detection import camera_detectors, pillars_detector  # noqa: F401  (they register themselves)
+from coopsim.detection import camera_detectors, pillars_detector, point_identity  # noqa: F401  (they register themselves)
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig

@@ -43,9 +43,11 @@ def test_detectors_with_cameras(name: str, cameras: Any) -> None:
     check_detector(tiny_picture_detector(name), cameras=cameras)
 
 
-def test_registered_embedders() -> None:  # none comes with coopsim yet
-    for name in EMBEDDERS.names():
-        check_embedder(name)
+def test_the_embedder_of_points() -> None:
+    pytest.importorskip("torch")
+    from tiny_networks import tiny_looks
+
+    check_embedder(f"point_identity(weights='{tiny_looks()}')")
 
 
 def one_box(x_m: float = 5.0, width_m: float = 1.9, score: float = 0.5, label: int = 0) -> Detections:

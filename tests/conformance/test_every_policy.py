@@ -22,8 +22,8 @@ from coopsim.tracking.delayed import DELAYED
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 
 FRAME_NS = 100_000_000
-NAMES = policies_on_boxes()
-"""Policies that look at sensor data are in `test_every_learned_policy.py`."""
+NAMES = (*policies_on_boxes(), "yoloo")
+"""Policies that cannot do without sensor data are in `test_every_learned_policy.py`."""
 
 EVERY = pytest.mark.parametrize("name", NAMES)
 
@@ -57,8 +57,16 @@ def observe(time_ns: int, found: Detections, *inbox: Message) -> Observation:
     return Observation(time_ns, PoseEstimate(np.zeros(4)), Odometry(np.zeros(4)), found, inbox=inbox)
 
 
+def make(name: str, **settings: object) -> coopsim.Policy:
+    if name == "yoloo":
+        from tiny_networks import tiny_looks
+
+        settings = {"weights": tiny_looks(), **settings}
+    return coopsim.make_policy(name, **settings)
+
+
 def begin(name: str, **settings: object) -> coopsim.Policy:
-    policy = coopsim.make_policy(name, **settings)
+    policy = make(name, **settings)
     policy.reset({"cav_0": AgentSpec("cav_0", "cav", 0.1, listens_to(name))})
     return policy
 
@@ -72,7 +80,7 @@ def play(policy: coopsim.Policy, *observations: Observation) -> list[Tracks]:
 
 @EVERY
 def test_policy(name: str) -> None:
-    check_policy(name)
+    check_policy(lambda: make(name), **({"lidar": "VLP-16"} if name == "yoloo" else {}))
 
 
 @EVERY
@@ -293,7 +301,7 @@ def test_a_typo_in_a_setting_is_answered_with_what_is_accepted(name: str) -> Non
     with pytest.raises(coopsim.errors.CoopsimError, match=r"hits|least_chance"):
         coopsim.make_policy(name, hitz=3)
     with pytest.raises(coopsim.errors.CoopsimError, match="Did you mean 'predict'"):
-        coopsim.make_policy(name, delayed="predikt")
+        make(name, delayed="predikt")
 
 
 @pytest.mark.parametrize(("name", "late"), SWITCHED)

@@ -24,7 +24,7 @@ def test_learned_policies_and_detectors_name_the_extra() -> None:
     run("""
 from coopsim.errors import MissingDependencyError
 for make, names in (
-    (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack")),
+    (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack", "yoloo")),
     (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars", "lift_splat", "points_and_pictures")),
 ):
     for name in names:

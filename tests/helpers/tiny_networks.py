@@ -15,6 +15,7 @@ from coopsim.learn.weights import (
     make_cooperative,
     make_detector,
     make_pictures,
+    make_point_identity,
     make_points_and_pictures,
     save_weights,
 )
@@ -29,8 +30,8 @@ FUSIONS = ("attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vne
 
 @cache
 def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
-    """Return a folder with the weights `pillars`, `early`, `lift_splat`, `points_and_pictures` and one of each fusion;
-    it is there as long as the tests.
+    """Return a folder with the weights `pillars`, `early`, `lift_splat`, `points_and_pictures`, `point_identity` and
+    one of each fusion; it is there as long as the tests.
     """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
@@ -39,6 +40,9 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     save_pictures(folder / "lift_splat.safetensors", detector, seed)
     save_both(folder / "points_and_pictures.safetensors", detector, seed)
+    looks = make_point_identity({"widths": [4, 4, 8, 8, 8], "dim": 6, "points": 32}, seed)
+    said = {"kind": "point_identity", "config": asdict(looks.config)}
+    save_weights(folder / "point_identity.safetensors", looks, said)
     for name in FUSIONS:
         made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8}, seed)
         net, config = made
@@ -114,6 +118,11 @@ def learned(name: str, **settings: Any) -> dict[str, Any]:
 def tiny_detector(sweeps: int = 1) -> str:
     """Return the spec of the detector "pillars" with tiny weights."""
     return f"pillars(weights='{weights_folder(sweeps) / 'pillars.safetensors'}', least_score=0.3)"
+
+
+def tiny_looks() -> str:
+    """Return the path of tiny weights of the embedder "point_identity"."""
+    return str(weights_folder() / "point_identity.safetensors")
 
 
 def tiny_picture_detector(name: str = "lift_splat", **settings: Any) -> str:
