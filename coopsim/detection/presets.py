@@ -10,7 +10,12 @@ from typing import Any
 
 from coopsim.config.load import load, read_mapping
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.detection import camera_detectors, pillars_detector, point_identity  # noqa: F401  (they register themselves)
+from coopsim.detection import (  # noqa: F401  (they register themselves)
+    camera_detectors,
+    picture_identity,
+    pillars_detector,
+    point_identity,
+)
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig

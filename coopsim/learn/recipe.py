@@ -27,7 +27,7 @@ RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 
 KINDS = (
     "detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance", "seen_covariance",
-    "point_identity",
+    "point_identity", "picture_identity",
 )  # fmt: skip
 """Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
 frozen encoder. Stage C: both. A covariance of boxes is trained on recordings; one that sees features, on clips. An

@@ -129,6 +129,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.point_identity_task import PointIdentityTask
 
         return PointIdentityTask(recipe, seed)
+    if recipe.kind == "picture_identity":
+        from coopsim.learn.tasks.picture_identity_task import PictureIdentityTask
+
+        return PictureIdentityTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 

@@ -28,6 +28,7 @@ from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, Cooperativ
 from coopsim.nn.covariance.covariance_net import CovarianceConfig, CovarianceNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
+from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, PictureIdentityNet
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -151,6 +152,15 @@ def load_point_identity(name_or_path: str | Path = "point_identity") -> PointIde
     return net
 
 
+def load_picture_identity(name_or_path: str | Path = "picture_identity") -> PictureIdentityNet:
+    """Return the network of objects' identity by their pictures; to be shared, and errors, as of `load_covariance`."""
+    path = find_weights(name_or_path)
+    _require_kind(path, read_texts(path), "picture_identity")
+    net = _loaded_beside(path, digest(path))
+    assert isinstance(net, PictureIdentityNet)
+    return net
+
+
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
     """Write a network's weights as 16 bit floats.
 
@@ -219,6 +229,7 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
         "points_and_pictures": make_points_and_pictures,
         "covariance": make_covariance,
         "point_identity": make_point_identity,
+        "picture_identity": make_picture_identity,
     }
     kind = texts.get("kind", "cooperative")
     return made[kind](config) if kind in made else make_cooperative(config)[0]
@@ -247,6 +258,11 @@ def make_covariance(config: Mapping[str, Any], seed: int = 0) -> CovarianceNet:
 def make_point_identity(config: Mapping[str, Any], seed: int = 0) -> PointIdentityNet:
     """Return a network of objects' identity by their points, with random weights, the same for the same seed."""
     return _made(PointIdentityConfig, PointIdentityNet, config, seed)
+
+
+def make_picture_identity(config: Mapping[str, Any], seed: int = 0) -> PictureIdentityNet:
+    """Return a network of objects' identity by their pictures, with random weights, the same for the same seed."""
+    return _made(PictureIdentityConfig, PictureIdentityNet, config, seed)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:

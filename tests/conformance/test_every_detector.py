@@ -50,6 +50,13 @@ def test_the_embedder_of_points() -> None:
     check_embedder(f"point_identity(weights='{tiny_looks()}')")
 
 
+def test_the_embedder_of_pictures() -> None:
+    pytest.importorskip("torch")
+    from tiny_networks import tiny_picture_identity
+
+    check_embedder(f"picture_identity(weights='{tiny_picture_identity()}')")
+
+
 def one_box(x_m: float = 5.0, width_m: float = 1.9, score: float = 0.5, label: int = 0) -> Detections:
     box = np.array([[x_m, 0.0, 0.8, 4.5, width_m, 1.6, 0.0]])
     return Detections(Boxes3D.from_array(box), np.array([score]), np.array([label]))

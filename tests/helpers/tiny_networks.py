@@ -14,6 +14,7 @@ from coopsim.learn.weights import (
     encoder_digest,
     make_cooperative,
     make_detector,
+    make_picture_identity,
     make_pictures,
     make_point_identity,
     make_points_and_pictures,
@@ -123,6 +124,15 @@ def tiny_detector(sweeps: int = 1) -> str:
 def tiny_looks() -> str:
     """Return the path of tiny weights of the embedder "point_identity"."""
     return str(weights_folder() / "point_identity.safetensors")
+
+
+@cache
+def tiny_picture_identity() -> str:
+    """Return the path of tiny weights of the embedder "picture_identity"."""
+    net = make_picture_identity({"edge_px": 16, "channels": [4, 4, 8, 8], "dim": 6})
+    path = weights_folder() / "picture_identity.safetensors"
+    save_weights(path, net, {"kind": "picture_identity", "config": asdict(net.config)})
+    return str(path)
 
 
 def tiny_picture_detector(name: str = "lift_splat", **settings: Any) -> str:

@@ -10,7 +10,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.crops import LEAST_AREA_PX, best_crops, rectangles
+from coopsim.sensors.camera.crops import LEAST_AREA_PX, best_crops, hidden_shares, rectangles
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.projection import project
 from coopsim.types import CameraCalibration
@@ -48,7 +48,7 @@ def surface_of(box: np.ndarray, rng: np.random.Generator, count: int = 15_000) -
 def test_a_rectangle_goes_around_every_visible_point_and_no_farther(calibration: CameraCalibration) -> None:
     """Against points of the surface, each projected alone: boxes beside, behind, around and far from the camera."""
     rng, some = np.random.default_rng(0), many(40, 1)
-    found, shown = rectangles(calibration, some), 0
+    found, shown = rectangles([calibration], some)[0], 0
     for box, place in zip(some.array, found, strict=True):
         points = project(calibration, surface_of(box, rng))
         seen = points.place_px[points.inside]
@@ -64,7 +64,7 @@ def test_a_rectangle_goes_around_every_visible_point_and_no_farther(calibration:
 
 
 def test_a_box_ahead_is_where_its_corners_are() -> None:
-    place = rectangles(PINHOLE, boxes((10, 0, 1.65, 2, 2, 1, 0)))[0]
+    place = rectangles([PINHOLE], boxes((10, 0, 1.65, 2, 2, 1, 0)))[0, 0]
     corners = project(PINHOLE, boxes((10, 0, 1.65, 2, 2, 1, 0)).corners[0]).place_px
     np.testing.assert_allclose(place, [*corners.min(axis=0), *corners.max(axis=0)], atol=1e-9)
 
@@ -72,7 +72,7 @@ def test_a_box_ahead_is_where_its_corners_are() -> None:
 def test_a_box_that_crosses_the_cameras_plane_is_cut_not_dropped() -> None:
     """A bus beside the camera, from 6 m behind to 6 m ahead: its corners in front alone would be half as wide."""
     bus = boxes((0, 3, 1.5, 12, 2.5, 3, 0))
-    place = rectangles(PINHOLE, bus)[0]
+    place = rectangles([PINHOLE], bus)[0, 0]
     ahead = project(PINHOLE, bus.corners[0])
     corners_only = ahead.place_px[ahead.depth_m > 0.1]
     assert place[0] == -0.5 and place[2] == pytest.approx(corners_only[:, 0].max())
@@ -81,10 +81,10 @@ def test_a_box_that_crosses_the_cameras_plane_is_cut_not_dropped() -> None:
 
 
 def test_a_wall_before_the_lens_fills_the_picture_and_what_is_behind_or_beside_is_not_there() -> None:
-    around = rectangles(PINHOLE, boxes((0, 0, 1.5, 4, 4, 4, 0.3), (1.5, 0, 1.5, 1, 40, 40, 0)))
+    around = rectangles([PINHOLE], boxes((0, 0, 1.5, 4, 4, 4, 0.3), (1.5, 0, 1.5, 1, 40, 40, 0)))[0]
     np.testing.assert_allclose(around, [[-0.5, -0.5, 319.5, 179.5]] * 2)
-    assert np.isnan(rectangles(PINHOLE, boxes((-10, 0, 1, 4, 2, 2, 0), (2, 20, 1, 1, 1, 1, 0)))).all()
-    assert rectangles(PINHOLE, boxes()).shape == (0, 4)
+    assert np.isnan(rectangles([PINHOLE], boxes((-10, 0, 1, 4, 2, 2, 0), (2, 20, 1, 1, 1, 1, 0)))).all()
+    assert rectangles([PINHOLE, TURNED], boxes()).shape == (2, 0, 4)
 
 
 def test_the_camera_that_shows_most_is_taken_and_stains_are_not() -> None:
@@ -99,6 +99,25 @@ def test_the_camera_that_shows_most_is_taken_and_stains_are_not() -> None:
     assert len(best_crops(cameras, boxes()).camera) == 0
 
 
+def test_cameras_are_looked_through_one_by_one() -> None:
+    cameras = [each.calibration(1.5) for each in CAMERAS]
+    together = rectangles(cameras, many(30, 2))
+    for camera, found in zip(cameras, together, strict=True):
+        np.testing.assert_allclose(found, rectangles([camera], many(30, 2))[0], atol=1e-9)
+
+
+def test_what_a_nearer_box_covers() -> None:
+    """A car 10 m ahead stands before the lower part of a bus at 20 m, and before nothing of what is beside it."""
+    row = boxes(
+        (10, 0, 0.8, 4, 2, 1.5, 0), (20, 0, 1.5, 10, 2.5, 3, 0), (20, 9, 1, 4, 2, 1.5, 0), (-9, 0, 1, 4, 2, 1, 0)
+    )
+    crops = best_crops({"ahead": PINHOLE}, row)
+    shares = hidden_shares(crops, np.linalg.norm(row.center, axis=1))
+    assert shares[[0, 2, 3]].tolist() == [0, 0, 0] and 0.2 < shares[1] < 0.9
+    assert hidden_shares(crops, np.array([2.0, 1.0, 2.0, 0.0]))[0] > 0.2
+    assert hidden_shares(best_crops({}, row), np.ones(4)).tolist() == [0] * 4
+
+
 def test_a_small_picture_of_a_bent_lens() -> None:
     for camera in (AHEAD, BENT_CAMERA):
         found = best_crops({camera.name: camera.calibration(1.5)}, many(40, 3))
@@ -109,8 +128,8 @@ def test_a_small_picture_of_a_bent_lens() -> None:
 
 
 def test_what_is_refused() -> None:
-    with pytest.raises(InvalidValueError, match="least_area_px must be > 0, got 0"):
+    with pytest.raises(InvalidValueError, match="least_area_px must be a finite number > 0, got 0"):
         best_crops({"ahead": PINHOLE}, many(3, 0), least_area_px=0)
     folded = CameraCalibration(LENS.size, LENS.matrix, np.array([-0.9, 0, 0, 0, 0]), SE3.identity())
     with pytest.raises(InvalidValueError, match="distortion must be one to one"):
-        rectangles(folded, many(3, 0))
+        rectangles([folded], many(3, 0))
