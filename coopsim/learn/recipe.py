@@ -61,8 +61,9 @@ class TrainingRecipe:
         held_out: number of clips of held-out places, see `coopsim.learn.loop.validation`.
         start: weights to begin with, by name or path; None: random ones.
         detector: weights that pictures are trained beside, and that stage B and C stand on, by name or path.
-        teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; None:
-            nobody does. See `coopsim.learn.losses.teacher_loss`.
+        teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; see
+            `coopsim.learn.losses.teacher_loss`. Of an identity from points, the folder of a CLIP model, as
+            `transformers` stores it. None: nobody teaches.
         depths_first: share of the steps, at the beginning, in which an encoder of pictures learns depths and classes
             alone: these steps are quick, as no maps are made, and without depths maps have nothing to teach.
         network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
@@ -100,9 +101,10 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
-        if self.kind not in ("cooperative", "together") and self.teacher is not None:
+        if self.kind not in ("cooperative", "together", "point_identity") and self.teacher is not None:
             raise InvalidValueError(
-                f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions"
+                f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions, and for an "
+                "identity from points"
             )
         require_count(
             1,

@@ -51,6 +51,7 @@ def make_card(
         "losses": {name: round(sum(line[name] for line in losses) / len(losses), 4) for name in names},
         "held_out": {name: value for name, value in looks[-1].items() if name not in ("step", "kind")} if looks else {},
         "precision": str(autocast_type(recipe.precision, ranks.device) or torch.float32).removeprefix("torch."),
+        "teacher": "none" if recipe.teacher is None else Path(recipe.teacher).stem,
         "threads": recipe.threads,
         "processes": ranks.ranks,
         "device": str(ranks.device),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from coopsim.config.load import load
+from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.contrast_losses import FIRST_LOG_SCALE, hardest_triplets, paired_contrast
 from coopsim.learn.losses.losses import sum_of
@@ -33,6 +34,7 @@ from coopsim.learn.samples.sightings import (
 )
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile
 from coopsim.metrics.separation import separation
+from coopsim.types import Ints
 
 Crop = NDArray[np.uint8]
 """A part of a picture (h, w, 3)."""
@@ -43,11 +45,12 @@ class Teachers(Protocol):
 
     dim: int
 
-    def vectors(self, seen: Sightings, crops: Sequence[Crop | None]) -> Mapping[str, tuple[Tensor, Tensor]]:
+    def vectors(self, label: Ints, boxes: Floats, crops: Sequence[Crop | None]) -> Mapping[str, tuple[Tensor, Tensor]]:
         """Return by teacher's name the rows (K,) of sightings that it has vectors of, and these: (K, dim), of length 1.
 
         Args:
-            seen: M sightings.
+            label: (M,) classes of the sightings.
+            boxes: (M, 7) x, y, z, l, w, h, yaw in the agents' base frames.
             crops: of each, its agent's picture of it; None: it is in none, or nobody asked for crops.
         """
 
@@ -197,7 +200,8 @@ class IdentityTask(TrainingTask):
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
         assert isinstance(net, ContrastedNet)
         config: Any = net.encoder.config
-        return [WeightsFile(name, net.encoder, {"kind": self.kind, "config": asdict(config)})]
+        said = {"kind": self.kind, "config": asdict(config), "teachers": "none" if self.teachers is None else "CLIP"}
+        return [WeightsFile(name, net.encoder, said)]
 
     def forward(self, batch: SeenBatch) -> dict[str, Tensor]:
         vectors = self.net.encoder(batch.inputs)
@@ -210,9 +214,14 @@ class IdentityTask(TrainingTask):
             }
             if self.teachers is not None:
                 own = self.net.as_taught(vectors)
-                for name, (rows, taught) in self.teachers.vectors(batch.seen, batch.crops).items():
+                for name, (rows, taught) in self._taught(batch).items():
                     parts[name] = paired_contrast(own[rows], taught, batch.identity[rows], self.net.log_scale)
         return {LOSS: sum_of(parts), **parts}
+
+    def _taught(self, batch: SeenBatch) -> Mapping[str, tuple[Tensor, Tensor]]:
+        """Return the teachers' vectors, see `Teachers`."""
+        assert self.teachers is not None
+        return self.teachers.vectors(batch.seen.label, batch.seen.boxes, batch.crops)
 
     def _group(self, clip: Clip, seen: Sightings, rng: np.random.Generator, *, whole: bool = False) -> SeenGroup:
         inputs = self.inputs(clip, seen, rng, whole=whole)

@@ -13,10 +13,12 @@ from synthetic_clips import SyntheticClips
 from torch import Tensor, nn
 
 from coopsim.errors import UnknownNameError
+from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sightings import Sightings
 from coopsim.learn.tasks.identity_task import ContrastedNet, Crop, IdentityTask
+from coopsim.types import Ints
 
 CLIPS = SyntheticClips(agents=2, objects=6, frames=4)
 
@@ -53,9 +55,9 @@ class ConstantTeachers:
 
     dim = 3
 
-    def vectors(self, seen: Sightings, crops: Sequence[Crop | None]) -> Mapping[str, tuple[Tensor, Tensor]]:
-        assert len(crops) == len(seen)
-        return {"text": (torch.arange(len(seen)), torch.eye(3)[torch.from_numpy(seen.identity % 3)])}
+    def vectors(self, label: Ints, boxes: Floats, crops: Sequence[Crop | None]) -> Mapping[str, tuple[Tensor, Tensor]]:
+        assert len(crops) == len(label) == len(boxes)
+        return {"text": (torch.arange(len(label)), torch.eye(3)[torch.from_numpy(boxes[:, 3] > 4.5).long()])}
 
 
 def _task(teachers: ConstantTeachers | None = None, **samples: Any) -> NumberTask:
@@ -102,7 +104,11 @@ def test_teachers_add_their_part_through_a_layer_of_their_own() -> None:
     losses["text"].backward()
     assert set(losses) == {"loss", "positive", "triplet", "text"} and task.net.to_teachers.weight.grad is not None
     (stored,) = task.files(task.net, "x")
-    assert stored.net is task.net.encoder and stored.metadata == {"kind": "point_identity", "config": {"dim": 4}}
+    assert stored.net is task.net.encoder and stored.metadata == {
+        "kind": "point_identity",
+        "config": {"dim": 4},
+        "teachers": "CLIP",
+    }
 
 
 def test_nothing_seen_is_no_sample() -> None:
