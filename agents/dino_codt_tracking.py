@@ -1,15 +1,23 @@
 """The tracking side of DINO-CoDT (He et al., sec. III-F to III-H): rules by class, re-identification, age by speed.
 
-Its detector is not part of this policy, nor is the network that makes embeddings: any detector or embedder may give
-them, the paper's are DINOv2's. Without them, boxes alone decide.
+Its detector is not part of this policy. Embeddings come from an embedder, of the policy or of the environment, or from
+the detector; the paper's are DINOv2's. Without them, boxes alone decide.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from coopsim.agents.late_fusion import PooledBoxes
+from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
+from coopsim.comms.uplinks.share_embedded import EmbedOnce, ShareEmbedded
+from coopsim.comms.uplinks.uplink import Uplink
+from coopsim.detection.embedder import make_embedder
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
 from coopsim.support.checks import require_choice, require_flag, require_number
 from coopsim.tracking.affinity import giou_3d, iou_3d
@@ -20,10 +28,15 @@ from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
 from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
 from coopsim.tracking.tracker import Tracker
+from coopsim.types import AgentSpec, Detections, Observation
+from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS, Superclass
 
 NIMBLE = Superclass.PEDESTRIAN.classes
 """Classes that turn at will: people, on foot or on two wheels."""
+
+_WITH, _WITHOUT = "boxes tracked with an embedding", "boxes tracked by geometry alone"
+"""Names of what is counted."""
 
 _GATES = {"iou_3d": ("in (0, 1]", lambda gate: 0 < gate <= 1), "giou_3d": ("in [-1, 1]", lambda gate: -1 <= gate <= 1)}
 _AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
@@ -33,6 +46,9 @@ _AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
 @dataclass(kw_only=True, eq=False)
 class DinoCoDTTracking(PooledBoxes):
     """Each class by its own motion model and assignment; embeddings match what boxes leave over.
+
+    `counts` says how many boxes were tracked with an embedding, and how many without: of an agent without the sensors
+    that the embedder needs, out of its sight, or with one of another length than the receiver's own.
 
     Further parameters: `PooledBoxes`.
 
@@ -55,6 +71,8 @@ class DinoCoDTTracking(PooledBoxes):
         reach_m: largest distance of an object from its predicted place, for each frame without a detection.
         cross_similarity: smallest cosine similarity of two agents' detections of one object.
         cross_reach_m: largest distance between two agents' boxes of one object.
+        embedder: name or spec of an embedder, as "picture_identity", by which each agent describes its own detections
+            before it sends them; None: what detector and environment give.
     """
 
     gate: float = 0.01
@@ -70,6 +88,7 @@ class DinoCoDTTracking(PooledBoxes):
     reach_m: float = Appearance().reach_m
     cross_similarity: float = Appearance().cross_similarity
     cross_reach_m: float = Appearance().cross_reach_m
+    embedder: str | None = None
 
     def __post_init__(self) -> None:
         require_choice("affinity", self.affinity, _AFFINITIES)
@@ -77,7 +96,30 @@ class DinoCoDTTracking(PooledBoxes):
         accepted, accepts = _GATES[self.affinity]
         require_number(f"{accepted} with affinity {self.affinity!r}", accepts, gate=self.gate)
         require_flag(by_superclass=self.by_superclass)
+        self.counts = Counter()  # for who fuses without an episode
+        self._embed: EmbedOnce | None = None
+        if self.embedder is not None:
+            made = make_embedder(self.embedder)
+            cameras = "surround" if made.needs.cameras else False
+            self.needs = Needs(lidar=made.needs.lidar, cameras=cameras, any_rig=True, all_agents=False)
+            self._embed = EmbedOnce(made)
         super().__post_init__()
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if self._embed is None:
+            return super().make_uplink(spec, rng)
+        return ShareEmbedded(self._embed, spec, spec.codec or "detections")
+
+    def perceive(self, agent: str, observation: Observation) -> Detections:
+        return observation.detections if self._embed is None else self._embed(observation, self.specs[agent])
+
+    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        fused = super().fuse(groups)
+        for each in fused:
+            known = 0 if each.embedding is None else int(normalize_embeddings(each.embedding)[1].sum())
+            self.counts[_WITH] += known
+            self.counts[_WITHOUT] += len(each) - known
+        return fused
 
     def make_tracker(self) -> TrackersByClass:
         turning = ConstantTurnRateAcceleration(reverse_speed_mps=0.2)  # people hardly walk backwards

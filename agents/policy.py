@@ -49,6 +49,7 @@ class Needs:
         cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.rigs`), True for
             "surround"; False: the policy reads no image, and none is rendered for it.
         any_rig: other cameras than those of `cameras` serve as well, if every agent has one.
+        all_agents: every agent must have these sensors; without, those that have them are enough.
 
     Raises:
         InvalidValueError: a value has the wrong type.
@@ -59,11 +60,12 @@ class Needs:
     lidar: bool = False
     cameras: bool | str = False
     any_rig: bool = False
+    all_agents: bool = True
 
     def __post_init__(self) -> None:
         if not (isinstance(self.uplink, str) and self.uplink):
             raise InvalidValueError(f"uplink must be the name of a content, got {self.uplink!r}")
-        require_flag(lidar=self.lidar, any_rig=self.any_rig)
+        require_flag(lidar=self.lidar, any_rig=self.any_rig, all_agents=self.all_agents)
         rig_camera_names(self.cameras)
 
 
@@ -181,6 +183,8 @@ class Policy(ABC):
                     f"{me} needs uplink {needs.uplink!r}, but {spec.name} broadcasts {spec.uplink!r}: make the "
                     f"environment with uplink=policy, {hint}"
                 )
+            if not needs.all_agents:
+                continue
             if needs.lidar and not spec.lidars:
                 raise PolicyMismatchError(
                     f"{me} needs a LiDAR, but {spec.name} has none: make the environment with one, as "
