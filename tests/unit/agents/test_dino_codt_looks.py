@@ -61,7 +61,7 @@ def test_embeddings_of_another_length_are_no_embeddings() -> None:
     boxes = Boxes3D.from_array(np.array([[8.0 * k, 0, 0.8, 4, 2, 1.5, 0] for k in range(2)]))
 
     def found(away_m: float, dim: int) -> Detections:
-        at = Boxes3D(boxes.center + [0, away_m, 0], boxes.size, boxes.yaw)
+        at = Boxes3D(boxes.center + away_m * np.eye(3)[1], boxes.size, boxes.yaw)
         return Detections(at, np.full(2, 0.9), np.zeros(2, int), embedding=np.ones((2, dim)))
 
     policy.fuse([found(0, 6), found(20, 9)])  # type: ignore[attr-defined]
