@@ -32,5 +32,8 @@ def test_places_of_training_and_of_looks_differ_and_the_test_places_are_in_neith
     assert "cameras={}" in repr(looks)
     for kind in ("pictures", "points_and_pictures"):
         assert "cameras={'surround': 1.0}" in repr(held_out_clips(TrainingRecipe("x", kind)))
+    assert "dt_s=(0.5,)" in repr(looks)
+    for kind in ("cooperative", "point_identity"):  # frames close in time
+        assert "dt_s=(0.2,)" in repr(held_out_clips(TrainingRecipe("x", kind)))
     with pytest.raises(InvalidValueError, match="environments must not be 'crossing'"):
         simulated_clips(TrainingRecipe("x", world={"environments": ["crossing"]}), 0)

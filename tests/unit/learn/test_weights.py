@@ -23,7 +23,9 @@ from coopsim.learn.weights import (
     load_cooperative,
     load_covariance,
     load_detector,
+    load_picture_identity,
     load_pictures,
+    load_point_identity,
     load_points_and_pictures,
     make_cooperative,
     make_detector,
@@ -154,8 +156,13 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
         load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
-    elif texts["kind"] == "covariance":
-        load_covariance(name)
+    elif texts["kind"] in ("covariance", "point_identity", "picture_identity"):
+        load_one = {
+            "covariance": load_covariance,
+            "point_identity": load_point_identity,
+            "picture_identity": load_picture_identity,
+        }
+        load_one[texts["kind"]](name)
         assert bytes_ <= 1.5e6
     else:
         load_cooperative(name, load_detector(texts["detector"]))
