@@ -6,12 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from coopsim.agents.gsaf_policy import GSAFFusion
 from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
 from coopsim.catalog import POLICIES
-from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.types import Detections, Observation
+
+if TYPE_CHECKING:
+    from coopsim.detection.embedder import Embedder
 
 
 @POLICIES.register("dino_codt")
@@ -34,6 +37,8 @@ class DinoCoDT(GSAFFusion):
         super().load()
         self._embedder: Embedder | None = None
         if self.embedder is not None:
+            from coopsim.detection.embedder import make_embedder
+
             self._embedder = make_embedder(self.embedder)
             if self._embedder.needs.cameras and not self.needs.cameras:
                 self.needs = replace(self.needs, cameras="surround", any_rig=True)

@@ -17,7 +17,6 @@ from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
 from coopsim.comms.uplinks.share_embedded import EmbedOnce, ShareEmbedded
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.detection.embedder import make_embedder
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
 from coopsim.support.checks import require_choice, require_flag, require_number
 from coopsim.tracking.affinity import giou_3d, iou_3d
@@ -99,6 +98,8 @@ class DinoCoDTTracking(PooledBoxes):
         self.counts = Counter()  # for who fuses without an episode
         self._embed: EmbedOnce | None = None
         if self.embedder is not None:
+            from coopsim.detection.embedder import make_embedder
+
             made = make_embedder(self.embedder)
             cameras = "surround" if made.needs.cameras else False
             self.needs = Needs(lidar=made.needs.lidar, cameras=cameras, any_rig=True, all_agents=False)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from coopsim.comms.codecs.codec import Codec
 from coopsim.comms.uplinks.once_per_frame import same
 from coopsim.comms.uplinks.share_detections import ShareDetections
-from coopsim.detection.embedder import Embedder
 from coopsim.types import AgentSpec, Detections, Observation
+
+if TYPE_CHECKING:
+    from coopsim.detection.embedder import Embedder
 
 
 class EmbedOnce:
