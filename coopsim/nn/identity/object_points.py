@@ -51,8 +51,8 @@ def points_in_boxes(points: NDArray[np.floating], boxes: Floats, most: int) -> l
         boxes: (N, 7) x, y, z, l, w, h, yaw.
         most: points of a box that are kept.
     """
-    along = np.ascontiguousarray(points[:, 0])
-    return [_inside(points, along, box, most) for box in boxes]
+    x, y = np.ascontiguousarray(points[:, :2].T)
+    return [_inside(points, x, y, box, most) for box in boxes]
 
 
 def join_points(objects: Sequence[ObjectPoints]) -> PointBatch:
@@ -61,20 +61,23 @@ def join_points(objects: Sequence[ObjectPoints]) -> PointBatch:
     return PointBatch(torch.from_numpy(points), torch.tensor([len(each) for each in objects], dtype=torch.int64))
 
 
-def _inside(points: NDArray[np.floating], along: NDArray[np.floating], box: Floats, most: int) -> ObjectPoints:
-    reach = np.hypot(box[3], box[4]) / 2 + 2 * _MARGIN_M
-    near = points[np.flatnonzero(np.abs(along - box[0]) <= reach), :NUMBERS].astype(np.float64)
-    near = near[np.abs(near[:, 1] - box[1]) <= reach]
+def _inside(
+    points: NDArray[np.floating], x: NDArray[np.floating], y: NDArray[np.floating], box: Floats, most: int
+) -> ObjectPoints:
+    reach = float(np.hypot(box[3], box[4])) / 2 + 2 * _MARGIN_M
+    rows = np.flatnonzero(np.abs(x - float(box[0])) <= reach)
+    rows = rows[np.abs(y[rows] - float(box[1])) <= reach]
+    near = points[rows, :NUMBERS].astype(np.float64)
     dx, dy, z = near[:, 0] - box[0], near[:, 1] - box[1], near[:, 2] - box[2]
     cos, sin = np.cos(box[6]), np.sin(box[6])
-    x, y = cos * dx + sin * dy, cos * dy - sin * dx
+    ahead, left = cos * dx + sin * dy, cos * dy - sin * dx
     inside = (
-        (np.abs(x) <= box[3] / 2 + _MARGIN_M)
-        & (np.abs(y) <= box[4] / 2 + _MARGIN_M)
+        (np.abs(ahead) <= box[3] / 2 + _MARGIN_M)
+        & (np.abs(left) <= box[4] / 2 + _MARGIN_M)
         & (z >= _SOLE_M - box[5] / 2)
         & (z <= box[5] / 2 + _MARGIN_M)
     )
-    found: ObjectPoints = np.column_stack([x, y, z, near[:, 3]])[inside].astype(np.float32)
+    found: ObjectPoints = np.column_stack([ahead, left, z, near[:, 3]])[inside].astype(np.float32)
     found = found[np.lexsort(found.T[::-1])]
     if len(found) > most:
         found = found[np.round(np.linspace(0, len(found) - 1, most)).astype(int)]
