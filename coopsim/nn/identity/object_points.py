@@ -15,8 +15,10 @@ from coopsim.geometry.se3 import Floats
 LEAST_POINTS = 5
 """Fewer points are no appearance."""
 
-NUMBERS = 4
-"""Of a point: x, y, z m from the box's middle along its axes, and intensity."""
+NUMBERS = 7
+"""Of a point: x, y, z m from the box's middle along its axes, intensity, and length, width and height of the box, m."""
+
+_GIVEN = 4
 
 _MARGIN_M = 0.15
 """What a box is larger on its sides and above; a detector's is seldom exact."""
@@ -32,7 +34,7 @@ class PointBatch:
     """The points of M objects, one after the other.
 
     Attributes:
-        points: (P, 4), of the first object, then of the second.
+        points: (P, 7), of the first object, then of the second.
         counts: (M,) how many are of each object; 0 is accepted.
     """
 
@@ -41,7 +43,7 @@ class PointBatch:
 
 
 def points_in_boxes(points: NDArray[np.floating], boxes: Floats, most: int) -> list[ObjectPoints]:
-    """Return of each box the points in it (n, 4), n <= most.
+    """Return of each box the points in it (n, 7), n <= most.
 
     The result does not depend on the order of the points: they are sorted along the box, and if they are too many,
     every so many-th is taken, so that both ends keep their share.
@@ -67,7 +69,7 @@ def _inside(
     reach = float(np.hypot(box[3], box[4])) / 2 + 2 * _MARGIN_M
     rows = np.flatnonzero(np.abs(x - float(box[0])) <= reach)
     rows = rows[np.abs(y[rows] - float(box[1])) <= reach]
-    near = points[rows, :NUMBERS].astype(np.float64)
+    near = points[rows, :_GIVEN].astype(np.float64)
     dx, dy, z = near[:, 0] - box[0], near[:, 1] - box[1], near[:, 2] - box[2]
     cos, sin = np.cos(box[6]), np.sin(box[6])
     ahead, left = cos * dx + sin * dy, cos * dy - sin * dx
@@ -81,4 +83,4 @@ def _inside(
     found = found[np.lexsort(found.T[::-1])]
     if len(found) > most:
         found = found[np.round(np.linspace(0, len(found) - 1, most)).astype(int)]
-    return found
+    return np.column_stack([found, np.broadcast_to(box[3:6].astype(np.float32), (len(found), 3))])

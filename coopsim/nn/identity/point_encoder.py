@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.identity.object_points import LEAST_POINTS, NUMBERS, PointBatch
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice, require_count, require_flag
 
 _SIZES = {
     "small": ((32, 32, 48, 64, 128), 64, 128),
@@ -35,12 +35,14 @@ class PointIdentityConfig:
         widths: of the first five layers; None: those of the size.
         dim: length of the vector; None: that of the size.
         points: most points of an object that are looked at; None: those of the size.
+        box: also give the network the box's length, width and height; not in the source.
     """
 
     size: str = "small"
     widths: tuple[int, ...] | None = None
     dim: int | None = None
     points: int | None = None
+    box: bool = True
 
     def __post_init__(self) -> None:
         require_choice("size", self.size, _SIZES)
@@ -53,6 +55,7 @@ class PointIdentityConfig:
             require_count(1, 4096, **{f"widths[{k}]": width})
         require_count(1, 4096, dim=self.dim)
         require_count(LEAST_POINTS, 4096, points=self.points)
+        require_flag(box=self.box)
         object.__setattr__(self, "widths", tuple(self.widths))
 
 
@@ -78,8 +81,9 @@ class PointIdentityNet(nn.Module):
         widths: Any = config.widths
         dim: Any = config.dim
         self.config, self.dim = config, int(dim)
+        self._numbers = NUMBERS if config.box else NUMBERS - 3
         joined = widths[1] + widths[4]
-        self.near = nn.Sequential(*map(_layer, *zip(*itertools.pairwise((NUMBERS, *widths[:2])), strict=True)))
+        self.near = nn.Sequential(*map(_layer, *zip(*itertools.pairwise((self._numbers, *widths[:2])), strict=True)))
         self.far = nn.Sequential(*map(_layer, *zip(*itertools.pairwise(widths[1:]), strict=True)))
         self.attention = nn.Linear(widths[1], joined)
         self.local_scale = nn.Parameter(torch.ones(joined))
@@ -88,7 +92,7 @@ class PointIdentityNet(nn.Module):
 
     def forward(self, batch: PointBatch) -> Tensor:
         """Return vectors (M, D) of length 1; zeros for objects of fewer than five points."""
-        near = self.near(batch.points)
+        near = self.near(batch.points[:, : self._numbers])
         features = torch.cat([near, self.far(near)], dim=1)
         weight = functional.softplus(self.attention(near))
         counts = batch.counts

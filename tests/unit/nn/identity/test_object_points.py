@@ -23,6 +23,7 @@ def test_points_are_in_the_frame_of_their_box() -> None:
     (found,) = points_in_boxes(_cloud(unit), BOX[None], 100)
     back = found[np.argsort(found[:, 3])]
     assert back[:, :3] == pytest.approx(unit * BOX[3:6] / 2, abs=1e-5) and found.dtype == np.float32
+    assert found[:, 4:] == pytest.approx(np.tile(BOX[3:6], (50, 1)))
 
 
 def test_a_box_is_a_bit_larger_but_stands_off_the_ground() -> None:
@@ -46,4 +47,4 @@ def test_boxes_and_clouds_may_be_empty() -> None:
     assert points_in_boxes(cloud, np.zeros((0, 7)), 10) == []
     assert [len(each) for each in points_in_boxes(cloud[:0], BOX[None], 10)] == [0]
     batch = join_points([])
-    assert batch.points.shape == (0, 4) and len(batch.counts) == 0
+    assert batch.points.shape == (0, 7) and len(batch.counts) == 0

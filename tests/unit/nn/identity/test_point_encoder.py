@@ -1,6 +1,7 @@
 """LGPEnc: unit vectors of any number of points, in any order, each object for itself."""
 
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from coopsim.learn.weights import make_point_identity
 from coopsim.nn.identity.object_points import join_points
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 
-TINY = {"widths": [4, 5, 6, 6, 7], "dim": 3, "points": 16}
+TINY: dict[str, Any] = {"widths": [4, 5, 6, 6, 7], "dim": 3, "points": 16}
 
 
 def _objects(*counts: int) -> list[np.ndarray]:
     rng = np.random.default_rng(0)
-    return [rng.normal(size=(count, 4)).astype(np.float32) for count in counts]
+    return [rng.normal(size=(count, 7)).astype(np.float32) for count in counts]
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,14 @@ def test_neither_the_order_of_points_nor_other_objects_matter(net: PointIdentity
     alone = torch.cat([net(join_points([each])) for each in objects])
     turned = net(join_points([each[::-1].copy() for each in objects]))
     assert torch.allclose(found, alone, atol=1e-6) and torch.allclose(found, turned, atol=1e-6)
+
+
+def test_the_size_of_the_box_matters_only_where_it_is_asked_for() -> None:
+    (points,) = _objects(8)
+    longer = points + np.array([0, 0, 0, 0, 1, 0, 0], np.float32)
+    for box in (True, False):
+        net = make_point_identity(TINY | {"box": box}, 1).eval().requires_grad_(False)
+        assert torch.allclose(net(join_points([points])), net(join_points([longer])), atol=1e-6) is not box
 
 
 def test_all_parts_learn() -> None:
