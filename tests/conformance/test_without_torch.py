@@ -26,6 +26,7 @@ from coopsim.errors import MissingDependencyError
 for make, names in (
     (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack", "yoloo")),
     (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars", "lift_splat", "points_and_pictures")),
+    (lambda name: coopsim.make_policy("dino_codt_tracking", embedder=name), ("picture_identity", "dinov2(model=mine)")),
 ):
     for name in names:
         try:

@@ -19,6 +19,7 @@ from coopsim.bench.grid.cell import Cell
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import SCENARIO_SUFFIXES
+from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
 
@@ -117,7 +118,10 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _files(value: Any, folder: str = "") -> Iterator[str]:
-    """Yield the paths of files among the texts in plain data, and in the YAML files among these, relative to them."""
+    """Yield the paths of files among the texts in plain data, and in the YAML files among these, relative to them.
+
+    A text may be the spec of a part, as of a detector or an embedder, whose parameters name files.
+    """
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, (list, tuple)):
@@ -128,6 +132,9 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
         if path.lower().endswith(SCENARIO_SUFFIXES):
             with suppress(InvalidValueError):  # if it is not YAML, it names no other file
                 yield from _files(read_yaml(Path(path), InvalidValueError).value, os.path.dirname(path))
+    elif isinstance(value, str) and value.endswith(")"):
+        with suppress(InvalidValueError):  # as a place with a bracket in its name
+            yield from _files(parse_spec("part", value)[1], folder)
 
 
 def _versions(package: str) -> dict[str, str]:

@@ -133,7 +133,10 @@ def test_all_that_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
     assert key(replace(CELL, condition=Condition(str(scenario)))) != before
     weights = tmp_path / "mine.safetensors"
     weights.write_bytes(b"1")
-    learned = f"fcooper(weights='{weights}')"
-    before = key(policy=learned)
+    learned = {"policy": f"fcooper(weights='{weights}')"}
+    nested = {"policy": f'dino_codt_tracking(embedder="picture_identity(weights={weights})")'}
+    given = {"options": {"detector": f"pillars(weights={weights})"}}
+    befores = [key(**named) for named in (learned, nested, given)]  # type: ignore[arg-type]
     weights.write_bytes(b"2")
-    assert key(policy=learned) != before
+    for named, before in zip((learned, nested, given), befores, strict=True):
+        assert key(**named) != before  # type: ignore[arg-type]
