@@ -145,18 +145,14 @@ def load_covariance(name_or_path: str | Path = "dmstrack", detector: DetectorNet
 
 def load_point_identity(name_or_path: str | Path = "point_identity") -> PointIdentityNet:
     """Return the network of objects' identity by their points; to be shared, and errors, as of `load_covariance`."""
-    path = find_weights(name_or_path)
-    _require_kind(path, read_texts(path), "point_identity")
-    net = _loaded_beside(path, digest(path))
+    net = _load_beside(name_or_path, "point_identity", None)
     assert isinstance(net, PointIdentityNet)
     return net
 
 
 def load_picture_identity(name_or_path: str | Path = "picture_identity") -> PictureIdentityNet:
     """Return the network of objects' identity by their pictures; to be shared, and errors, as of `load_covariance`."""
-    path = find_weights(name_or_path)
-    _require_kind(path, read_texts(path), "picture_identity")
-    net = _loaded_beside(path, digest(path))
+    net = _load_beside(name_or_path, "picture_identity", None)
     assert isinstance(net, PictureIdentityNet)
     return net
 

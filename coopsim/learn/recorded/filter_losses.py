@@ -53,6 +53,11 @@ class TrackErrors:
         likelihood = 0.5 * (self.distance + self.log_det + MEASURED * math.log(2 * math.pi))
         return {"updated": _mean(self.error), "innovation": _mean(likelihood)}
 
+    def summary(self) -> dict[str, float]:
+        """Return both losses, and "mahalanobis", the mean squared distance (0 without updates), rounded."""
+        values = {**self.losses(), "mahalanobis": _mean(self.distance)}
+        return {name: round(float(value), 4) for name, value in values.items()}
+
 
 def window_errors(net: CovarianceNet, windows: Sequence[RecordedWindow]) -> TrackErrors:
     """Filter along the tracks of windows, which must not be none, with the covariances of a network, with gradients."""

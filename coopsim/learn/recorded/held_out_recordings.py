@@ -40,8 +40,7 @@ class HeldOutRecordings:
         if not self._recordings:
             return {}
         with torch.no_grad():
-            found = tracked_errors(net, self._recordings)
-        values = {**found.losses(), "mahalanobis": found.distance.mean() if len(found.distance) else 0.0}
+            values = tracked_errors(net, self._recordings).summary()
         counted = summarize([_log_of(net, each) for each in self._recordings])
         scores = {"AMOTA": counted["AMOTA"], "AMOTA ignored": counted.ignoring_false_positives()["AMOTA"]}
         return {name: round(float(value), 4) for name, value in {**values, **scores}.items()}

@@ -17,7 +17,7 @@ from coopsim.learn.recorded.filter_losses import window_errors
 from coopsim.learn.recorded.held_out_recordings import HeldOutRecordings
 from coopsim.learn.recorded.recorded_windows import RecordedWindow, RecordedWindows
 from coopsim.learn.recorded.training_recordings import RecordedWorld
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile
+from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, first_net
 from coopsim.learn.weights import load_covariance, make_covariance
 from coopsim.nn.covariance.covariance_net import CovarianceNet
 
@@ -41,13 +41,7 @@ class CovarianceTask(TrainingTask):
         if recipe.samples:
             raise InvalidValueError(f"samples must be empty with kind: covariance, got {dict(recipe.samples)}")
         self._world: RecordedWorld = load(RecordedWorld, recipe.world, "world")
-        self.net = make_covariance(recipe.network, seed)
-        if recipe.start is not None:
-            start = load_covariance(recipe.start)
-            if recipe.network and start.config != self.net.config:
-                raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
-            self.net = make_covariance(asdict(start.config), seed)
-            self.net.load_state_dict(start.state_dict())
+        self.net = first_net(recipe, make_covariance(recipe.network, seed), load_covariance)
 
     def source(self, seed: int) -> RecordedWindows:
         return RecordedWindows(self._world, seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -12,12 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.config.load import load
-from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.targets import Targets
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings, collate_detector, detector_loss, detector_samples
-from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile
+from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile, first_net
 from coopsim.learn.weights import load_detector, make_detector
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
@@ -40,12 +38,7 @@ class DetectorTask(TrainingTask):
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
-        self.net = make_detector(recipe.network, seed)
-        if recipe.start is not None:
-            start = load_detector(recipe.start)
-            if recipe.network and start.config != self.net.config:
-                raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
-            self.net = copy.deepcopy(start).requires_grad_(True)
+        self.net = first_net(recipe, make_detector(recipe.network, seed), load_detector)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return detector_samples(clip, rng, self._settings, self.net.config.cell_m, self.net.config.sweeps)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sighted_crops import ResizedCrop, changed, sighted_crops
 from coopsim.learn.samples.sightings import Sightings
 from coopsim.learn.tasks.identity_task import IdentityTask
+from coopsim.learn.tasks.training_task import first_net
 from coopsim.learn.weights import load_picture_identity, make_picture_identity
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig
 
@@ -31,13 +30,7 @@ class PictureIdentityTask(IdentityTask):
     """
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
-        encoder = make_picture_identity(recipe.network, seed)
-        if recipe.start is not None:
-            start = load_picture_identity(recipe.start)
-            if recipe.network and start.config != encoder.config:
-                raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
-            encoder = make_picture_identity(asdict(start.config), seed)
-            encoder.load_state_dict(start.state_dict())
+        encoder = first_net(recipe, make_picture_identity(recipe.network, seed), load_picture_identity)
         super().__init__(recipe, encoder)
         self._config: PictureIdentityConfig = encoder.config
 

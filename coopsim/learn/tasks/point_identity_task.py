@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
@@ -17,6 +15,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_frames import thin
 from coopsim.learn.samples.sightings import Sightings
 from coopsim.learn.tasks.identity_task import IdentityTask
+from coopsim.learn.tasks.training_task import first_net
 from coopsim.learn.weights import load_point_identity, make_point_identity
 from coopsim.nn.identity.clip_teachers import ClipTeachers, Crop
 from coopsim.nn.identity.object_points import LEAST_POINTS, ObjectPoints, PointBatch, join_points, points_in_boxes
@@ -36,13 +35,7 @@ class PointIdentityTask(IdentityTask):
     """
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
-        encoder = make_point_identity(recipe.network, seed)
-        if recipe.start is not None:
-            start = load_point_identity(recipe.start)
-            if recipe.network and start.config != encoder.config:
-                raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
-            encoder = make_point_identity(asdict(start.config), seed)
-            encoder.load_state_dict(start.state_dict())
+        encoder = first_net(recipe, make_point_identity(recipe.network, seed), load_point_identity)
         super().__init__(recipe, encoder, None if recipe.teacher is None else ClipTeachers(recipe.teacher))
         most: Any = encoder.config.points
         self._most = int(most)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,7 @@ class SeenCovarianceTask(TrainingTask):
     def _without_features(self, window: RecordedWindow) -> RecordedWindow:
         if self.net.config.features:
             return window
-        return RecordedWindow(window.numbers, window.tracks, window.dt_s, window.heading_rad)
+        return replace(window, patches=None)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         return []
@@ -85,9 +85,7 @@ class SeenCovarianceTask(TrainingTask):
         if not windows:
             return {}
         with torch.no_grad():
-            found = window_errors(net, windows)
-        values = {**found.losses(), "mahalanobis": found.distance.mean() if len(found.distance) else 0.0}
-        return {name: round(float(value), 4) for name, value in values.items()}
+            return window_errors(net, windows).summary()
 
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
         return [WeightsFile(name, net, self._metadata)]

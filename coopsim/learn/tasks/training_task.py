@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from torch import Tensor, nn
 
+from coopsim.errors import InvalidValueError
 from coopsim.learn.losses.targets import Targets
+from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_order import SampleSource
 from coopsim.types import BevGrid, Detections
+
+N = TypeVar("N", bound=nn.Module)
 
 LOSS = "loss"
 """Name of the total among the losses: what is made smaller."""
@@ -98,6 +103,22 @@ class TrainingTask(nn.Module, ABC):
     @abstractmethod
     def forward(self, batch: Any) -> dict[str, Tensor]:
         """Return losses by name, each a scalar; `LOSS` is their total."""
+
+
+def first_net(recipe: TrainingRecipe, net: N, load: Callable[[str], N]) -> N:
+    """Return the network that a training begins with: `net`, or a copy of that of the recipe's `start`, by `load`.
+
+    Raises:
+        InvalidValueError: the recipe names options of a network, and these are not those of `start`.
+    """
+    if recipe.start is None:
+        return net
+    start: Any = load(recipe.start)
+    made: Any = net
+    if recipe.network and start.config != made.config:
+        raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
+    copied: N = copy.deepcopy(start).requires_grad_(True)
+    return copied
 
 
 def mean_losses(losses: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:
