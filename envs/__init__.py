@@ -28,7 +28,7 @@ from coopsim.world.recording.recorded_world import played_scenarios
 from coopsim.world.scenario import NUMBERS, Place
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.scenario_choice import choose_scenarios, scenario_names
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]

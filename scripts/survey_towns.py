@@ -31,8 +31,8 @@ from tqdm import tqdm
 
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.survey import JAM_S, Standstill, survey_traffic
-from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.towns.validity import find_faults, fingerprint
 

@@ -33,7 +33,7 @@ from coopsim.world.population import Population
 from coopsim.world.scenario import Place
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.scenario_choice import scenario_names
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Folder of the shipped files, which are found by their names, too."""

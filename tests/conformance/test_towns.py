@@ -17,8 +17,8 @@ from coopsim.errors import InvalidValueError, RecordingError, ScenarioFileError,
 from coopsim.viz.town_picture import write_picture
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import make_scenario
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_file import draw_town, write_town
-from coopsim.world.towns.town_options import TownOptions
 
 SMALL_TOWN: dict[str, Any] = {"junctions": 1, "lanes": 1}
 

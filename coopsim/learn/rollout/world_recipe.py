@@ -21,7 +21,7 @@ from coopsim.sensors.camera.daylight import DAYLIGHTS
 from coopsim.sensors.camera.rig_names import RIG_NAMES
 from coopsim.sensors.limits import FARTHEST_MOUNT_M
 from coopsim.support.checks import require_count, require_flag, require_frame_time, require_probability
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TOWN
 
 _COUNTS = ("cars", "masts", "drones", "buses")

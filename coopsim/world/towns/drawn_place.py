@@ -18,9 +18,9 @@ from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.first_agents import bring_near
 from coopsim.world.towns.road_clearance import off_roads
 from coopsim.world.towns.streets.street_plan import draw_plan
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.streets.town_roads import lay_roads
 from coopsim.world.towns.streets.town_starts import FIRST, place_starts
-from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.town_population import usual_population
 
 _ANY = TownOptions()

@@ -8,7 +8,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.world.custom.place_file import write_place_file
 from coopsim.world.scenario import Scenario
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TownScenarios
 
 

@@ -14,7 +14,7 @@ from coopsim.world.population import Population
 from coopsim.world.scenario import DENSE, NUMBERS, Scenario, rooms, wanted_numbers
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST
 
 TOWN = "town"

@@ -25,7 +25,7 @@ from coopsim.world.towns.streets.plan import (
 )
 from coopsim.world.towns.streets.sketch import LEAST_ANGLE_RAD, Link, Measures, Sketch, draw_sketch
 from coopsim.world.towns.streets.street_lines import rounded
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 MERGE_M = 28.0
 """Length over which a lane splits off or joins; its kinks have 8 degrees."""

@@ -13,9 +13,9 @@ from coopsim.world.custom.place import place_from
 from coopsim.world.places.layout import Layout
 from coopsim.world.towns.drawn_place import describe_streets, describe_town, turned
 from coopsim.world.towns.streets.street_plan import draw_plan
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.streets.town_roads import lay_roads
 from coopsim.world.towns.streets.town_starts import FIRST, place_starts
-from coopsim.world.towns.town_options import TownOptions
 from coopsim.world.towns.validity import fingerprint
 
 

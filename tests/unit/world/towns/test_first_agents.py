@@ -9,7 +9,7 @@ import pytest
 
 from coopsim.world.towns.first_agents import bring_near
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TownScenarios
 from coopsim.world.towns.validity import find_faults
 

@@ -9,7 +9,7 @@ from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.population import Population
 from coopsim.world.scenario import rooms
 from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST
 from coopsim.world.towns.town_scenarios import TownScenarios
 

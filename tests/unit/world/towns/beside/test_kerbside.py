@@ -2,7 +2,7 @@ import numpy as np
 
 from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 def test_vehicles_park_along_streets_in_the_direction_of_the_lane_beside_them():

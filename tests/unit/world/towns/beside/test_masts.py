@@ -3,7 +3,7 @@ import pytest
 
 from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 @pytest.mark.parametrize("junctions", [1, 2, 4])

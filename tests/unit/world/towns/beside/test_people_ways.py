@@ -4,7 +4,7 @@ import pytest
 from coopsim.world.towns.beside.people_ways import PeopleWays, describe_ways
 from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 @pytest.mark.parametrize("seed", [1, 3, 10])

@@ -8,7 +8,7 @@ from coopsim.world.places.layout import lane_outline
 from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 BODY_M = 0.25  # half of a person
 LEAST_M2 = 1e-3

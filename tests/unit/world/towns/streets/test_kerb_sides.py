@@ -5,7 +5,7 @@ from shapely import Polygon
 from coopsim.world.towns.streets.kerb_sides import CORNER, LOOP, STREET, kerb_lines_of, trace_rounds
 from coopsim.world.towns.streets.line_kernels import distances_to_lines
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 SEEDS = (0, 3, 10)
 

@@ -4,7 +4,7 @@ from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.beside.town_blocks import dress_streets
 from coopsim.world.towns.streets.sights import FARTHEST_M, are_hidden, corner_sights, hiding_edges
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 def test_wall_hides_what_is_behind_it():

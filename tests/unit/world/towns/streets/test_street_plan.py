@@ -13,7 +13,7 @@ from coopsim.world.towns.streets import street_plan
 from coopsim.world.towns.streets.clear_streets import are_apart
 from coopsim.world.towns.streets.plan import Plan
 from coopsim.world.towns.streets.street_plan import draw_plan
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 def _outline(plan: Plan) -> list[tuple[object, ...]]:

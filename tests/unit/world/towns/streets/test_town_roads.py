@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.world.towns.streets.street_plan import draw_plan
+from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.streets.town_roads import lay_roads
-from coopsim.world.towns.town_options import TownOptions
 
 
 def test_every_lane_leads_on_and_every_lane_outwards_of_an_arm_is_reached() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from coopsim.errors import InvalidValueError
 from coopsim.world.towns.drawn_place import describe_streets
-from coopsim.world.towns.town_options import TownOptions
+from coopsim.world.towns.streets.town_options import TownOptions
 
 
 def test_numpy_numbers_are_as_good_as_pythons() -> None:
