@@ -11,12 +11,15 @@ from coopsim.errors import TrainingError
 
 _REMEMBERED = 500
 _LEAST = 50
-_TOO_LARGE = 10.0
+_TOO_LARGE = 9.0
 _PATIENCE = 50
 
 
 class LossWatch:
-    """Refuses losses that are not finite, and 50 losses in a row above ten times their running median.
+    """Refuses losses that are not finite, and 50 losses in a row that are far above losses before them.
+
+    Far above is the running median and nine times the median of their magnitudes more: ten times the median of losses
+    that are positive. Likelihoods may be of any sign.
 
     Attributes:
         kept: what is kept of the training, for the errors.
@@ -44,13 +47,21 @@ class LossWatch:
         if broken:
             raise TrainingError(f"step {step}: {', '.join(broken)}; {self.kept}. A smaller lr or clip may help")
         total = losses["loss"]
-        if len(self._losses) < _LEAST or total <= _TOO_LARGE * statistics.median(self._losses):
+        limit = self._limit()
+        if total <= limit:
             self._high = 0
             self._losses.append(total)
             return
         self._high += 1
         if self._high >= _PATIENCE:
             raise TrainingError(
-                f"step {step}: the loss is {total:.4g}, and since {_PATIENCE} steps above {_TOO_LARGE:g} times its "
+                f"step {step}: the loss is {total:.4g}, and since {_PATIENCE} steps above {limit:.4g}, far above its "
                 f"median {statistics.median(self._losses):.4g}: it diverges; {self.kept}. A smaller lr may help"
             )
+
+    def _limit(self) -> float:
+        """Return the loss above which one is too large; infinite while few are known."""
+        if len(self._losses) < _LEAST:
+            return math.inf
+        magnitude = statistics.median(map(abs, self._losses))
+        return statistics.median(self._losses) + _TOO_LARGE * magnitude
