@@ -35,3 +35,4 @@ class NoFusion(AB3DMOTTracking):
     """AB3DMOT on the agent's own detections; reads no message: the lower bound that cooperation has to beat."""
 
     needs = Needs(uplink="none")
+    method = "AB3DMOT (Weng et al., 2020) on the agent's own boxes"

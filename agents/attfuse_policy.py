@@ -19,4 +19,6 @@ class AttFusion(LearnedFusion):
     broadcast serves all; and cells that an agent does not cover take no part.
     """
 
+    method = "AttFuse's fusion (Xu et al., ICRA 2022) behind coopsim's encoder"
+
     weights: str = "attfuse"

@@ -18,4 +18,6 @@ class CoBEVTFusion(LearnedFusion):
     Unlike there, maps are of points, tokens stand for 2 x 2 cells, and fused cells begin as AttFuse's.
     """
 
+    method = "CoBEVT's fusion (Xu et al., CoRL 2022) of maps of points; not its cameras"
+
     weights: str = "cobevt"

@@ -76,6 +76,8 @@ class CoopFuse(TrackingPolicy):
         likelihood: probability that a track is on an object.
     """
 
+    method = "coopsim's own tracker of fused boxes"
+
     delayed: str = "replay"
     merge_gate: float = MERGE_GATE
     least_chance: float = LEAST_CHANCE

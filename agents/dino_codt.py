@@ -35,6 +35,9 @@ class DinoCoDT(GSAFFusion):
 
     def load(self) -> None:
         super().load()
+        sees = {"both": "points and pictures"}.get(self.sensors, self.sensors)
+        looks = "without Re-ID" if self.embedder is None else f"Re-ID by {self.embedder}"
+        self.method = f"DINO-CoDT (He et al., 2025): fusion of maps of {sees} and tracking, {looks}"
         self._embedder: Embedder | None = None
         if self.embedder is not None:
             from coopsim.detection.embedder import make_embedder

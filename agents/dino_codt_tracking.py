@@ -104,6 +104,8 @@ class DinoCoDTTracking(PooledBoxes):
             cameras = "surround" if made.needs.cameras else False
             self.needs = Needs(lidar=made.needs.lidar, cameras=cameras, any_rig=True, all_agents=False)
             self._embed = EmbedOnce(made)
+        looks = "without Re-ID" if self.embedder is None else f"Re-ID by {self.embedder}"
+        self.method = f"DINO-CoDT (He et al., 2025), its tracking alone, {looks}"
         super().__post_init__()
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:

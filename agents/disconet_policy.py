@@ -19,4 +19,6 @@ class DiscoNetFusion(LearnedFusion):
     and the fused map are compared where the head reads them.
     """
 
+    method = "DiscoNet (Li et al., 2021), fusion and teacher"
+
     weights: str = "disconet"

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.agents.sequential_kf import SequentialKF
 from coopsim.catalog import POLICIES
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.tracker import Tracker
@@ -21,7 +22,16 @@ class DMSTrack(AB3DMOTTracking):
     the covariances were trained; with `covariance=None` the policy is `sequential_kf`.
     """
 
+    method = "DMSTrack (Chiu et al., 2024), positional: covariances learned from boxes; none of its features"
+
     covariance: str | None = "dmstrack"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self._covariance is None:
+            self.method = SequentialKF.method
+        elif self._covariance.stated_by_detector:
+            self.method = "DMSTrack (Chiu et al., 2024): covariances learned from what the detector's map shows"
 
     def make_tracker(self) -> Tracker:
         motion = None if self._covariance is None else self._covariance.motion()

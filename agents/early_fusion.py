@@ -52,6 +52,7 @@ class EarlyFusion(PerceivingPolicy):
     """
 
     needs = _NEEDS["points"]
+    method = "Cooper (Chen et al., 2019): points of all, one network of coopsim's"
 
     weights: str = "early"
     sensors: str = "points"

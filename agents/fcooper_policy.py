@@ -16,4 +16,6 @@ class FCooperFusion(LearnedFusion):
     Unlike in the paper, the maps are the sender's own and are warped at the receiver, and few channels are sent.
     """
 
+    method = "F-Cooper's spatial fusion (Chen et al., 2019); not its fusion of voxels"
+
     weights: str = "fcooper"

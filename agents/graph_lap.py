@@ -74,6 +74,8 @@ class GraphLap(AB3DMOTTracking):
 class GraphLapAOS(GraphLap):
     """All in one stage: a box is anchored at the mean of its partners (eq. 11). Parameters: `GraphLap`."""
 
+    method = "Graph Lap-CoMOT (Damanaki et al., 2025), all in one stage"
+
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         pooled, _, object_of = self._pool(groups)
         return [self._refined(pooled, anchors_aos(pooled.boxes.center, object_of), object_of)]
@@ -88,6 +90,8 @@ class GraphLapTSA(GraphLap):
     tracks, too (line 21); not here, because every box stands in every stage, so each would begin another track of an
     object that the stage before has just updated. Parameters: `GraphLap`.
     """
+
+    method = "Graph Lap-CoMOT (Damanaki et al., 2025), a stage for each agent; later ones begin no tracks"
 
     def make_tracker(self) -> Tracker:
         extend = Cascade([Stage(giou_3d, hungarian, gate=self.gate, tracks=missed)])

@@ -19,4 +19,6 @@ class GSAFFusion(LearnedFusion):
     2 x 2 cells, and fused cells begin as AttFuse's.
     """
 
+    method = "DINO-CoDT (He et al., 2025), its fusion of maps alone"
+
     weights: str = "gsaf"

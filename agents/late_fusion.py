@@ -43,3 +43,5 @@ class PooledBoxes(TrackingPolicy):
 @dataclass(kw_only=True, eq=False)
 class LateFusion(PooledBoxes, AB3DMOTTracking):
     """AB3DMOT on the boxes of all agents, duplicates merged. Parameters: `PooledBoxes`, `AB3DMOTTracking`."""
+
+    method = "AB3DMOT (Weng et al., 2020) on the boxes of all agents"

@@ -43,6 +43,11 @@ class LearnedCovariance:
 
         self._net: CovarianceNet = load_covariance(weights)
 
+    @property
+    def stated_by_detector(self) -> bool:
+        """Whether the network sees features, so that detectors state the covariances, and only motion is used here."""
+        return self._net.config.features > 0
+
     def motion(self) -> ConstantVelocity:
         """Return the motion model that the covariances were trained with."""
         return self._net.motion()
@@ -61,7 +66,7 @@ class LearnedCovariance:
         from coopsim.nn.covariance.box_numbers import box_numbers
 
         base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined
-        if not len(joined) or self._net.config.features:
+        if not len(joined) or self.stated_by_detector:
             return groups
         seen = joined.transform(base_SE3_odom)
         at = odom_SE3_sensors.seen_from(base_SE3_odom)

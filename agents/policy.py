@@ -74,6 +74,7 @@ class Policy(ABC):
 
     Attributes:
         needs: requirements on the environment; of the class, or set on the object.
+        method: which method of which paper the policy is, or which part of it, in a phrase; leaderboards show it.
         specs: the agents of the running episode, in the environment's order.
         rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
         counts: what the policy counts in the episode, by name in plain words, as how often a part of it lacked what it
@@ -81,6 +82,7 @@ class Policy(ABC):
     """
 
     needs: Needs = Needs()
+    method: str = ""
     specs: Mapping[str, AgentSpec]
     rejected: Counter[tuple[str, str]]
     counts: Counter[str]

@@ -18,4 +18,6 @@ class PyramidFusion(LearnedFusion):
     Unlike there, few channels are sent, and all agents have the same encoder: heterogeneous ones are not part of it.
     """
 
+    method = "HEAL's pyramid fusion (Lu et al., 2024); not its encoders of many kinds"
+
     weights: str = "pyramid"

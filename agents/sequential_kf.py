@@ -19,3 +19,5 @@ class SequentialKF(AB3DMOTTracking):
     Each agent's boxes are matched to the tracks as the agents before left them. A box that matches no track begins
     one, whichever agent it comes from.
     """
+
+    method = "the multi-sensor Kalman filter that DMSTrack (Chiu et al., 2024) starts from, with fixed noise"

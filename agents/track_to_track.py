@@ -77,6 +77,7 @@ class TrackToTrack(Policy):
     """
 
     needs = Needs(uplink="tracks")
+    method = "tracks fused by covariance intersection (Julier and Uhlmann, 1997)"
 
     def __init__(
         self,

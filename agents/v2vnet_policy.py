@@ -18,4 +18,6 @@ class V2VNetFusion(LearnedFusion):
     Unlike there, it detects and does not predict motion, and messages' delays are given to the layer that expands them.
     """
 
+    method = "V2VNet's fusion (Wang et al., 2020); not its prediction of motion"
+
     weights: str = "v2vnet"

@@ -18,4 +18,6 @@ class V2XViTFusion(LearnedFusion):
     Unlike there, a delay is a real number of seconds, tokens stand for 2 x 2 cells, and fused cells begin as AttFuse's.
     """
 
+    method = "V2X-ViT's fusion (Xu et al., ECCV 2022) behind coopsim's encoder"
+
     weights: str = "v2x_vit"

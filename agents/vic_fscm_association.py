@@ -40,6 +40,8 @@ class VicFSCMAssociation(PooledBoxes):
         hits: frames with a detection, consecutive or not, until a track is reported; ours, the paper gives none.
     """
 
+    method = "Hu et al.'s XIOU and four-stage matching (FSCM); not their network"
+
     detection_score: float = 0.5
     track_score: float = 0.4
     score_decay: float = 0.9

@@ -20,6 +20,8 @@ class Where2commFusion(LearnedFusion):
     code has no requests). Unlike there, a message is a broadcast to all, not one for each receiver.
     """
 
+    method = "Where2comm (Hu et al., 2022): selection, requests and fusion"
+
     codec = "sparse_features(most_cells=600, number=int8)"
     request_block = 8
 

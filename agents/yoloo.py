@@ -51,6 +51,7 @@ class Yoloo(YolooGeometry):
         self.needs = Needs()  # an agent without a LiDAR takes part: geometry decides for it
         self._embed: EmbedOnce | None = None
         if self.appearance:
+            self.method = "YOLOO (Gu et al.): looks of points and geometry, of all agents; looks learned without CLIP"
             from coopsim.detection.point_identity import PointIdentity
 
             self._embed = EmbedOnce(PointIdentity(self.weights))

@@ -29,6 +29,8 @@ class YolooGeometry(PooledBoxes):
         age: frames without a detection until a track is dropped.
     """
 
+    method = "YOLOO (Gu et al.), its geometric constraint alone"
+
     hits: int = 3
     age: int = 2
 

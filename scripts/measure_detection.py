@@ -123,10 +123,10 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=40, help="of each of nine places and each seed")
     parser.add_argument("--seeds", type=seeds, default=(0,))
     parser.add_argument("--only", type=names, help="groups: clean, noise, delay, world, bytes")
-    parser.add_argument("--methods", type=names, help=", ".join(METHODS))
-    parser.add_argument("--method", action="append", default=[], metavar="TITLE=POLICY", help="one more")
+    parser.add_argument("--methods", type=names, help=", ".join(METHODS) + "; all where no --method is given")
+    parser.add_argument("--method", action="append", default=[], metavar="TITLE=POLICY", help="beside --methods")
     given = parser.parse_args()
-    methods = {name: METHODS[name] for name in given.methods or METHODS}
+    methods = {name: METHODS[name] for name in given.methods or ([] if given.method else METHODS)}
     methods |= dict(each.split("=", 1) for each in given.method)
     studies = [study for study in STUDIES if given.only is None or study.group in given.only]
     given.out.mkdir(parents=True, exist_ok=True)

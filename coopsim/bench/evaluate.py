@@ -39,11 +39,11 @@ class Evaluation:
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
         messages: counts of sent, lost, delivered, ... messages, each counted per receiver; `rejected` are those that
-        the
-            policy could not read.
+            the policy could not read.
         links: the same counts by link: sender and receiver.
         place_seed: seed of the drawn place of the episode; None: the place is not drawn.
         counts: what the policy counted, by name (`Policy.counts`).
+        method: the method of a paper, or part of one, that the policy is (`Policy.method`).
     """
 
     score: Score
@@ -54,6 +54,7 @@ class Evaluation:
     links: Mapping[tuple[str, str], ChannelCounts] = field(default_factory=dict)
     place_seed: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    method: str = ""
 
     @property
     def frames_per_s(self) -> float:
@@ -70,12 +71,14 @@ class RecordingsEvaluation:
         ignore: the score with false positives ignored, to compare with tables that do so.
         frames: number of frames, over all sequences.
         seconds: wall time of tracking and scoring, without reading files.
+        method: the method of a paper, or part of one, that the policy is (`Policy.method`).
     """
 
     count: Score
     ignore: Score
     frames: int
     seconds: float
+    method: str = ""
 
     @property
     def frames_per_s(self) -> float:
@@ -115,7 +118,9 @@ def evaluate(
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))
         place_seed = env.episode_infos.get("place_seed")
         score, links = env.score(), env.link_counts
-        return Evaluation(score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts))
+        return Evaluation(
+            score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts), policy.method
+        )
     finally:
         env.close()
 
@@ -161,7 +166,8 @@ def evaluate_recordings(
     started = time.perf_counter()
     count = Score.mean({agent: summarize(logs[agent], bytes_per_s=sent_bytes[agent] / simulated_s) for agent in logs})
     ignore = count.ignoring_false_positives()
-    return RecordingsEvaluation(count, ignore, frames, seconds + time.perf_counter() - started)
+    seconds += time.perf_counter() - started
+    return RecordingsEvaluation(count, ignore, frames, seconds, policy.method)
 
 
 def run_episode(

@@ -75,7 +75,7 @@ def rows_of(results: Results) -> list[dict[str, Any]]:
 
 
 def to_markdown(results: Results, title: str) -> str:
-    """Format two tables, false positives counted and ignored, by falling sAMOTA."""
+    """Format two tables, false positives counted and ignored, by falling sAMOTA, and what method each policy is."""
     shown = columns()
     parts = [f"# {title}\n"]
     for protocol, heading in _PROTOCOLS.items():
@@ -85,6 +85,9 @@ def to_markdown(results: Results, title: str) -> str:
         heads, align = ["policy", *(name for name, _ in shown)], ["left", *["right"] * len(shown)]
         table = tabulate(cells, heads, tablefmt="github", colalign=align, disable_numparse=True)
         parts.append(f"## {heading.capitalize()}\n\n{table}\n")
+    methods = [f"- {name}: {result.method}\n" for name, result in results.items() if result.method]
+    if methods:
+        parts.append("## What stands behind the rows\n\n" + "".join(methods))
     return "\n".join(parts)
 
 

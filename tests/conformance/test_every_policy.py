@@ -455,3 +455,17 @@ def test_sound_policies_pass() -> None:
 def test_what_is_wrong_is_found(policy: type[coopsim.Policy], match: str) -> None:
     with pytest.raises(AssertionError, match=match):
         check_policy(policy)
+
+
+@pytest.mark.parametrize("name", coopsim.POLICIES.names())
+def test_it_says_which_method_of_a_paper_it_is(name: str) -> None:
+    assert coopsim.make_policy(name).method
+
+
+def test_a_variant_says_what_it_leaves_out() -> None:
+    geometry, fixed, blind = (
+        coopsim.make_policy(name).method for name in ("yoloo_geometry", "sequential_kf", "dino_codt_tracking")
+    )
+    assert coopsim.make_policy("yoloo", appearance=False).method == geometry
+    assert coopsim.make_policy("dmstrack", covariance=None).method == fixed
+    assert "without Re-ID" in blind

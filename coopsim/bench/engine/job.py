@@ -115,6 +115,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         messages=asdict(evaluation.messages),
         place_seed=evaluation.place_seed,
         counts=dict(evaluation.counts),
+        method=evaluation.method,
     )
 
 

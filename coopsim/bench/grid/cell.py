@@ -74,6 +74,7 @@ class CellResult:
         traceback: of the exception that made the cell fail; None for a finished cell.
         place_seed: seed of the drawn place that the run was in; None: the place is not drawn, or unknown.
         counts: what the policy counted, by name (`Policy.counts`).
+        method: the method of a paper, or part of one, that the policy is (`Policy.method`).
     """
 
     cell: Cell
@@ -84,6 +85,7 @@ class CellResult:
     traceback: str | None = None
     place_seed: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    method: str = ""
 
     @property
     def failed(self) -> bool:

@@ -93,6 +93,7 @@ def render_bench_report(
             f"{condition_table(table, k)}</details>"
             for k, condition in enumerate(table.conditions)
         ),
+        methods=f"<h2>What stands behind the rows</h2>{definitions(table.methods)}" if table.methods else "",
         counted=f"<h2>Counted by policies in all cells</h2>{definitions(table.counted)}" if table.counted else "",
         failures=failures(table),
         meaning=definitions({name: each.definition for name, each in all_metrics().items() if name in (*shown, BYTES)}),

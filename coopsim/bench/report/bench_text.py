@@ -40,9 +40,11 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     for k, condition in enumerate(table.conditions):
         parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
-    if table.counted:
-        lines = [_escaped(f"{policy}: {text}") for policy, text in table.counted.items()]
-        parts.append("## Counted by policies in all cells\n\n" + "\n".join(f"- {line}" for line in lines))
+    below = {"What stands behind the rows": table.methods, "Counted by policies in all cells": table.counted}
+    for heading, texts in below.items():
+        if texts:
+            lines = [_escaped(f"{policy}: {text}") for policy, text in texts.items()]
+            parts.append(f"## {heading}\n\n" + "\n".join(f"- {line}" for line in lines))
     if table.failures:
         parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
     return "\n\n".join(parts) + "\n"

@@ -120,6 +120,11 @@ class ResultTable:
         return {policy: text for policy, text in words.items() if text}
 
     @property
+    def methods(self) -> dict[str, str]:
+        """Which method of a paper, or part of one, each policy is; policies that do not say are left out."""
+        return {result.cell.policy: result.method for result in self.results if result.method}
+
+    @property
     def scenarios(self) -> tuple[str, ...]:
         """Names of the scenarios, sorted."""
         return tuple(sorted({condition.scenario for condition in self.conditions}))

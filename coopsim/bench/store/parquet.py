@@ -34,6 +34,7 @@ _SCHEMA = pa.schema(
         ("traceback", pa.string()),
         ("place_seed", pa.int64()),
         ("counts", pa.map_(pa.string(), pa.int64())),
+        ("method", pa.string()),
         ("decided_by", pa.string()),
         ("checksum", pa.string()),
     ]
@@ -60,6 +61,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "traceback": result.traceback,
         "place_seed": result.place_seed,
         "counts": dict(result.counts),
+        "method": result.method,
         "decided_by": decided_by,
     }
     table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
@@ -86,8 +88,9 @@ def decode(content: bytes) -> tuple[CellResult, str]:
             np.array(row["rewards"], np.float64),
             row["messages"],
             row["traceback"],
-            row.get("place_seed"),  # older files lack it, and the next
+            row.get("place_seed"),  # older files lack it, and the next two
             row.get("counts", {}),
+            row.get("method", ""),
         )
         return result, str(row["decided_by"])
     except StoreError:

@@ -183,6 +183,16 @@ def test_csv_has_every_cell_unrounded() -> None:
             assert float(row["sAMOTA"]) == each.values["sAMOTA"] and row["messages_sent"] == "10"
 
 
+def test_what_stands_behind_a_row_is_shown() -> None:
+    saying = [replace(each, method="half of <a paper>") for each in results() if each.cell.policy == "bad"]
+    table = ResultTable.of(saying)
+    assert table.methods == {"bad": "half of <a paper>"} and TABLE.methods == {}
+    heading = "What stands behind the rows"
+    assert f"## {heading}\n\n- bad: half of \\<a paper\\>" in to_markdown(table, "t")
+    assert "half of &lt;a paper&gt;" in render_bench_report(table, ABOUT)
+    assert heading not in to_markdown(TABLE, "t") + render_bench_report(TABLE, ABOUT)
+
+
 def test_what_policies_count_is_shown_for_all_their_cells() -> None:
     counting = [replace(each, counts={"odd <pairs>": 2}) if each.cell.policy == "bad" else each for each in results()]
     table = ResultTable.of(counting)

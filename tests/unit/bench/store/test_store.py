@@ -28,13 +28,14 @@ RESULT = CellResult(
     np.array([0.1, -0.2, 0.3, 1e-300, 0.0]),
     {"sent": 12, "lost": 3},
     counts={"pairs by geometry alone": 5},
+    method="half of a paper",
 )
 FAILED = CellResult(replace(CELL, seed=8), traceback="Traceback ...\nValueError: ü\n")
 
 
 def same(a: CellResult, b: CellResult) -> bool:
-    return repr((a.cell, a.values, a.agents, a.rewards.tolist(), a.messages, a.traceback, a.counts)) == repr(
-        (b.cell, b.values, b.agents, b.rewards.tolist(), b.messages, b.traceback, b.counts)
+    return repr((a.cell, a.values, a.agents, a.rewards.tolist(), a.messages, a.traceback, a.counts, a.method)) == repr(
+        (b.cell, b.values, b.agents, b.rewards.tolist(), b.messages, b.traceback, b.counts, b.method)
     )
 
 
