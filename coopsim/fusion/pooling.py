@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from coopsim.fusion.agent_matches import match_agents
 from coopsim.fusion.duplicates import seen_by_any, weighted_means
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.nms import suppress
@@ -52,6 +55,55 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
     require_threshold(iou_threshold=iou_threshold)
     boxes, score = detections.boxes.array, detections.score
     order, kept, number = suppress(boxes, score, detections.label, iou_threshold)
+    return _merged(detections, order, kept, number, merge)
+
+
+def merge_matched(groups: Sequence[Detections], iou_threshold: float) -> Detections:
+    """Match the boxes of every two agents (Hungarian, 3D IoU), and merge what is matched into weighted means.
+
+    Boxes that are matched directly or through others are one object: of two agents each box has at most one partner,
+    and with more agents their order does not matter. What one object's boxes become is as of `merge_duplicates` with
+    "mean"; an agent's own duplicates stay.
+
+    Args:
+        groups: the detections of one frame, a group per agent.
+        iou_threshold: smallest 3D IoU of a match, in (0, 1].
+
+    Returns:
+        The merged detections, best score first. Boxes that are not finite are left out.
+
+    Raises:
+        InvalidValueError: the threshold is not in (0, 1].
+    """
+    require_threshold(iou_threshold=iou_threshold)
+    joined = DetectionGroups.of(groups)
+    finite = np.isfinite(joined.joined.boxes.array).all(axis=1) & np.isfinite(joined.joined.score)
+    detections, owner = pool(groups)[finite], joined.group[finite]
+    count = len(detections)
+    pairs, _ = match_agents(detections.boxes.array, owner, detections.label, iou_threshold)
+    edges = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, object_of = connected_components(edges, directed=False)
+    order = np.argsort(-detections.score, kind="stable")
+    _, first, object_at = np.unique(object_of[order], return_index=True, return_inverse=True)
+    # Numbers of objects by their best score, as rows of the result.
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    number = np.empty(count, dtype=np.int64)
+    number[order] = rank[object_at]
+    return _merged(detections, order, order[np.sort(first)], number, "mean")
+
+
+def _merged(detections: Detections, order: Ints, kept: Ints, number: Ints, merge: str) -> Detections:
+    """Return K detections of N duplicates.
+
+    Args:
+        detections: N, of all agents.
+        order: their rows, best score first; may lack some.
+        kept: (K,) rows of the best ones.
+        number: (N,) of each row the object, a row of the result; -1: left out.
+        merge: one of `MERGES`.
+    """
+    boxes, score = detections.boxes.array, detections.score
     best, covariance = detections.boxes[kept], detections.covariance
     if merge == "mean":
         extent = weighted_means(boxes, np.maximum(score, _LEAST_WEIGHT), order, number, len(kept))

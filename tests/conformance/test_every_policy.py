@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.codec import codecs_of
 from coopsim.comms.envelope import decode_detections
@@ -460,6 +461,15 @@ def test_what_is_wrong_is_found(policy: type[coopsim.Policy], match: str) -> Non
 @pytest.mark.parametrize("name", coopsim.POLICIES.names())
 def test_it_says_which_method_of_a_paper_it_is(name: str) -> None:
     assert coopsim.make_policy(name).method
+
+
+@pytest.mark.parametrize(("name", "made"), [("concat", "early"), ("hungarian", "hungarian")])
+def test_the_baselines_of_feature_flow_have_their_names(name: str, made: str) -> None:
+    """Points of all in one network, and boxes that are matched and fused; both tracked by AB3DMOT."""
+    baseline = coopsim.POLICIES.get(name)
+    assert baseline is coopsim.POLICIES.get(made)
+    assert baseline.needs.uplink == {"early": "points", "hungarian": "detections"}[made]
+    assert issubclass(baseline, AB3DMOTTracking) or baseline.tracker == "ab3dmot"  # type: ignore[attr-defined]
 
 
 def test_a_variant_says_what_it_leaves_out() -> None:

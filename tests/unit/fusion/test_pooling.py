@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coopsim.errors import UnknownNameError
-from coopsim.fusion.pooling import merge_duplicates, pool
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.fusion.pooling import merge_duplicates, merge_matched, pool
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
@@ -135,3 +135,37 @@ def all_pairs_merged(rows: Floats, score: Floats, label: Ints, iou_threshold: fl
     extent = np.zeros((len(best), 6))
     np.add.at(extent, owner, share[:, None] * rows[:, :6])
     return np.column_stack([extent, rows[best, 6]])
+
+
+def matched(*groups: Detections, iou: float = 0.1) -> list[tuple[float, float]]:
+    merged = merge_matched(groups, iou)
+    return list(zip(merged.boxes.center[:, 0].tolist(), merged.score.tolist(), strict=True))
+
+
+def test_boxes_of_two_agents_are_matched_for_the_largest_sum_of_overlaps() -> None:
+    """The best box overlaps the third most, which the second needs: greedy suppression merges those three."""
+    one, other = found((0.0, 0.9, 0), (3.4, 0.6, 0)), found((1.4, 0.95, 0), (-1.8, 0.5, 0))
+    assert matched(one, other) == [
+        (pytest.approx((1.4 * 0.95 + 3.4 * 0.6) / 1.55), 0.95),
+        (pytest.approx(-1.8 * 0.5 / 1.4), 0.9),
+    ]
+    assert kept(pool([one, other]))[0][0] == pytest.approx((1.4 * 0.95 + 3.4 * 0.6) / 2.45)
+
+
+def test_an_agents_own_duplicates_stay_and_so_does_what_only_one_sees() -> None:
+    assert matched(found((0.0, 0.9, 0), (0.2, 0.8, 0)), found()) == [(0.0, 0.9), (0.2, 0.8)]
+    assert matched(found((0.0, 0.3, 0)), found((50.0, 0.8, 0), (0.0, 0.5, 7))) == [(50.0, 0.8), (0.0, 0.5), (0.0, 0.3)]
+    assert matched() == [] and matched(found(), found()) == []
+
+
+def test_three_agents_boxes_of_an_object_become_one_whatever_their_order() -> None:
+    groups = [found((0.0, 0.9, 0), (9.0, 0.2, 0)), found((0.3, 0.8, 0)), found((0.6, 0.7, 0), (9.3, 0.4, 0))]
+    expected = [(pytest.approx((0.24 + 0.42) / 2.4), 0.9), (pytest.approx((1.8 + 3.72) / 0.6), 0.4)]
+    assert matched(*groups) == matched(*groups[::-1]) == expected
+    np.testing.assert_array_equal(merge_matched(groups, 0.1).seen_by, [[1, 1, 1], [1, 0, 1]])
+
+
+def test_what_is_not_finite_is_left_out_of_a_matching() -> None:
+    assert matched(found((np.nan, 0.9, 0)), found((1.0, 0.5, 0), (2.0, np.nan, 0))) == [(1.0, 0.5)]
+    with pytest.raises(InvalidValueError, match="iou_threshold"):
+        matched(found(), iou=0.0)
