@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from coopsim.agents.late_fusion import PooledBoxes
+from coopsim.agents.described_boxes import DescribedBoxes
 from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
-from coopsim.comms.uplinks.share_embedded import EmbedOnce, ShareEmbedded
-from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
 from coopsim.support.checks import require_choice, require_flag, require_number
 from coopsim.tracking.affinity import giou_3d, iou_3d
@@ -27,9 +24,12 @@ from coopsim.tracking.lifecycle import Remembered, VelocityAdaptiveAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
 from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import AgentSpec, Detections, Observation
+from coopsim.types import Detections
 from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS, Superclass
+
+if TYPE_CHECKING:
+    from coopsim.detection.embedder import Embedder
 
 NIMBLE = Superclass.PEDESTRIAN.classes
 """Classes that turn at will: people, on foot or on two wheels."""
@@ -43,7 +43,7 @@ _AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
 
 @POLICIES.register("dino_codt_tracking")
 @dataclass(kw_only=True, eq=False)
-class DinoCoDTTracking(PooledBoxes):
+class DinoCoDTTracking(DescribedBoxes):
     """Each class by its own motion model and assignment; embeddings match what boxes leave over.
 
     `counts` says how many boxes were tracked with an embedding, and how many without: of an agent without the sensors
@@ -96,25 +96,19 @@ class DinoCoDTTracking(PooledBoxes):
         require_number(f"{accepted} with affinity {self.affinity!r}", accepts, gate=self.gate)
         require_flag(by_superclass=self.by_superclass)
         self.counts = Counter()  # for who fuses without an episode
-        self._embed: EmbedOnce | None = None
-        if self.embedder is not None:
-            from coopsim.detection.embedder import make_embedder
-
-            made = make_embedder(self.embedder)
-            cameras = "surround" if made.needs.cameras else False
-            self.needs = Needs(lidar=made.needs.lidar, cameras=cameras, any_rig=True, all_agents=False)
-            self._embed = EmbedOnce(made)
         looks = "without Re-ID" if self.embedder is None else f"Re-ID by {self.embedder}"
         self.method = f"DINO-CoDT (He et al., 2025), its tracking alone, {looks}"
         super().__post_init__()
 
-    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
-        if self._embed is None:
-            return super().make_uplink(spec, rng)
-        return ShareEmbedded(self._embed, spec, spec.codec or "detections")
+    def make_embedder(self) -> Embedder | None:
+        if self.embedder is None:
+            return None
+        from coopsim.detection.embedder import make_embedder
 
-    def perceive(self, agent: str, observation: Observation) -> Detections:
-        return observation.detections if self._embed is None else self._embed(observation, self.specs[agent])
+        made = make_embedder(self.embedder)
+        cameras = "surround" if made.needs.cameras else False
+        self.needs = Needs(lidar=made.needs.lidar, cameras=cameras, any_rig=True, all_agents=False)
+        return made
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         fused = super().fuse(groups)

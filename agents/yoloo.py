@@ -6,14 +6,12 @@ The paper tracks what one agent sees; here all agents' boxes are pooled, and the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-
+from coopsim.agents.described_boxes import DescribedBoxes
 from coopsim.agents.policy import Needs
 from coopsim.agents.yoloo_geometry import YolooGeometry
 from coopsim.catalog import POLICIES
-from coopsim.comms.uplinks.share_embedded import EmbedOnce, ShareEmbedded
-from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.assignment import greedy
 from coopsim.support.checks import require_flag
 from coopsim.tracking.cascade import Cascade, Stage
@@ -21,7 +19,9 @@ from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.looks_and_distance import LastLook, LooksAndDistance
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import AgentSpec, Detections, Observation
+
+if TYPE_CHECKING:
+    from coopsim.detection.embedder import Embedder
 
 _WITH_LOOKS, _WITHOUT = "pairs compared by looks and geometry", "pairs compared by geometry alone"
 """Names of what is counted."""
@@ -29,7 +29,7 @@ _WITH_LOOKS, _WITHOUT = "pairs compared by looks and geometry", "pairs compared 
 
 @POLICIES.register("yoloo")
 @dataclass(kw_only=True, eq=False)
-class Yoloo(YolooGeometry):
+class Yoloo(DescribedBoxes, YolooGeometry):
     """Greedy matching by the sum of two costs: unlike looks and distance (eq. 9). Further parameters: `YolooGeometry`.
 
     Each agent embeds its own detections by the points in them, unless the environment's detector or embedder does, and
@@ -49,21 +49,16 @@ class Yoloo(YolooGeometry):
     def __post_init__(self) -> None:
         require_flag(appearance=self.appearance)
         self.needs = Needs()  # an agent without a LiDAR takes part: geometry decides for it
-        self._embed: EmbedOnce | None = None
         if self.appearance:
             self.method = "YOLOO (Gu et al.): looks of points and geometry, of all agents; looks learned without CLIP"
-            from coopsim.detection.point_identity import PointIdentity
-
-            self._embed = EmbedOnce(PointIdentity(self.weights))
         super().__post_init__()
 
-    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
-        if self._embed is None:
-            return super().make_uplink(spec, rng)
-        return ShareEmbedded(self._embed, spec, spec.codec or "detections")
+    def make_embedder(self) -> Embedder | None:
+        if not self.appearance:
+            return None
+        from coopsim.detection.point_identity import PointIdentity
 
-    def perceive(self, agent: str, observation: Observation) -> Detections:
-        return observation.detections if self._embed is None else self._embed(observation, self.specs[agent])
+        return PointIdentity(self.weights)
 
     def make_tracker(self) -> Tracker:
         if self._embed is None:
