@@ -36,3 +36,11 @@ def test_every_name_is_an_agent_and_messages_make_a_difference(v2v4real: Path) -
     assert both[0] == pytest.approx(both[1], abs=0.5)
     assert together.count["sAMOTA"] > alone.count["sAMOTA"] + 10
     assert together.count["bytes_per_s"] > 0 == alone.count["bytes_per_s"]
+
+
+def test_learned_covariances_with_two_cars(v2v4real: Path) -> None:
+    found = coopsim.evaluate_recordings("dmstrack", v2v4real, ("ego", "1"), odometry="none")
+    expected = {"sAMOTA": 73.3, "AMOTA": 31.5, "AMOTP": 58.0, "MOTA": 63.3, "MT": 60.2}
+    assert {name: found.count[name] for name in expected} == pytest.approx(expected, abs=0.2)
+    expected = {"sAMOTA": 87.5, "AMOTA": 40.0, "MOTA": 86.7}
+    assert {name: found.ignore[name] for name in expected} == pytest.approx(expected, abs=0.2)
