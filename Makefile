@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO_FLAGS ?=
+TEST_PROCESSES ?= 2
 
 # In this order: all others begin with the encoder of the first.
 WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf disconet v2vnet cobevt v2x_vit lift_splat points_and_pictures dmstrack point_identity picture_identity
@@ -14,8 +15,11 @@ TRAIN_FLAGS ?=
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
 
+# Processes begin at different folders, so hardly any kernel is compiled twice; who is done takes from the others' rest.
+# Each has one thread: take as many as there are cores.
+test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
