@@ -26,27 +26,29 @@ class Itinerary:
             np.zeros((1, 2)), np.full((1, 1), -1, dtype=np.int64), np.zeros((1, 1), dtype=bool)
         )
         self._offset = offset
+        nodes = np.arange(len(self._ways.nodes))[:, None]
+        quiet = (self._ways.neighbours >= 0) & ~self._ways.crossing[nodes, self._ways.neighbours]
+        self._starts = np.argwhere(quiet)  # node and branch
         self._from = self._to = self._then = np.zeros(len(offset), dtype=np.int64)
 
     def start_anew(self, chosen: Mask, rng: np.random.Generator) -> Floats | None:
         """Move people of the mask (N,) to drawn ways that cross no road; everyone draws.
 
         Returns:
-            (N, 2) m: drawn places on these ways; None if all ways cross a road.
+            (N, 2) m: drawn places on these ways; None if nobody is chosen or all ways cross a road.
         """
-        nodes = np.arange(len(self._ways.nodes))[:, None]
-        places = np.argwhere((self._ways.neighbours >= 0) & ~self._ways.crossing[nodes, self._ways.neighbours])
-        if not len(places):
+        if not len(self._starts):
             return None
-        node, branch = places[rng.integers(len(places), size=len(chosen))].T
+        drawn = rng.integers(len(self._starts), size=len(chosen))
+        turn, walked = rng.random((2, len(chosen)))
+        if not chosen.any():
+            return None
+        node, branch = self._starts[drawn].T
         self._from = np.where(chosen, node, self._from)
         self._to = np.where(chosen, self._ways.neighbours[node, branch], self._to)
-        self._then = np.where(
-            chosen, choose_next(self._ways.neighbours, self._from, self._to, rng.random(len(chosen))), self._then
-        )
+        self._then = np.where(chosen, choose_next(self._ways.neighbours, self._from, self._to, turn), self._then)
         start, end = self.ends()
-        walked = rng.random(len(chosen))[:, None]
-        return np.asarray(start + walked * (end - start))
+        return np.asarray(start + walked[:, None] * (end - start))
 
     def ends(self) -> tuple[Floats, Floats]:
         """Return the two ends (N, 2) m of each person's present way."""

@@ -111,10 +111,13 @@ class People:
         self.position = np.full((count, 2), np.inf)
         fitting = models_of(models, label) if count else np.zeros(1, dtype=np.int64)
         longest_m = max(float(models[k].size_m[0]) for k in fitting)
+        misplaced = np.ones(count, dtype=np.bool_)
         for _ in range(_TRIES):
-            self._start_anew(~(self._is_clear(taken) & self._is_apart(longest_m, others)), rng)
+            if misplaced.any():  # once nobody is, nobody moves again
+                misplaced = ~(self._is_clear(taken) & self._is_apart(longest_m, others))
+            self._start_anew(misplaced, rng)
         second_rng = stream(seed, "room for people", label.title)  # where both conditions are too much, apart is enough
-        for _ in range(_TRIES):
+        for _ in range(_TRIES if misplaced.any() else 0):
             self._start_anew(~self._is_apart(longest_m, others), second_rng)
         self._speed = rng.uniform(*manner.speed_m_s, count)
         self._hurried = rng.random(count) < HURRIED_SHARE
