@@ -159,13 +159,13 @@ def test_many_frames_take_no_more_memory(renderer: str) -> None:
     studio = Studio(renderer, STATIC, cameras=small(), modes=MODES)
     frames = [actors(PLACES), actors(PLACES, first_id=7), actors(PLACES[:2])]
     used = []
-    for count in (20, 60):
+    for count in (10, 30):
         for k in range(count):
             studio.shoot(frames[k % 3], BODIES)
         gc.collect()
         used.append(psutil.Process().memory_info().rss)
     studio.rig.close()
-    assert used[1] - used[0] < 20e6  # a leaked picture of all modes is 0.2 MB, and these are 480
+    assert used[1] - used[0] < 20e6  # a leaked picture of all modes is 0.2 MB, and these are 240
 
 
 def no_driver(*arguments: Any, **options: Any) -> None:
