@@ -19,8 +19,10 @@ from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
+    from coopsim.nn.cooperative.cooperative_net import CooperativeNet
     from coopsim.nn.detector.detector_net import DetectorNet
     from coopsim.nn.inference.agent_encoder import AgentEncoder
+    from coopsim.nn.inference.flow_sender import FlowSender
     from coopsim.nn.inference.perceiver import OwnMap, ReceivedMap
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
@@ -72,6 +74,7 @@ class LearnedFusion(PerceivingPolicy):
         space = int(digest(self.weights)[:8], 16)
         self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self.threads)
         self._encoder = self.make_encoder(detector)
+        self._flow = self.make_flow(net)
         self._encode: EncodeOnce[OwnMap] = EncodeOnce(
             lambda view: self._encoded({view.agent: view})[view.agent], self._encoded
         )
@@ -95,6 +98,12 @@ class LearnedFusion(PerceivingPolicy):
         pictures = PictureEncoder(load_pictures(self.picture_weights or "lift_splat", detector))
         return pictures if self.sensors == "pictures" else MixedEncoder(PointEncoder(detector), pictures)
 
+    def make_flow(self, net: CooperativeNet) -> FlowSender | None:
+        """Return what adds to an agent's map how it changes, if the network has learned that; None: nothing does."""
+        from coopsim.nn.inference.flow_sender import FlowSender
+
+        return None if net.flow is None else FlowSender(net.flow)
+
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._uplink is None or spec.name in self._served:  # an episode begins
             thrifty = SPARSE if spec.codec is None else None
@@ -105,6 +114,10 @@ class LearnedFusion(PerceivingPolicy):
 
     def prepare(self, observations: Mapping[str, Observation]) -> None:
         sensed = {agent: each for agent, each in observations.items() if each.sensed}
+        if self._flow is not None:
+            for agent, each in observations.items():
+                if not each.sensed:
+                    self._flow.follow(agent, each.time_ns, each.odometry)
         self._encode.all([each.view(self.specs[agent]) for agent, each in sensed.items()])
 
     def decode(self, message: Message) -> ReceivedMap:
@@ -136,7 +149,8 @@ class LearnedFusion(PerceivingPolicy):
         """Return the maps of several agents, made side by side."""
         looks = [self._encoder.look(view) for view in views.values()]
         places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
-        return dict(zip(views, self._perceiver.encode(looks, places), strict=True))
+        maps = dict(zip(views, self._perceiver.encode(looks, places), strict=True))
+        return maps if self._flow is None else self._flow.add(views, maps, self.threads)
 
     def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""

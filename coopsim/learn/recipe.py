@@ -26,12 +26,12 @@ RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped recipes."""
 
 KINDS = (
-    "detector", "pictures", "points_and_pictures", "cooperative", "together", "covariance", "seen_covariance",
+    "detector", "pictures", "points_and_pictures", "cooperative", "flow", "together", "covariance", "seen_covariance",
     "point_identity", "picture_identity",
 )  # fmt: skip
 """Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
-frozen encoder. Stage C: both. A covariance of boxes is trained on recordings; one that sees features, on clips. An
-identity tells objects apart."""
+frozen encoder, with flow also how messages change in time. Stage C: both. A covariance of boxes is trained on
+recordings; one that sees features, on clips. An identity tells objects apart."""
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -101,7 +101,7 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
-        if self.kind not in ("cooperative", "together", "point_identity") and self.teacher is not None:
+        if self.kind not in ("cooperative", "flow", "together", "point_identity") and self.teacher is not None:
             raise InvalidValueError(
                 f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions, and for an "
                 "identity from points"

@@ -137,6 +137,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 
         return CooperativeTask(recipe, seed)
+    if recipe.kind == "flow":
+        from coopsim.learn.tasks.flow_task import FlowTask
+
+        return FlowTask(recipe, seed)
     from coopsim.learn.tasks.together_task import TogetherTask
 
     return TogetherTask(recipe, seed)

@@ -26,7 +26,18 @@ TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 
 TINY_PICTURES: dict[str, Any] = {"width": 8, "picture_features": 2, "depth_bins": 16} | {
     name: TINY[name] for name in ("cell_m", "channels", "layers", "features")
 }
-FUSIONS = ("attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm")
+FUSIONS = (
+    "attfuse",
+    "cobevt",
+    "disconet",
+    "fcooper",
+    "ff_tracking",
+    "gsaf",
+    "pyramid",
+    "v2vnet",
+    "v2x_vit",
+    "where2comm",
+)
 
 
 @cache
@@ -45,8 +56,11 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     said = {"kind": "point_identity", "config": asdict(looks.config)}
     save_weights(folder / "point_identity.safetensors", looks, said)
     for name in FUSIONS:
-        made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8}, seed)
+        flow = 4 if name == "ff_tracking" else 0
+        made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8, "flow": flow}, seed)
         net, config = made
+        if flow:
+            torch.nn.init.normal_(net.flow.last.weight, generator=torch.Generator().manual_seed(seed))
         net.head.load_state_dict(detector.head.state_dict())
         said = {"kind": "cooperative", "config": asdict(config), "encoder_digest": encoder_digest(detector)}
         save_weights(folder / f"{name}.safetensors", net, said)

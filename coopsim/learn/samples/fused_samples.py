@@ -14,6 +14,7 @@ from coopsim.learn.losses.targets import Targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.merged_cloud import merged_cloud
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.localization.recent_sweeps import Points
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells
@@ -97,15 +98,27 @@ def scene_samples(
     """
     samples = []
     for number in range(len(clip.scenes)):
-        members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
-        members = [k for k in members if len(clip.scenes[number].agents[k].points)]
+        members = members_of(clip, number, rng, settings)
         if len(members) > 1:
-            samples.append(_Draft(clip, number, members, rng, settings, cell_m, sweeps, taught).sample())
+            samples.append(SceneDraft(clip, number, members, rng, settings, cell_m, sweeps, taught).sample())
     return samples
 
 
-class _Draft:
-    """One sample in the making."""
+def members_of(clip: Clip, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:
+    """Draw who takes part in a scene: the numbers of agents, of those that see anything."""
+    members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
+    return [k for k in members if len(clip.scenes[number].agents[k].points)]
+
+
+class SceneDraft:
+    """One sample in the making; arguments as of `scene_samples`.
+
+    Attributes:
+        grid: the cells of all features.
+        ages: by member, how many scenes its messages are late.
+        rows: numbers of the maps, by scene and member.
+        frames: (4,) true poses of the frames of the maps.
+    """
 
     def __init__(
         self,
@@ -125,7 +138,7 @@ class _Draft:
         self.strength = rng.random() * float(rng.random() < settings.noisy)
         self.axes_rad = rng.uniform(-np.pi, np.pi)
         self.mirrored = rng.random() < settings.mirrored
-        self.ages = {member: self._age() for member in members}
+        self.ages = {member: self.age() for member in members}
         self.rows: dict[tuple[int, int], int] = {}
         self.clouds: list[Pillars] = []
         self.seen: list[Targets] = []
@@ -133,7 +146,15 @@ class _Draft:
         self.middles: list[Floats] = []
 
     def sample(self) -> CooperativeSample:
-        views = tuple(self._view(member) for member in self._receivers())
+        """Return the sample."""
+        return self.sample_of(self.views())
+
+    def views(self) -> tuple[ReceiverView, ...]:
+        """Return the receivers' views; the maps that they need are made."""
+        return tuple(self._view(member) for member in self._receivers())
+
+    def sample_of(self, views: tuple[ReceiverView, ...]) -> CooperativeSample:
+        """Return the sample of all maps that were made."""
         return CooperativeSample(
             collate(self.clouds),
             torch.cat([targets.heat for targets in self.seen]),
@@ -148,7 +169,7 @@ class _Draft:
             return self.members
         return sorted(self.rng.choice(self.members, most, replace=False).tolist())
 
-    def _row(self, number: int, member: int) -> int:
+    def row(self, number: int, member: int) -> int:
         """Return the number of an agent's map in a scene; it is made when first asked for."""
         if (number, member) not in self.rows:
             self.rows[number, member] = len(self.rows)
@@ -167,8 +188,8 @@ class _Draft:
         frame = agent.xyz_yaw.copy()
         frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
         frame[:2] += rotated(way[None], frame[3])[0]
-        points = sweeps_of(self.clip, number, member, self.sweeps)
-        points = moved(thin(points, self.rng, settings.thinned), agent.xyz_yaw, frame)
+        points = self.thinned(sweeps_of(self.clip, number, member, self.sweeps), member)
+        points = moved(points, agent.xyz_yaw, frame)
         shown = scene.returns[:, member] > 0
         boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
         if self.mirrored:
@@ -178,15 +199,19 @@ class _Draft:
         self.frames.append(frame)
         self.middles.append(place + way)
 
+    def thinned(self, points: Points, member: int) -> Points:
+        """Return what is left of a member's points in one map."""
+        return thin(points, self.rng, self.settings.thinned)
+
     def _view(self, member: int) -> ReceiverView:
-        scene, own = self.clip.scenes[self.number], self._row(self.number, member)
+        scene, own = self.clip.scenes[self.number], self.row(self.number, member)
         known = scene.returns[:, member] > 0
         others, delays, kinds, offsets = [], [], [], []
         for sender in self.members:
             if sender == member:
                 continue
             then = self.number - self.ages[sender]
-            others.append(self._row(then, sender))
+            others.append(self.row(then, sender))
             delays.append((self.number - then) * self.clip.dt_s)
             kinds.append(KINDS.index(scene.agents[sender].kind))
             offsets.append(self._offset(own, others[-1]))
@@ -210,7 +235,7 @@ class _Draft:
         frame, sweeps = self.frames[own], self.sweeps
         return merged_cloud(self.clip, self.number, self.members, frame, grid, sweeps=sweeps, mirrored=self.mirrored)
 
-    def _age(self) -> int:
+    def age(self) -> int:
         """Return how many scenes a sender's messages are late: all receivers get the same ones."""
         most = min(self.number, int(LATEST_S / self.clip.dt_s + 1e-6))
         return int(self.rng.integers(1, most + 1)) if most and self.rng.random() < self.settings.late else 0

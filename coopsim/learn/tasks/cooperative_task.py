@@ -52,6 +52,10 @@ class CooperativeTask(TrainingTask):
         self.net, config = make_cooperative({"features": detector.config.features, **recipe.network}, seed)
         if config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
+        if config.flow and recipe.kind != "flow":
+            raise InvalidValueError(
+                f"network flow must be 0 with kind: {recipe.kind}, got {config.flow}: see kind: flow"
+            )
         if recipe.start is None:
             self.net.head.load_state_dict(detector.head.state_dict())
         else:
@@ -111,8 +115,16 @@ def find_fused(detector: DetectorNet, net: CooperativeNet, batch: Iterable[Coope
     for sample in batch:
         with torch.no_grad():
             features = detector.encoder(sample.pillars)
-            values, sure = net.message(features)
-            for view in sample.views:
-                fused, _ = fused_features(net, features, values, sure, sample.grid, view)
-                found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
+            found += find_in(net, features, *net.message(features), sample)
+    return found
+
+
+def find_in(
+    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, sample: CooperativeSample
+) -> list[FoundMap]:
+    """Return what is found in the views of a sample's receivers; arguments as of `fused_features`."""
+    found = []
+    for view in sample.views:
+        fused, _ = fused_features(net, features, values, sure, sample.grid, view)
+        found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
     return found

@@ -38,14 +38,34 @@ def cooperative_loss(
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):
         features = detector.encoder(sample.pillars)
     values, sure = net.message(features)
-    parts = {
+    parts = message_losses(net, features, values, sample) | views_losses(net, features, values, sure, sample, teacher)
+    return {"loss": sum_of(parts), **parts}
+
+
+def message_losses(
+    net: CooperativeNet, features: Tensor, values: Tensor, sample: CooperativeSample
+) -> dict[str, Tensor]:
+    """Return the losses of messages by themselves, by name; arguments as of `fused_features`."""
+    return {
         "sure": heat_loss(net.sure(features).float(), sample.seen.to(features.device), sample.objects),
         "copy": copy_loss(net, features.detach(), values),
     }
+
+
+def views_losses(
+    net: CooperativeNet,
+    features: Tensor,
+    values: Tensor,
+    sure: Tensor,
+    sample: CooperativeSample,
+    teacher: DetectorNet | None = None,
+) -> dict[str, Tensor]:
+    """Return the losses of what receivers fuse, by name, the means of all views; arguments as of `fused_features`."""
+    parts: dict[str, Tensor] = {}
     for view in sample.views:
         for name, part in _view_losses(net, features, values, sure, sample.grid, view, teacher).items():
             parts[name] = parts.get(name, torch.zeros_like(part)) + part / len(sample.views)
-    return {"loss": sum_of(parts), **parts}
+    return parts
 
 
 def copy_loss(net: CooperativeNet, features: Tensor, values: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.nn.cooperative.expand import Expand
+from coopsim.nn.cooperative.feature_flow import FeatureFlow
 from coopsim.nn.detector.centre_head import RARE, CentreHead
 from coopsim.nn.detector.encoder import MOST_CHANNELS
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
@@ -26,6 +27,7 @@ class CooperativeConfig:
         parameters: of the fusion, by name.
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
+        flow: width of the network that tells how a sender's map changes (`FeatureFlow`); 0: there is none.
 
     Raises:
         InvalidValueError: a count is not positive, or larger than any network's.
@@ -35,9 +37,11 @@ class CooperativeConfig:
     parameters: Mapping[str, object] = field(default_factory=dict)
     message_channels: int = 16
     features: int = 64
+    flow: int = 0
 
     def __post_init__(self) -> None:
         require_count(1, MOST_CHANNELS, message_channels=self.message_channels, features=self.features)
+        require_count(0, MOST_CHANNELS, flow=self.flow)
 
 
 class CooperativeNet(nn.Module):
@@ -50,11 +54,13 @@ class CooperativeNet(nn.Module):
         fusion: how maps become one, made for `features` channels.
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
+        flow: width of the network of maps' change; 0: there is none.
     """
 
-    def __init__(self, fusion: FeatureFusion, message_channels: int = 16, features: int = 64) -> None:
+    def __init__(self, fusion: FeatureFusion, message_channels: int = 16, features: int = 64, flow: int = 0) -> None:
         super().__init__()
         self.message_channels = message_channels
+        self.flow = FeatureFlow(message_channels, flow) if flow else None
         self.compress = nn.Sequential(
             nn.Conv2d(features, features, 1), nn.ReLU(inplace=True), nn.Conv2d(features, message_channels, 1)
         )
@@ -79,7 +85,7 @@ class CooperativeNet(nn.Module):
             UnknownNameError: no fusion has this name.
         """
         fusion = FUSIONS.get(config.fusion)(config.features, **config.parameters)
-        return cls(fusion, config.message_channels, config.features)
+        return cls(fusion, config.message_channels, config.features, config.flow)
 
     def message(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return what A agents send: values (A, C, h, w), and how sure they are of each cell (A, h, w) in [0, 1].

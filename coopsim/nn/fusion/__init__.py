@@ -5,6 +5,7 @@ from coopsim.nn.fusion.cobevt import CoBEVT
 from coopsim.nn.fusion.disconet import DiscoNet
 from coopsim.nn.fusion.fcooper import FCooper
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
+from coopsim.nn.fusion.ff_tracking import FFTracking
 from coopsim.nn.fusion.gsaf import GSAF
 from coopsim.nn.fusion.pyramid import Pyramid
 from coopsim.nn.fusion.v2vnet import V2VNet
@@ -18,6 +19,7 @@ __all__ = [
     "CoBEVT",
     "DiscoNet",
     "FCooper",
+    "FFTracking",
     "FeatureFusion",
     "Foreground",
     "FusionContext",

@@ -13,6 +13,7 @@ from torch import Tensor
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
+from coopsim.nn.cooperative.feature_flow import moved_on
 from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.encoder import COARSEST, STRIDE
@@ -56,11 +57,21 @@ class ReceivedMap:
         content: the message.
         values: (C + 1, h, w), with the confidences.
         sent: (h, w) the cells that were sent; None: all.
+        change: (C, h, w) of the values without confidences, per second; None: they are taken as they are.
     """
 
     content: FeatureMap
     values: Tensor
     sent: Tensor | None
+    change: Tensor | None = None
+
+    def after(self, delay_s: float) -> Tensor:
+        """Return `values` as they are after a delay; confidences stay."""
+        if self.change is None:
+            return self.values
+        channels = len(self.change)
+        moved = moved_on(self.values[None, :channels], self.change[None], torch.tensor([delay_s]))[0]
+        return torch.cat([moved, self.values[channels:]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +143,7 @@ class Perceiver:
         self.cell_m = STRIDE * cell_m
         self._net, self._head = net, folded(net.head)
         self._channels = net.message_channels
+        self._accepted = (self._channels,) if net.flow is None else (self._channels, 2 * self._channels)
 
     def encode(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[OwnMap]:
         """Return the maps of A agents.
@@ -168,16 +180,17 @@ class Perceiver:
             raise CodecError(
                 f"the features are of network {content.space}, not of {self._space}: nobody here reads them"
             )
-        if channels != self._channels:
-            raise CodecError(f"features must have {self._channels} channels, got {channels}")
+        if channels not in self._accepted:
+            raise CodecError(f"features must have {' or '.join(map(str, self._accepted))} channels, got {channels}")
         if rows * columns > _MOST_CELLS or not _CELLS_M[0] <= content.grid.cell_m <= _CELLS_M[1]:
             raise CodecError(f"a map of {rows} x {columns} cells of {content.grid.cell_m:g} m is none of a network")
         if not np.abs(content.values).max(initial=0.0) <= _LARGEST:
             raise CodecError(f"features must be finite and within {_LARGEST:g}")
         confidence = np.zeros((rows, columns), np.float32) if content.confidence is None else content.confidence
-        values = np.concatenate([content.values, confidence[None]])
+        values = np.concatenate([content.values[: self._channels], confidence[None]])
         sent = None if content.sent is None else torch.from_numpy(content.sent.copy())
-        return ReceivedMap(content, torch.from_numpy(values), sent)
+        change = torch.tensor(content.values[self._channels :]) if channels > self._channels else None
+        return ReceivedMap(content, torch.from_numpy(values), sent, change)
 
     def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap], own_kind: int = 0) -> Tensor:
         """Return fused features (64, H, W) on the cells of a region around the receiver, of kind `own_kind`."""
@@ -209,7 +222,8 @@ class Perceiver:
 
 
 def _warped(placed: PlacedMap, region: BevGrid) -> tuple[Tensor, Tensor]:
-    """Return values (1, C + 1, H, W) and valid cells (1, H, W) of a map in the receiver's region."""
+    """Return values (1, C + 1, H, W) of now and valid cells (1, H, W) of a map in the receiver's region."""
     received = placed.map
     present = None if received.sent is None else received.sent[None]
-    return warp(received.values[None], received.content.grid, region, placed.sender_SE2_receiver[None], present)
+    values = received.after(placed.delay_s)[None]
+    return warp(values, received.content.grid, region, placed.sender_SE2_receiver[None], present)

@@ -100,7 +100,8 @@ def test_maps_are_the_same_for_any_number_of_threads() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["attfuse", "cobevt", "disconet", "fcooper", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm"]
+    "name",
+    ["attfuse", "cobevt", "disconet", "fcooper", "ff_tracking", "gsaf", "pyramid", "v2vnet", "v2x_vit", "where2comm"],
 )
 def test_a_senders_car_arrives_where_it_stands(name: str) -> None:
     """A receiver that sees nothing; a sender 24 m east and 12 m north of it that sees a car."""
