@@ -15,6 +15,7 @@ import torch
 import coopsim
 from coopsim.learn.loop.precision import autocast_type
 from coopsim.learn.loop.ranks import Ranks
+from coopsim.learn.loop.training_log import mean_values
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
 
 CARD = "card.json"
@@ -40,7 +41,6 @@ def make_card(
         log: lines of the training's log.
     """
     losses = [line for line in log if line["kind"] == "losses"][-_LAST:]
-    names = sorted(losses[0].keys() - {"step", "kind"}) if losses else []
     looks = [line for line in log if line["kind"] == "validation"]
     return {
         "name": recipe.name,
@@ -48,7 +48,7 @@ def make_card(
         "seed": seed,
         "steps": recipe.steps,
         "parameters": parameters,
-        "losses": {name: round(sum(line[name] for line in losses) / len(losses), 4) for name in names},
+        "losses": {name: round(value, 4) for name, value in sorted(mean_values(losses).items()) if name != "step"},
         "held_out": {name: value for name, value in looks[-1].items() if name not in ("step", "kind")} if looks else {},
         "precision": str(autocast_type(recipe.precision, ranks.device) or torch.float32).removeprefix("torch."),
         "teacher": "none" if recipe.teacher is None else Path(recipe.teacher).stem,

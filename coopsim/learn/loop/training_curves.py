@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopsim.learn.loop.training_log import read_log
+from coopsim.learn.loop.training_log import mean_values, read_log
 from coopsim.support.files import write_whole
 
 CURVES = "curves.svg"
@@ -49,17 +49,9 @@ def _curves(lines: Sequence[Mapping[str, float]]) -> dict[str, list[tuple[float,
 
 def _thinned(lines: Sequence[Mapping[str, Any]], kind: str) -> list[dict[str, float]]:
     """Return the lines of a kind, of many the means of as many neighbours as make at most `_POINTS`."""
-    found = [{key: value for key, value in line.items() if key != "kind"} for line in lines if line["kind"] == kind]
+    found = [line for line in lines if line["kind"] == kind]
     each = max(1, -(-len(found) // _POINTS))
-    groups = [found[k : k + each] for k in range(0, len(found), each)]
-    return [
-        {
-            name: sum(line[name] for line in group) / len(group)
-            for name in group[0]
-            if all(name in line for line in group)
-        }
-        for group in groups
-    ]
+    return [mean_values(found[k : k + each]) for k in range(0, len(found), each)]
 
 
 def _draw(panel: Any, title: str, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:

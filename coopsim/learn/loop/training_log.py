@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,3 +53,13 @@ def read_log(folder: Path) -> list[dict[str, Any]]:
         except (ValueError, TypeError, KeyError) as error:
             raise InvalidValueError("this is no line of a training's log").at(f"{path}:{number}") from error
     return found
+
+
+def mean_values(lines: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the mean of each value by name, over those lines that have it: not every step has every loss."""
+    found: dict[str, list[float]] = {}
+    for line in lines:
+        for name, value in line.items():
+            if name != "kind":
+                found.setdefault(name, []).append(value)
+    return {name: sum(values) / len(values) for name, values in found.items()}

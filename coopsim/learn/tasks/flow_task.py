@@ -33,7 +33,7 @@ class FlowTask(CooperativeTask):
         seed: of the first weights.
 
     Raises:
-        InvalidValueError: the network has no flow, or detector, teacher, network and the weights to start with do not
+        InvalidValueError: the network has no flow, its loss is weighed, or detector, teacher, network and the weights to start with do not
             fit together.
     """
 
@@ -41,6 +41,11 @@ class FlowTask(CooperativeTask):
         super().__init__(recipe, seed)
         if self.net.flow is None:
             raise InvalidValueError("network flow must be its width, as {flow: 24}, with kind: flow, got 0")
+        if unweighed := {"flow", "unmoved"} & recipe.loss.keys():
+            raise InvalidValueError(
+                f"loss must leave out {sorted(unweighed)}: what the flow learns, nothing else does, and not every step "
+                "has late messages"
+            )
         self.net.head.requires_grad_(False)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:

@@ -21,6 +21,8 @@ def test_the_command_says_what_differs_from_the_shipped_recipe() -> None:
 
 def test_a_card_has_mean_losses_and_the_last_look() -> None:
     log = [{"step": k, "kind": "losses", "loss": float(k)} for k in range(1, 201)]
+    for line in log[150::2]:
+        line["rare"] = 2.0  # not every step has every loss
     log += [{"step": k, "kind": "validation", "AP@0.5": k / 1000} for k in (100, 200)]
     card = make_card(TrainingRecipe("x"), 0, Ranks(0, 1, torch.device("cpu")), 10, log)
-    assert card["losses"] == {"loss": 150.5} and card["held_out"] == {"AP@0.5": 0.2}
+    assert card["losses"] == {"loss": 150.5, "rare": 2.0} and card["held_out"] == {"AP@0.5": 0.2}

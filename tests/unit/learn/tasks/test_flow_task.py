@@ -145,5 +145,7 @@ def test_what_is_wrong_is_refused() -> None:
         FlowTask(recipe(network={**NETWORK, "flow": 0}), 0)
     with pytest.raises(InvalidValueError, match="network flow must be 0 with kind: cooperative, got 8"):
         CooperativeTask(recipe(kind="cooperative"), 0)
+    with pytest.raises(InvalidValueError, match=r"loss must leave out \['flow'\]"):
+        FlowTask(recipe(loss={"flow": 2.0}), 0)
     with pytest.raises(InvalidValueError, match="flow must be an integer"):
         FlowTask(recipe(network={**NETWORK, "flow": -1}), 0)
