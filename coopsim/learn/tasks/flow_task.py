@@ -33,8 +33,8 @@ class FlowTask(CooperativeTask):
         seed: of the first weights.
 
     Raises:
-        InvalidValueError: the network has no flow, its loss is weighed, or detector, teacher, network and the weights to start with do not
-            fit together.
+        InvalidValueError: the network has no flow, its loss is weighed, or detector, teacher, network and the weights
+            to start with do not fit together.
     """
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
