@@ -87,7 +87,7 @@ class PerceivingPolicy(TrackingPolicy):
                 f"delayed must be left at 'as_current', got {self.delayed!r}: a network is told how late "
                 "messages are, and what it finds is of now"
             )
-        self._tracking = _tracking_policy(self.tracker)
+        self._tracking = self.tracking_policy()
         self._heard: dict[str, dict[str, Heard]] = {}
         super().__post_init__()
         self.load()
@@ -113,6 +113,21 @@ class PerceivingPolicy(TrackingPolicy):
     @abstractmethod
     def found_by(self, heading_rad: float, content: Any) -> Detections:
         """Return what a sender with this heading saw, as its message alone shows it, in its base frame."""
+
+    def tracking_policy(self) -> TrackingPolicy:
+        """Return the policy whose tracker is used.
+
+        Raises:
+            UnknownNameError: there is none of that name.
+            InvalidValueError: it does not track boxes.
+        """
+        name, parameters = parse_spec("tracker", self.tracker)
+        if not _tracks_boxes(name):
+            accepted = ", ".join(each for each in POLICIES.names() if _tracks_boxes(each))
+            raise InvalidValueError(f"tracker must be a policy that tracks boxes ({accepted}), got {self.tracker!r}")
+        made = make_policy(name, **parameters)
+        assert isinstance(made, TrackingPolicy)
+        return made
 
     def make_tracker(self) -> Tracker | TrackersByClass:
         return self._tracking.make_tracker()
@@ -147,8 +162,12 @@ class PerceivingPolicy(TrackingPolicy):
         if not observation.sensed:
             return Detections.empty()
         found = self.find(agent, observation, heard).transform(base_SE3_compass(observation))
-        if self._states[agent].is_object:  # no agent is its own object
-            for place_m in self._own_places(agent, observation.time_ns, heard):
+        return self._less_itself(agent, observation.time_ns, heard, found)
+
+    def _less_itself(self, agent: str, now_ns: int, heard: Sequence[Heard], found: Detections) -> Detections:
+        """Return what is found in the agent's base frame, less the agent: no agent is its own object."""
+        if self._states[agent].is_object:
+            for place_m in self._own_places(agent, now_ns, heard):
                 found = found[~covers(found.boxes, place_m)]
         return found
 
@@ -200,22 +219,6 @@ class PerceivingPolicy(TrackingPolicy):
 def base_SE3_compass(observation: Observation) -> SE3:
     """Return the turn from the compass frame to the base frame, by the agent's estimate of its heading."""
     return SE3.from_xyz_yaw(np.zeros(3), -float(observation.pose.xyz_yaw[3]))
-
-
-def _tracking_policy(spec: str) -> TrackingPolicy:
-    """Make the policy whose tracker is used.
-
-    Raises:
-        UnknownNameError: there is none of that name.
-        InvalidValueError: it does not track boxes.
-    """
-    name, parameters = parse_spec("tracker", spec)
-    if not _tracks_boxes(name):
-        accepted = ", ".join(each for each in POLICIES.names() if _tracks_boxes(each))
-        raise InvalidValueError(f"tracker must be a policy that tracks boxes ({accepted}), got {spec!r}")
-    made = make_policy(name, **parameters)
-    assert isinstance(made, TrackingPolicy)
-    return made
 
 
 def _tracks_boxes(name: str) -> bool:

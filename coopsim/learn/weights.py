@@ -30,6 +30,7 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, PictureIdentityNet
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
+from coopsim.nn.queries.query_net import QueryConfig, QueryNet
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"
@@ -157,6 +158,27 @@ def load_picture_identity(name_or_path: str | Path = "picture_identity") -> Pict
     return net
 
 
+def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | None = None) -> QueryNet:
+    """Return a `QueryNet` with weights, ready to be used; shared by all who ask, so not to be changed.
+
+    Args:
+        name_or_path: of the weights.
+        detector: whose features it will get; it must have the encoder that the weights were trained on.
+        fusion: how agents are to cooperate; None: as the weights have it.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, was trained on another encoder, or for another fusion.
+    """
+    net = _load_beside(name_or_path, "queries", detector)
+    assert isinstance(net, QueryNet)
+    if fusion is not None and net.config.fusion != fusion:
+        raise InvalidValueError(
+            f"{find_weights(name_or_path)}: must be weights of the fusion {fusion!r}, is {net.config.fusion!r}"
+        )
+    return net
+
+
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
     """Write a network's weights as 16 bit floats.
 
@@ -226,6 +248,7 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
         "covariance": make_covariance,
         "point_identity": make_point_identity,
         "picture_identity": make_picture_identity,
+        "queries": make_queries,
     }
     kind = texts.get("kind", "cooperative")
     return made[kind](config) if kind in made else make_cooperative(config)[0]
@@ -259,6 +282,11 @@ def make_point_identity(config: Mapping[str, Any], seed: int = 0) -> PointIdenti
 def make_picture_identity(config: Mapping[str, Any], seed: int = 0) -> PictureIdentityNet:
     """Return a network of objects' identity by their pictures, with random weights, the same for the same seed."""
     return _made(PictureIdentityConfig, PictureIdentityNet, config, seed)
+
+
+def make_queries(config: Mapping[str, Any], seed: int = 0) -> QueryNet:
+    """Return a network of instance queries with random weights, the same for the same seed."""
+    return _made(QueryConfig, QueryNet, config, seed)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:

@@ -252,15 +252,21 @@ class InstanceQueries:
         boxes: K reference boxes.
         score: (K,) confidence.
         label: (K,) int, an `ObjectClass`.
+        space: number of the network whose features these are, which no other one understands; 0: not stated.
+
+    Raises:
+        InvalidValueError: shapes do not fit each other, or `space` is not of 32 bits.
     """
 
     feature: NDArray[np.float32]
     boxes: Boxes3D
     score: Floats
     label: Ints
+    space: int = 0
 
     def __post_init__(self) -> None:
         count = len(self.boxes)
+        require_count(0, 2**32 - 1, space=self.space)
         object.__setattr__(self, "feature", frozen(self.feature, (count, None), np.float32, "feature"))
         object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
         object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
@@ -269,4 +275,5 @@ class InstanceQueries:
         return len(self.boxes)
 
     def __getitem__(self, index: slice | Ints | Mask) -> InstanceQueries:
-        return InstanceQueries(self.feature[index], self.boxes[index], self.score[index], self.label[index])
+        kept = self.feature[index], self.boxes[index], self.score[index], self.label[index]
+        return InstanceQueries(*kept, space=self.space)

@@ -13,12 +13,13 @@ import pytest
 pytest.importorskip("torch")
 
 from street_scene import CARS, FRAME_NS, observe, spec_of, sweep_from
-from tiny_networks import FUSIONS, learned, tiny_detector
+from tiny_networks import FUSIONS, QUERIES, learned, tiny_detector
 
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.catalog import policies_on_boxes
-from coopsim.comms.envelope import decode_features
+from coopsim.comms.codecs.query_codec import QueriesCodec
+from coopsim.comms.envelope import decode_features, decode_queries
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -28,6 +29,7 @@ from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation,
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "yoloo"})
 EVERY = pytest.mark.parametrize("name", NAMES)
 EVERY_FUSION = pytest.mark.parametrize("name", FUSIONS)
+EVERY_QUERY = pytest.mark.parametrize("name", QUERIES)
 ELSEWHERE, HIDDEN = (30.0, 2.0, 0.0, 1.0), (20.0, -18.0)
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 4, "detector": "none"}
 
@@ -119,7 +121,7 @@ def test_the_last_message_is_used_until_it_is_too_old(name: str) -> None:
 def broken(good: Message) -> Iterator[Message]:
     for payload in (b"", b"\x07nonsense", good.payload[:-1], good.payload + b"\0", bytes(100_000), b"\xff" * 80):
         yield replace(good, sender="rsu_1", payload=payload)
-    for codec in ("queries", "nobody's", ""):
+    for codec in ("tracks", "nobody's", ""):
         yield replace(good, sender="cav_1", codec=codec)
 
 
@@ -155,6 +157,61 @@ def test_features_of_other_networks_are_refused(name: str) -> None:
     heard = said(policy, 0)
     require_same(frames(policy, lambda k: [], 1), frames(policy, lambda k: [*foreign(heard)], 1))
     assert policy.rejected == {("cav_0", "rsu_0"): 7}
+
+
+@EVERY_QUERY
+def test_queries_of_other_networks_are_refused_and_none_or_many_are_read(name: str) -> None:
+    policy = make(name)
+    heard = said(policy, 0)
+    sent = decode_queries(heard)
+    wild, far = sent.feature.copy(), sent.boxes.array.copy()
+    wild[0, 0], far[0, 0] = 3e38, 1e30
+    encode = QueriesCodec("float32").encode
+    refused = [
+        replace(heard, payload=encode(content))
+        for content in (
+            replace(sent, space=sent.space ^ 1),
+            replace(sent, space=0),
+            replace(sent, feature=sent.feature[:, :-1]),
+            replace(sent, feature=wild),
+            replace(sent, boxes=Boxes3D.from_array(far)),
+        )
+    ]
+    alone = frames(policy, lambda k: [], 1)
+    require_same(alone, frames(policy, lambda k: refused, 1))
+    assert policy.rejected == {("cav_0", "rsu_0"): 5}
+    require_same(alone, frames(policy, lambda k: [replace(heard, payload=encode(sent[:0]))], 1))
+    many = sent[np.arange(300) % len(sent)]
+    assert len(frames(policy, lambda k: [replace(heard, payload=encode(many))], 1)[0])
+    assert not policy.rejected
+
+
+@EVERY_QUERY
+def test_a_closed_gate_keeps_what_others_say_apart(name: str) -> None:
+    policy = make(name, least_affinity=1.5)
+    heard = said(policy, 0)
+    one = len(play(begin(policy), observe(0))[0])
+    policy.perceive("cav_0", observe(FRAME_NS, heard))
+    apart = policy._chains["cav_0"].now  # type: ignore[attr-defined]
+    assert apart is not None and len(apart.instances) >= one
+
+
+@EVERY_QUERY
+def test_ids_are_carried_over_frames_and_over_frames_without_sensors(name: str) -> None:
+    policy = make(name)
+    reports = play(begin(policy), *(replace(observe(k * FRAME_NS), sensed=k != 2) for k in range(5)))
+    assert len(reports[0]) and all(len(tracks) for tracks in reports)
+    assert {*reports[4].id.tolist()} <= {*reports[0].id.tolist()}
+    assert {*reports[2].id.tolist()} & {*reports[1].id.tolist()}
+
+
+@EVERY_QUERY
+def test_an_agent_that_falls_silent_is_forgotten_with_its_objects(name: str) -> None:
+    policy = make(name, memory_s=0.15)
+    heard = said(policy, 0)
+    reports = frames(policy, lambda k: [heard] if k == 0 else [], 9)
+    alone = frames(policy, lambda k: [], 9)
+    assert len(reports[0]) > len(alone[0]) and len(reports[-1]) == len(alone[-1])
 
 
 @EVERY_FUSION

@@ -18,6 +18,7 @@ from coopsim.learn.weights import (
     make_pictures,
     make_point_identity,
     make_points_and_pictures,
+    make_queries,
     save_weights,
 )
 from coopsim.nn.camera.sight import GEOMETRY
@@ -26,6 +27,7 @@ TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 
 TINY_PICTURES: dict[str, Any] = {"width": 8, "picture_features": 2, "depth_bins": 16} | {
     name: TINY[name] for name in ("cell_m", "channels", "layers", "features")
 }
+QUERIES = ("cooptrack", "univ2x")
 FUSIONS = (
     "attfuse",
     "cobevt",
@@ -43,7 +45,7 @@ FUSIONS = (
 @cache
 def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     """Return a folder with the weights `pillars`, `early`, `lift_splat`, `points_and_pictures`, `point_identity` and
-    one of each fusion; it is there as long as the tests.
+    one of each fusion, of maps and of queries; it is there as long as the tests.
     """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
@@ -55,6 +57,8 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     looks = make_point_identity({"widths": [4, 4, 8, 8, 8], "dim": 6, "points": 32}, seed)
     said = {"kind": "point_identity", "config": asdict(looks.config)}
     save_weights(folder / "point_identity.safetensors", looks, said)
+    for name in QUERIES:
+        save_queries(folder / f"{name}.safetensors", detector, name, seed)
     for name in FUSIONS:
         flow = 4 if name == "ff_tracking" else 0
         made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8, "flow": flow}, seed)
@@ -65,6 +69,17 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
         said = {"kind": "cooperative", "config": asdict(config), "encoder_digest": encoder_digest(detector)}
         save_weights(folder / f"{name}.safetensors", net, said)
     return folder
+
+
+def save_queries(path: Path, detector: Any, fusion: str, seed: int = 0) -> None:
+    """Write a network of queries on a detector, that changes a little what the detector finds."""
+    net = make_queries({"fusion": fusion, "features": 8, "width": 32, "heads": 2}, seed)
+    with torch.no_grad():
+        for head in (net.agent.heads.classes, net.agent.heads.box):
+            weights = head[-1].weight
+            weights.copy_(0.01 * torch.randn(weights.shape, generator=torch.Generator().manual_seed(seed)))
+    said = {"kind": "queries", "config": asdict(net.config), "encoder_digest": encoder_digest(detector)}
+    save_weights(path, net, said)
 
 
 def make_it_see(net: Any) -> None:
@@ -125,7 +140,7 @@ def learned(name: str, **settings: Any) -> dict[str, Any]:
     both = settings.get("sensors") == "both"
     if fusion in FUSIONS or both:
         own["picture_weights"] = str(folder / f"{'points_and_pictures' if both else 'lift_splat'}.safetensors")
-    if fusion in FUSIONS:
+    if fusion in (*FUSIONS, *QUERIES):
         own["detector_weights"] = str(folder / "pillars.safetensors")
     return own | settings
 

@@ -24,14 +24,14 @@ from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import InstanceQueries
 
-_HEAD = struct.Struct("<BHH")
-"""Kind of number, number of queries, length of a feature vector."""
+_HEAD = struct.Struct("<BHHI")
+"""Kind of number, number of queries, length of a feature vector, number of the network."""
 
 
 @CODECS.register("queries")
 class QueriesCodec(FeatureCodec[InstanceQueries]):
-    """5 bytes of head (number, K and D as uint16), K objects in 33 bytes each as in `DetectionsCodec`, and their
-    features query by query, as float32, float16, or int8 with a scale a query.
+    """9 bytes of head (number, K and D as uint16, space as uint32), K objects in 33 bytes each as in `DetectionsCodec`,
+    and their features query by query, as float32, float16, or int8 with a scale a query.
 
     Objects come back within 2^-24 of themselves; the error of features is as in `FeaturesCodec`, by query
     instead of by channel. Decoded are at most 65,535 queries, and 16,777,216 values.
@@ -51,7 +51,7 @@ class QueriesCodec(FeatureCodec[InstanceQueries]):
         if not good.all():
             raise CodecError(f"query {int(np.argmin(good))} cannot be sent: it must be finite and have a size")
         rows = object_rows(content.boxes, content.score, content.label)
-        head = _HEAD.pack(self._first_byte, count, width)
+        head = _HEAD.pack(self._first_byte, count, width, content.space)
         return head + rows.tobytes() + pack_features(content.feature, self._number)
 
     def encode_within(self, content: InstanceQueries, budget_bytes: int) -> bytes:
@@ -59,7 +59,7 @@ class QueriesCodec(FeatureCodec[InstanceQueries]):
         return encode_prefix(lambda count: self.encode(content[np.sort(surest[:count])]), len(content), budget_bytes)
 
     def decode(self, payload: bytes) -> InstanceQueries:
-        first_byte, count, width = unpack_head(payload, _HEAD, "queries")
+        first_byte, count, width, space = unpack_head(payload, _HEAD, "queries")
         if count * width > MOST_VALUES:
             raise CodecError(f"{len(payload)} bytes announce {count} x {width} features")
         kind, start = feature_number(first_byte), _HEAD.size + count * OBJECT_ROW.itemsize
@@ -68,4 +68,4 @@ class QueriesCodec(FeatureCodec[InstanceQueries]):
         rows = np.frombuffer(payload, OBJECT_ROW, count, _HEAD.size)
         require_objects(rows, "query")
         feature = unpack_features(payload[start:], (count, width), kind)
-        return InstanceQueries(feature, Boxes3D.from_array(rows["box"]), rows["score"], rows["label"])
+        return InstanceQueries(feature, Boxes3D.from_array(rows["box"]), rows["score"], rows["label"], space)

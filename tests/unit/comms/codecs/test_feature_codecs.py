@@ -93,11 +93,12 @@ def test_of_sparse_maps_the_surest_cells_come_back(
 @EVERY_NUMBER
 @pytest.mark.parametrize(("count", "width"), [(0, 8), (1, 1), (30, 256), (3, 0)])
 def test_queries_come_back_within_the_stated_errors(number: FeatureNumber, count: int, width: int) -> None:
-    sent = some_queries(count, width=width)
+    sent = replace(some_queries(count, width=width), space=0xDEADBEEF)
     payload = QueriesCodec(number).encode(sent)
     got = QueriesCodec().decode(payload)
+    assert got.space == got[:1].space == 0xDEADBEEF
     scales = 4 * count if number == "int8" else 0
-    assert len(payload) == 5 + 33 * count + scales + BYTES[number] * count * width
+    assert len(payload) == 9 + 33 * count + scales + BYTES[number] * count * width
     assert (np.abs(got.feature - sent.feature) <= feature_error(sent.feature, number)).all()
     np.testing.assert_allclose(got.boxes.array, sent.boxes.array, rtol=2.0**-24)
     np.testing.assert_allclose(got.score, sent.score, rtol=2.0**-24)

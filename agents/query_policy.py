@@ -1,0 +1,228 @@
+"""The base of policies that exchange instance queries: decode, carry over, share, match, fuse, report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy, base_SE3_compass
+from coopsim.agents.policy import Needs
+from coopsim.agents.tracking_policy import TrackingPolicy
+from coopsim.catalog import make_policy
+from coopsim.comms.envelope import decode_queries
+from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
+from coopsim.comms.uplinks.share_instances import ShareInstances
+from coopsim.comms.uplinks.uplink import Uplink
+from coopsim.geometry.se3 import SE3
+from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.support.checks import require_between, require_probability
+from coopsim.types import AgentSpec, BevGrid, Detections, InstanceQueries, Message, Observation, SensorView, Tracks
+from coopsim.types.valid_detections import drop_unreportable
+
+if TYPE_CHECKING:
+    from coopsim.nn.inference.query_perceiver import QueryMemory
+    from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
+    from coopsim.nn.queries.instances import Instances
+    from coopsim.nn.queries.query_net import SeenMap
+
+BY_QUERIES = "queries"
+"""The tracker for which the numbers of instances are the ids of tracks."""
+
+
+@dataclass
+class _OwnChain:
+    """What an agent knows by itself, frame after frame."""
+
+    frame: OdometryFrame = field(default_factory=OdometryFrame)
+    memory: QueryMemory | None = None
+
+
+@dataclass
+class _FusedChain:
+    """What an agent knows with the help of others: after the frame before this one, and after this one."""
+
+    before: QueryMemory | None = None
+    now: QueryMemory | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class QueryPolicy(PerceivingPolicy):
+    """A policy whose agents keep instances in mind and send them. Further parameters: `PerceivingPolicy`.
+
+    A class says by `fusion` how agents cooperate (see `coopsim.nn.queries.query_net.FUSIONS`).
+
+    An agent keeps two minds: one of what it sees by itself, which it sends, and one in which the others' are fused,
+    which it reports from. So nobody hears an echo. Senders are folded in from the nearest to the farthest: an order
+    that neither their names nor the order of messages decide.
+
+    Attributes:
+        detector_weights: of the encoder and head, which must be those that the network was trained on.
+        tracker: "queries": an instance keeps its number while it is carried over, which is the track's id; or a policy
+            that tracks boxes, whose tracker then follows what is found in each frame.
+        least_reported: with the tracker "queries", smallest score of a reported track.
+        least_shared: smallest score of an instance that is sent.
+        least_affinity: smallest affinity of two instances that become one, in [0, 1]; above 1 none do.
+    """
+
+    needs = Needs(uplink="queries", lidar=True)
+    fusion: ClassVar[str]
+    codec: ClassVar[str] = "queries"
+
+    tracker: str = BY_QUERIES
+    detector_weights: str = "pillars"
+    least_reported: float = 0.3
+    least_shared: float = 0.2
+    least_affinity: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_probability(least_reported=self.least_reported, least_shared=self.least_shared)
+        require_between(0, 2, least_affinity=self.least_affinity)
+        super().__post_init__()
+
+    def tracking_policy(self) -> TrackingPolicy:
+        if self.tracker != BY_QUERIES:
+            return super().tracking_policy()
+        made = make_policy("ab3dmot")  # is never asked to track
+        assert isinstance(made, TrackingPolicy)
+        return made
+
+    def load(self) -> None:
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.learn.weights import digest, load_detector, load_queries
+        from coopsim.nn.inference.agent_encoder import PointEncoder
+        from coopsim.nn.inference.query_perceiver import QueryPerceiver
+
+        detector = load_detector(self.detector_weights)
+        net = load_queries(self.weights, detector, self.fusion)
+        self._perceiver = QueryPerceiver(net, detector, int(digest(self.weights)[:8], 16), self.threads)
+        self._encoder = PointEncoder(detector)
+        self._see: EncodeOnce[SeenMap] = EncodeOnce(lambda view: self._seen({view.agent: view})[view.agent], self._seen)
+        self._own: dict[str, StepOnce[_OwnChain, Instances]] = {}
+        self._uplink: ShareInstances | None = None
+        self._sending: dict[str, AgentSpec] = {}
+        self._chains: dict[str, _FusedChain] = {}
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if self._uplink is None or spec.name in self._sending:  # an episode begins
+            self._uplink, self._sending = ShareInstances(self._shared, spec.codec or self.codec), {}
+        self._sending[spec.name] = spec
+        self._alone(spec.name).begin_sending(spec.name)
+        return self._uplink
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        super().begin(spec, rng)
+        self._alone(spec.name).begin(spec.name)
+        self._chains[spec.name] = _FusedChain()
+
+    def prepare(self, observations: Mapping[str, Observation]) -> None:
+        sensed = {agent: each for agent, each in observations.items() if each.sensed}
+        self._see.all([each.view(self.specs[agent]) for agent, each in sensed.items()])
+        for agent in self._sending:
+            if agent in observations:  # frames in which it sends nothing, too
+                self._alone(agent)(agent, observations[agent])
+
+    def decode(self, message: Message) -> Instances:
+        return self._perceiver.receive(decode_queries(message))
+
+    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        chain, now_ns = self._chains[agent], observation.time_ns
+        if chain.now is not None and chain.now.time_ns != now_ns:
+            chain.before = chain.now if chain.now.time_ns < now_ns else None
+        region = self._region(observation)
+        placed = [self._placed(agent, observation, each, region) for each in heard]
+        placed.sort(key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
+        chain.now = self._perceiver.step(
+            chain.before, now_ns, self._odom_SE3_compass(agent, observation),
+            self._see(observation.view(self.specs[agent])), placed, self.least_affinity,
+        )  # fmt: skip
+        return self._reported(chain.now.instances, region)
+
+    def found_by(self, heading_rad: float, content: Instances) -> Detections:
+        from coopsim.nn.inference.query_perceiver import detections_of
+
+        return detections_of(content)
+
+    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        if self.tracker != BY_QUERIES:
+            return super()._track(agent, observation, found)
+        state, chain, now_ns = self._states[agent], self._chains[agent], observation.time_ns
+        known, to_base = self._perceiver.nothing(), base_SE3_compass(observation)
+        if chain.now is not None:
+            known = chain.now.instances
+        if chain.now is not None and not observation.sensed:
+            known = self._perceiver.carried(chain.now, now_ns, self._odom_SE3_compass(agent, observation))
+            placed = self._reported(known, self._region(observation)).transform(to_base)
+            found = self._less_itself(agent, now_ns, [], placed)
+        own = drop_unreportable(found)
+        state.fused = [replace(own, embedding=None).transform(state.frame.odom_SE3_base)]
+        if own.embedding is None:
+            return Tracks.empty()
+        sure = own[own.score >= self.least_reported]
+        rows = np.asarray(sure.embedding)[:, 0].astype(np.int64)
+        velocity = to_base.rotate_planar(known.velocity.double().numpy()[rows])
+        return Tracks(known.number.numpy()[rows], sure.boxes, velocity, sure.score, sure.label)
+
+    def _reported(self, known: Instances, region: BevGrid) -> Detections:
+        """Return the instances in a region as detections, each with its row as the one number of its embedding.
+
+        With another tracker, which might take it for looks, without.
+        """
+        from coopsim.nn.inference.query_perceiver import detections_of
+
+        found = detections_of(known)
+        if self.tracker == BY_QUERIES:
+            found = replace(found, embedding=np.arange(len(found), dtype=np.float64)[:, None])
+        x, y = found.boxes.center[:, 0], found.boxes.center[:, 1]
+        inside = (region.x_m[0] <= x) & (x <= region.x_m[1]) & (region.y_m[0] <= y) & (y <= region.y_m[1])
+        return found[inside & (found.score >= self.least_score)]
+
+    def _region(self, observation: Observation) -> BevGrid:
+        pose = observation.pose.xyz_yaw
+        return self._perceiver.region(self.region_m, float(pose[3]), pose[:2])
+
+    def _odom_SE3_compass(self, agent: str, observation: Observation) -> SE3:
+        return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))
+
+    def _placed(self, agent: str, observation: Observation, heard: Heard, region: BevGrid) -> ReceivedInstances:
+        """Return what a sender sent, in its compass frame, and the place of that in the receiver's."""
+        compass_SE3_base = SE3.from_xyz_yaw(np.zeros(3), float(heard.message.pose.xyz_yaw[3]))
+        compass_SE3_compass = self.compass_SE3_sender(agent, observation, heard).compose(compass_SE3_base.inverse())
+        known = heard.content.moved(compass_SE3_base)
+        return self._perceiver.placed(known, compass_SE3_compass, heard.delay_s(observation.time_ns), region)
+
+    def _alone(self, agent: str) -> StepOnce[_OwnChain, Instances]:
+        """Return what steps an agent's own mind, once a frame."""
+        if agent not in self._own:
+            self._own[agent] = StepOnce(_OwnChain, partial(self._step_alone, agent))
+        return self._own[agent]
+
+    def _step_alone(self, agent: str, chain: _OwnChain, observation: Observation) -> Instances:
+        """Return what an agent knows by itself after a frame, in its compass frame."""
+        chain.frame.move(observation)
+        if observation.sensed:
+            odom_SE3_compass = chain.frame.odom_SE3_base.compose(base_SE3_compass(observation))
+            seen = self._see(observation.view(self._sending[agent]))
+            chain.memory = self._perceiver.step(chain.memory, observation.time_ns, odom_SE3_compass, seen)
+        return self._perceiver.nothing() if chain.memory is None else chain.memory.instances
+
+    def _shared(self, observations: Mapping[str, Observation]) -> dict[str, InstanceQueries]:
+        """Return what agents send."""
+        from coopsim.nn.inference.inference import side_by_side
+
+        self._see.all([each.view(self._sending[agent]) for agent, each in observations.items()])
+        tasks = [partial(self._alone(agent), agent, each) for agent, each in observations.items()]
+        known = side_by_side(tasks, self.threads)
+        return {
+            agent: self._perceiver.message(each[each.score >= self.least_shared], float(observation.pose.xyz_yaw[3]))
+            for (agent, observation), each in zip(observations.items(), known, strict=True)
+        }
+
+    def _seen(self, views: Mapping[str, SensorView]) -> dict[str, SeenMap]:
+        """Return what several agents see, computed side by side."""
+        looks = [self._encoder.look(view) for view in views.values()]
+        places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
+        return dict(zip(views, self._perceiver.see(looks, places), strict=True))

@@ -1,0 +1,198 @@
+"""The network of instance queries at work: frame after frame, from sensor data and messages to instances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from coopsim.errors import CodecError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.encoder import COARSEST, STRIDE
+from coopsim.nn.inference.agent_encoder import Look
+from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.perceiver import REACH_M, compass_region, way_to_world_cells
+from coopsim.nn.inference.quick import folded
+from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
+from coopsim.nn.queries.instances import UNNUMBERED, Instances
+from coopsim.nn.queries.query_alignment import aligned_boxes
+from coopsim.nn.queries.query_net import QueryNet, SeenMap, without_duplicates
+from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries
+from coopsim.types.valid_detections import FARTHEST_M
+
+LEAST_SCORE = 0.1
+"""Peaks and instances with smaller scores are forgotten."""
+
+_FAST_M_S = 10.0
+"""Velocities are sent in this unit, behind the features."""
+
+_LARGEST = 1e4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QueryMemory:
+    """What an agent knows after a frame.
+
+    Attributes:
+        time_ns: of the frame.
+        odom_SE3_compass: the agent's compass frame then, in its odometry frame.
+        instances: in that compass frame.
+        next_number: of the next new instance.
+    """
+
+    time_ns: int
+    odom_SE3_compass: SE3
+    instances: Instances
+    next_number: int = 0
+
+
+class QueryPerceiver:
+    """A network of instance queries on the encoder and head of a detector.
+
+    Args:
+        net: of the queries.
+        detector: of the points.
+        space: number of the networks, which their messages carry.
+        threads: agents are computed side by side on so many.
+    """
+
+    def __init__(self, net: QueryNet, detector: DetectorNet, space: int, threads: int = 1) -> None:
+        assert detector.config.head == "centre"
+        cell_m = detector.config.cell_m
+        self._reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
+        self._net, self._head, self._space, self._threads = net, folded(detector.head), space, threads
+        self._canvas_m, self._width = cell_m, net.config.width
+
+    def see(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[SeenMap]:
+        """Return what A agents see.
+
+        Args:
+            looks: of each what its sensors gave, see `coopsim.nn.inference.agent_encoder`.
+            positions_m: (2,) of each in the world, as it is estimated: its map lies on the world's cells.
+        """
+        return side_by_side([partial(self._see, *each) for each in zip(looks, positions_m, strict=True)], self._threads)
+
+    def step(
+        self,
+        before: QueryMemory | None,
+        time_ns: int,
+        odom_SE3_compass: SE3,
+        seen: SeenMap,
+        received: Sequence[ReceivedInstances] = (),
+        least_affinity: float = 0.5,
+    ) -> QueryMemory:
+        """Return what an agent knows after a frame: refined instances with numbers, without duplicates.
+
+        Args:
+            before: after the frame before; None: this is the first.
+            time_ns: of the frame.
+            odom_SE3_compass: the agent's compass frame now, in its odometry frame.
+            seen: by the agent now.
+            received: of senders, in the order in which they are folded in.
+            least_affinity: smallest affinity of a pair.
+        """
+        with inference(), torch.autocast("cpu", enabled=False):
+            known, dt_s = self._net.nothing(), 0.0
+            if before is not None:
+                known = before.instances.moved(odom_SE3_compass.inverse().compose(before.odom_SE3_compass))
+                dt_s = (time_ns - before.time_ns) / NS_PER_S
+            found = self._net(known, dt_s, seen, received, least_affinity=least_affinity).instances
+            found = without_duplicates(found[_reasonable(found)])
+        return _numbered(found, time_ns, odom_SE3_compass, 0 if before is None else before.next_number)
+
+    def nothing(self) -> Instances:
+        """Return no instances."""
+        return self._net.nothing()
+
+    def carried(self, memory: QueryMemory, time_ns: int, odom_SE3_compass: SE3) -> Instances:
+        """Return what an agent knew after a frame, in its compass frame at a later time, moved on by velocities."""
+        later = memory.instances.advanced((time_ns - memory.time_ns) / NS_PER_S)
+        return later.moved(odom_SE3_compass.inverse().compose(memory.odom_SE3_compass))
+
+    def region(self, region_m: tuple[float, float], heading_rad: float, position_m: Floats) -> BevGrid:
+        """Return the world's cells around a region of an agent's base frame, see `compass_region`."""
+        cell_m = STRIDE * self._canvas_m
+        return compass_region(region_m, heading_rad, cell_m, way_to_world_cells(position_m, cell_m))
+
+    def placed(self, known: Instances, receiver_SE3_sender: SE3, delay_s: float, region: BevGrid) -> ReceivedInstances:
+        """Return a sender's instances, in its compass frame, less those that are outside the receiver's region now."""
+        with inference():
+            x, y = aligned_boxes(known, receiver_SE3_sender, delay_s).box[:, :2].T
+            inside = (region.x_m[0] <= x) & (x <= region.x_m[1]) & (region.y_m[0] <= y) & (y <= region.y_m[1])
+            return ReceivedInstances(known[inside], receiver_SE3_sender, delay_s)
+
+    def message(self, known: Instances, heading_rad: float) -> InstanceQueries:
+        """Return instances as they are sent: in the base frame, with their features and velocities as one vector."""
+        placed = known.moved(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
+        vectors = torch.cat([placed.semantic, placed.motion, placed.velocity / _FAST_M_S], dim=1)
+        found = detections_of(placed)
+        return InstanceQueries(vectors.numpy(), found.boxes, found.score, found.label, self._space)
+
+    def receive(self, content: InstanceQueries) -> Instances:
+        """Return a message as instances in the sender's base frame: the surest that fit into an agent's mind.
+
+        Raises:
+            CodecError: it is of another network, or not what any network sends.
+        """
+        if content.space != self._space:
+            raise CodecError(
+                f"the queries are of network {content.space}, not of {self._space}: nobody here reads them"
+            )
+        count, length = content.feature.shape
+        if length != 2 * self._width + 2:
+            raise CodecError(f"queries must have {2 * self._width + 2} numbers, got {length}")
+        if not np.abs(content.feature).max(initial=0.0) <= _LARGEST:
+            raise CodecError(f"queries must be finite and within {_LARGEST:g}")
+        if np.abs(content.boxes.array).max(initial=0.0) > FARTHEST_M:
+            raise CodecError(f"boxes must be within {FARTHEST_M:g} m of their sender")
+        box, score = (torch.from_numpy(np.array(each, np.float32)) for each in (content.boxes.array, content.score))
+        seen = self._net.seen(box, score.clamp(0.0, 1.0), torch.from_numpy(np.array(content.label)))
+        vectors = torch.from_numpy(np.array(content.feature))
+        semantic, motion, velocity = vectors.split([self._width, self._width, 2], dim=1)
+        known = replace(
+            seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S, hits=torch.full((count,), 2)
+        )
+        return known.surest(self._net.config.places)
+
+    def _see(self, look: Look, position_m: Floats) -> SeenMap:
+        x_m, y_m = way_to_world_cells(position_m, STRIDE * self._canvas_m)
+        reach_m = self._reach_m
+        canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._canvas_m)
+        with inference():
+            features = look(canvas)
+            return seen_map(self._net, self._head, features.float(), canvas.coarser(STRIDE))
+
+
+def seen_map(net: QueryNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> SeenMap:
+    """Return a map (1, C, h, w), and the surest peaks of a centre head on it, as instances."""
+    found = decode(head, features, grid, least_score=LEAST_SCORE)[0][: net.config.places]  # type: ignore[arg-type]
+    box = torch.from_numpy(found.boxes.array.astype(np.float32))
+    score = torch.from_numpy(found.score.astype(np.float32))
+    return SeenMap(features[0], grid, net.seen(box, score, torch.from_numpy(np.array(found.label))))
+
+
+def detections_of(known: Instances) -> Detections:
+    """Return instances as detections in their frame."""
+    boxes = Boxes3D.from_array(known.box.double().numpy())
+    return Detections(boxes, known.score.double().numpy(), known.label.numpy())
+
+
+def _reasonable(found: Instances) -> Tensor:
+    """Return which instances are finite, have a size, and are believed in."""
+    numbers = torch.cat([found.box, found.velocity, found.semantic, found.motion], dim=1)
+    sized = (found.box[:, 3:6] > 0.05).all(1) & (found.box[:, :2].abs() < FARTHEST_M).all(1)
+    return torch.isfinite(numbers).all(1) & sized & (found.score >= LEAST_SCORE)
+
+
+def _numbered(found: Instances, time_ns: int, odom_SE3_compass: SE3, first: int) -> QueryMemory:
+    """Return what is known, with numbers from `first` on for what has none."""
+    new = found.number == UNNUMBERED
+    number = torch.where(new, first + torch.cumsum(new, 0) - 1, found.number)
+    return QueryMemory(time_ns, odom_SE3_compass, replace(found, number=number), first + int(new.sum()))
