@@ -133,6 +133,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.picture_identity_task import PictureIdentityTask
 
         return PictureIdentityTask(recipe, seed)
+    if recipe.kind == "queries":
+        from coopsim.learn.tasks.query_task import QueryTask
+
+        return QueryTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 

@@ -23,12 +23,9 @@ from coopsim.nn.inference.quick import folded
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.nn.queries.query_alignment import aligned_boxes
-from coopsim.nn.queries.query_net import QueryNet, SeenMap, without_duplicates
+from coopsim.nn.queries.query_net import LEAST_SCORE, QueryNet, SeenMap, kept_instances
 from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries
 from coopsim.types.valid_detections import FARTHEST_M
-
-LEAST_SCORE = 0.1
-"""Peaks and instances with smaller scores are forgotten."""
 
 _FAST_M_S = 10.0
 """Velocities are sent in this unit, behind the features."""
@@ -103,8 +100,8 @@ class QueryPerceiver:
             if before is not None:
                 known = before.instances.moved(odom_SE3_compass.inverse().compose(before.odom_SE3_compass))
                 dt_s = (time_ns - before.time_ns) / NS_PER_S
-            found = self._net(known, dt_s, seen, received, least_affinity=least_affinity).instances
-            found = without_duplicates(found[_reasonable(found)])
+            step = self._net(known, dt_s, seen, received, least_affinity=least_affinity)
+            found = kept_instances(step.instances)
         return _numbered(found, time_ns, odom_SE3_compass, 0 if before is None else before.next_number)
 
     def nothing(self) -> Instances:
@@ -182,13 +179,6 @@ def detections_of(known: Instances) -> Detections:
     """Return instances as detections in their frame."""
     boxes = Boxes3D.from_array(known.box.double().numpy())
     return Detections(boxes, known.score.double().numpy(), known.label.numpy())
-
-
-def _reasonable(found: Instances) -> Tensor:
-    """Return which instances are finite, have a size, and are believed in."""
-    numbers = torch.cat([found.box, found.velocity, found.semantic, found.motion], dim=1)
-    sized = (found.box[:, 3:6] > 0.05).all(1) & (found.box[:, :2].abs() < FARTHEST_M).all(1)
-    return torch.isfinite(numbers).all(1) & sized & (found.score >= LEAST_SCORE)
 
 
 def _numbered(found: Instances, time_ns: int, odom_SE3_compass: SE3, first: int) -> QueryMemory:

@@ -24,9 +24,10 @@ from coopsim.nn.queries.univ2x_fusion import UniV2XFusion
 from coopsim.support.checks import require_choice, require_count
 from coopsim.types import BevGrid
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.types.valid_detections import FARTHEST_M
 
 FUSIONS = ("none", "cooptrack", "univ2x")
-_MOST = 1024
+_MOST, _LEAST_M = 1024, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +188,17 @@ class QueryNet(nn.Module):
             known, compared = fuse(known, received, least_affinity, most, by_rule=by_rule)
         refined, logits = self.agent.refine(known)
         return QueryStep(refined, logits, compared)
+
+
+LEAST_SCORE = 0.1
+"""Peaks and instances with smaller scores are forgotten."""
+
+
+def kept_instances(found: Instances) -> Instances:
+    """Return the instances that are carried over: finite, of some size, believed in, and no duplicates."""
+    numbers = torch.cat([found.box, found.velocity, found.semantic, found.motion], dim=1)
+    sized = (found.box[:, 3:6] > _LEAST_M).all(1) & (found.box[:, :3].abs() < FARTHEST_M).all(1)
+    return without_duplicates(found[torch.isfinite(numbers).all(1) & sized & (found.score >= LEAST_SCORE)])
 
 
 def without_duplicates(found: Instances) -> Instances:

@@ -1,0 +1,197 @@
+"""The training of instance queries on a frozen encoder and head: first of each agent alone, then of agents together."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from coopsim.config.load import load
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3
+from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.losses import sum_of
+from coopsim.learn.losses.query_losses import TrueObjects, association_loss, instance_losses, labelled
+from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, watch
+from coopsim.learn.tasks.query_look import QueryLook
+from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
+from coopsim.learn.weights import encoder_digest, load_detector, load_queries, make_queries
+from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
+from coopsim.nn.queries.instances import Instances
+from coopsim.nn.queries.query_net import QueryNet, QueryStep, SeenMap, kept_instances
+from coopsim.support.rng import stream
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TaughtStep:
+    """One frame of one agent, with what is to be found in it."""
+
+    step: QueryStep
+    truth: TrueObjects
+
+
+class QueryTask(TrainingTask):
+    """The training of a `QueryNet`: stage 1 with the fusion "none", stage 2 with another one.
+
+    In stage 2 the network of one agent begins as that of `start`. What agents send is made without gradients, and so
+    is what is carried over frames. Instances are paired by the rule, not by what the network says so far.
+
+    Args:
+        recipe: of the kind "queries".
+        seed: of the first weights.
+
+    Raises:
+        InvalidValueError: detector, network and the weights to start with do not fit together.
+    """
+
+    net: QueryNet
+
+    def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
+        super().__init__()
+        self._settings: SampleSettings = load(SampleSettings, recipe.samples, "samples")
+        detector = load_detector(recipe.detector)
+        if detector.config.head != "centre":
+            raise InvalidValueError(f"detector must have the head 'centre', got {detector.config.head!r}")
+        self.net = make_queries({"features": detector.config.features, **recipe.network}, seed)
+        if self.net.config.features != detector.config.features:
+            raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
+        if recipe.start is not None:
+            self._start(load_queries(recipe.start, detector))
+        self._detector, self._seed, self._most = detector, seed, recipe.block
+        self._watched: OrderedDict[str, WatchedClip] = OrderedDict()
+        self._metadata = {
+            "kind": "queries",
+            "config": asdict(self.net.config),
+            "detector": recipe.detector,
+            "encoder_digest": encoder_digest(detector),
+        }
+
+    def _start(self, start: QueryNet) -> None:
+        mine, given = (replace(each.config, fusion="none") for each in (self.net, start))
+        if mine != given:
+            raise InvalidValueError(f"network must have the sizes of start, {asdict(given)}, got {asdict(mine)}")
+        self.net.agent.load_state_dict(start.agent.state_dict())
+
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
+        drawn = draw_stream(self._watch(clip, self._settings), rng, self._settings)
+        return [] if drawn is None else [drawn]
+
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
+        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
+        drawn = draw_stream(watch(clip, rng, settings, self._detector, self.net), rng, settings)
+        return [] if drawn is None else [drawn]
+
+    def _watch(self, clip: Clip, settings: SampleSettings) -> WatchedClip:
+        """Return a clip as its agents see it; those of a block are kept, as each is asked for in every pass."""
+        if clip.key not in self._watched:
+            rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
+            self._watched[clip.key] = watch(clip, rng, settings, self._detector, self.net)
+            while len(self._watched) > self._most:
+                self._watched.popitem(last=False)
+        return self._watched[clip.key]
+
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        return []
+
+    def look(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
+        assert isinstance(net, QueryNet)
+        found = QueryLook()
+        with torch.no_grad():
+            for sample in (sample for batch in batches for sample in batch):
+                for taught in taught_steps(net, sample, by_rule=False):
+                    found.add(taught.step, taught.truth)
+        return found.values()
+
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        return [WeightsFile(name, net, self._metadata)]
+
+    def forward(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
+        parts = mean_losses(
+            [mean_losses([_losses(each) for each in taught_steps(self.net, sample)]) for sample in batch]
+        )
+        return {LOSS: sum_of(parts), **parts}
+
+
+def _losses(taught: TaughtStep) -> dict[str, Tensor]:
+    step, truth = taught.step, taught.truth
+    parts = instance_losses(step.instances, step.logits, truth, labelled(step.instances, truth))
+    if step.compared:
+        each = [association_loss(one, labelled(one.own, truth), labelled(one.others, truth)) for one in step.compared]
+        parts["association"] = torch.stack(each).mean()
+    return parts
+
+
+def taught_steps(net: QueryNet, sample: QueryStream, *, by_rule: bool = True) -> Iterator[TaughtStep]:
+    """Yield the frames of all receivers that are taught, in order of time.
+
+    Args:
+        net: with the fusion "none", receivers are alone, and to find what they see themselves.
+        sample: the clip.
+        by_rule: instances are paired by distance, not by the network.
+    """
+    clip, alone = sample.clip, net.config.fusion == "none"
+    sent: dict[tuple[int, int], Instances] = {}
+    before: dict[tuple[str, int], Instances] = {}
+    for number in range(len(clip.scenes)):
+        if not alone:
+            with torch.no_grad():
+                for agent in sample.members:
+                    step = net(
+                        _carried(net, before, ("own", agent), sample, number), clip.dt_s, _seen(sample, number, agent)
+                    )
+                    sent[number, agent] = before["own", agent] = kept_instances(step.instances)
+        for agent in sample.receivers:
+            heard = [] if alone else _received(sample, number, agent, sent)
+            carried = _carried(net, before, ("fused", agent), sample, number)
+            step = net(carried, clip.dt_s, _seen(sample, number, agent), heard, by_rule=by_rule)
+            before["fused", agent] = kept_instances(step.instances.detached())
+            yield TaughtStep(step, _truth(sample, number, agent, alone=alone))
+
+
+def _received(
+    sample: QueryStream, number: int, agent: int, sent: dict[tuple[int, int], Instances]
+) -> list[ReceivedInstances]:
+    """Return what an agent has heard in a scene, the nearest sender first."""
+    heard = []
+    for sender in sample.members:
+        then = number - int(sample.late[sender])
+        if sender != agent and then >= 0:
+            placed = sample.receiver_SE3_sender(number, agent, sender, then)
+            heard.append(ReceivedInstances(sent[then, sender], placed, (number - then) * sample.clip.dt_s))
+    return sorted(heard, key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
+
+
+def _carried(
+    net: QueryNet, before: dict[tuple[str, int], Instances], who: tuple[str, int], sample: QueryStream, number: int
+) -> Instances:
+    """Return what an agent knew after the scene before, in its compass frame of now."""
+    if who not in before:
+        return net.nothing()
+    then, now = (sample.clip.scenes[k].place_m[who[1]] for k in (number - 1, number))
+    return before[who].moved(SE3.from_xyz_yaw(then - now, 0.0))
+
+
+def _seen(sample: QueryStream, number: int, agent: int) -> SeenMap:
+    seen = sample.clip.scenes[number].seen[agent]
+    return replace(seen, features=seen.features.float())
+
+
+def _truth(sample: QueryStream, number: int, agent: int, *, alone: bool) -> TrueObjects:
+    """Return the objects around an agent; to be found are those that it, or what it has heard, shows."""
+    scene = sample.clip.scenes[number]
+    shown = scene.returns[:, agent].copy()
+    for sender in () if alone else sample.members:
+        then = number - int(sample.late[sender])
+        if then >= 0:
+            earlier = sample.clip.scenes[then]
+            shown |= np.isin(scene.object_id, earlier.object_id[earlier.returns[:, sender]])
+    box = scene.box.clone()
+    box[:, :3] -= torch.from_numpy(scene.place_m[agent]).to(box)
+    return TrueObjects(box, scene.velocity, scene.label, torch.from_numpy(shown))
