@@ -208,7 +208,7 @@ def test_ids_are_carried_over_frames_and_over_frames_without_sensors(name: str) 
 @EVERY_QUERY
 def test_an_agent_that_falls_silent_is_forgotten_with_its_objects(name: str) -> None:
     policy = make(name, memory_s=0.15)
-    heard = said(policy, 0)
+    heard = said(policy, 0, cars=((-30.0, -15.0),))
     reports = frames(policy, lambda k: [heard] if k == 0 else [], 9)
     alone = frames(policy, lambda k: [], 9)
     assert len(reports[0]) > len(alone[0]) and len(reports[-1]) == len(alone[-1])

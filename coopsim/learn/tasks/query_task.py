@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -27,6 +29,9 @@ from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.support.rng import stream
+
+_LEAST_SHARED = 0.2
+"""Smallest score of an instance that is sent, as policies have it by default."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,14 +69,20 @@ class QueryTask(TrainingTask):
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
         if recipe.start is not None:
             self._start(load_queries(recipe.start, detector))
-        self._detector, self._seed, self._most = detector, seed, recipe.block
+        self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
+        self._seed, self._most = seed, recipe.block
         self._watched: OrderedDict[str, WatchedClip] = OrderedDict()
         self._metadata = {
             "kind": "queries",
             "config": asdict(self.net.config),
-            "detector": recipe.detector,
+            "detector": Path(recipe.detector).stem,
             "encoder_digest": encoder_digest(detector),
         }
+
+    def train(self, mode: bool = True) -> Self:
+        super().train(mode)
+        self.detector.eval()  # its statistics of normalisation are not to change
+        return self
 
     def _start(self, start: QueryNet) -> None:
         mine, given = (replace(each.config, fusion="none") for each in (self.net, start))
@@ -85,14 +96,14 @@ class QueryTask(TrainingTask):
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
-        drawn = draw_stream(watch(clip, rng, settings, self._detector, self.net), rng, settings)
+        drawn = draw_stream(watch(clip, rng, settings, self.detector, self.net), rng, settings)
         return [] if drawn is None else [drawn]
 
     def _watch(self, clip: Clip, settings: SampleSettings) -> WatchedClip:
         """Return a clip as its agents see it; those of a block are kept, as each is asked for in every pass."""
         if clip.key not in self._watched:
             rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
-            self._watched[clip.key] = watch(clip, rng, settings, self._detector, self.net)
+            self._watched[clip.key] = watch(clip, rng, settings, self.detector, self.net)
             while len(self._watched) > self._most:
                 self._watched.popitem(last=False)
         return self._watched[clip.key]
@@ -163,8 +174,12 @@ def _received(
     for sender in sample.members:
         then = number - int(sample.late[sender])
         if sender != agent and then >= 0:
-            placed = sample.receiver_SE3_sender(number, agent, sender, then)
-            heard.append(ReceivedInstances(sent[then, sender], placed, (number - then) * sample.clip.dt_s))
+            placed, delay_s = (
+                sample.receiver_SE3_sender(number, agent, sender, then),
+                (number - then) * sample.clip.dt_s,
+            )
+            known = sent[then, sender]
+            heard.append(ReceivedInstances(known[known.score >= _LEAST_SHARED].as_heard(), placed, delay_s))
     return sorted(heard, key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
 
 

@@ -142,7 +142,7 @@ class QueryPerceiver:
             raise CodecError(
                 f"the queries are of network {content.space}, not of {self._space}: nobody here reads them"
             )
-        count, length = content.feature.shape
+        length = content.feature.shape[1]
         if length != 2 * self._width + 2:
             raise CodecError(f"queries must have {2 * self._width + 2} numbers, got {length}")
         if not np.abs(content.feature).max(initial=0.0) <= _LARGEST:
@@ -153,9 +153,7 @@ class QueryPerceiver:
         seen = self._net.seen(box, score.clamp(0.0, 1.0), torch.from_numpy(np.array(content.label)))
         vectors = torch.from_numpy(np.array(content.feature))
         semantic, motion, velocity = vectors.split([self._width, self._width, 2], dim=1)
-        known = replace(
-            seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S, hits=torch.full((count,), 2)
-        )
+        known = replace(seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S).as_heard()
         return known.surest(self._net.config.places)
 
     def _see(self, look: Look, position_m: Floats) -> SeenMap:

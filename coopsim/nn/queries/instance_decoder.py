@@ -98,7 +98,7 @@ class InstanceDecoder(nn.Module):
 
     def forward(self, query: Tensor, known: Instances, features: Tensor, grid: BevGrid) -> Tensor:
         """Return decoded queries (K, width). Arguments as of `QueryStart`, and the queries (K, width)."""
-        patches = box_patches(features, known.box, grid).unflatten(1, (PLACES**2, -1))
+        patches = box_patches(features, known.box, grid).view(len(query), PLACES**2, len(features))
         around = self.value(patches) + self.place
         valid = torch.ones(1, PLACES**2, dtype=torch.bool, device=query.device)
         for among, norm, across in zip(self.among, self.norms, self.across, strict=True):

@@ -58,6 +58,12 @@ class Instances:
             past, past, box.new_full((count, frames), torch.inf), whole + 1, whole, whole + UNNUMBERED,
         )  # fmt: skip
 
+    def as_heard(self) -> Instances:
+        """Return them as others get them: without history and number, but with velocities that are known."""
+        width, frames = self.semantic.shape[1], self.past_age_s.shape[1]
+        seen = Instances.seen(self.box, self.score, self.label, width, frames)
+        return replace(seen, velocity=self.velocity, semantic=self.semantic, motion=self.motion, hits=seen.hits + 1)
+
     @classmethod
     def none(cls, width: int, frames: int) -> Instances:
         """Return no instances."""

@@ -67,7 +67,7 @@ class LatentAlignment(nn.Module):
         made = {}
         for part in _PARTS:
             given = getattr(received, part)
-            inner = self.into[part](given).unflatten(1, (self.blocks, BLOCK))
+            inner = self.into[part](given).view(-1, self.blocks, BLOCK)
             turned = torch.einsum("kbj,bij->kbi", inner, blocks).flatten(1)
             made[part] = given + self.out[part](turned + shift + given)
         return replace(received, **made)

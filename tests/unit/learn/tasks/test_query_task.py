@@ -24,7 +24,7 @@ from coopsim.learn.losses.query_losses import (  # noqa: E402
 from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
 from coopsim.learn.tasks.query_task import QueryTask, taught_steps  # noqa: E402
 from coopsim.learn.train import train  # noqa: E402
-from coopsim.learn.weights import load_detector, load_queries  # noqa: E402
+from coopsim.learn.weights import encoder_digest, load_detector, load_queries  # noqa: E402
 from coopsim.nn.queries.cooptrack_fusion import ComparedInstances  # noqa: E402
 from coopsim.nn.queries.instances import Instances  # noqa: E402
 
@@ -99,7 +99,7 @@ def test_it_learns(fusion: str) -> None:
         adam.zero_grad()
         parts["loss"].backward()
         adam.step()
-    assert losses[-1] < 0.7 * losses[0]
+    assert losses[-1] < 0.85 * losses[0]
     assert ("association" in parts) == (fusion == "cooptrack")
     values = task.look(task.net, [[sample]])
     assert 0 <= values["recall"] <= 1 and ("pairs recall" in values) == (fusion == "cooptrack")
@@ -131,7 +131,9 @@ def test_errors_of_poses_and_delays_move_what_is_heard() -> None:
 
 
 def test_stage_two_begins_where_stage_one_ended_and_goes_on_after_an_interruption(tmp_path: Path) -> None:
+    before = encoder_digest(load_detector(recipe_of().detector))
     first = train(recipe_of(), tmp_path / "one", source=CLIPS, workers=0)
+    assert encoder_digest(load_detector(recipe_of().detector)) == before  # frozen, statistics and all
     recipe = recipe_of("cooptrack", start=str(first))
     started, alone = QueryTask(recipe, 0).net, load_queries(first, load_detector(recipe.detector))
     for name, value in alone.agent.state_dict().items():
@@ -156,7 +158,7 @@ def test_stage_two_begins_where_stage_one_ended_and_goes_on_after_an_interruptio
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"network": {"fusion": "gsaf"}}, "unknown fusion 'gsaf'"),
+        ({"network": {"fusion": "gsaf"}}, "unknown network fusion 'gsaf'"),
         ({"network": {"features": 9}}, "network features must be the detector's 8"),
         ({"samples": {"mrged": 1.0}}, "mrged"),
         ({"start": "pillars"}, "must be weights of the kind 'queries', is 'detector'"),

@@ -45,6 +45,14 @@ def test_the_oldest_frame_falls_out_of_the_past() -> None:
     )
 
 
+def test_others_get_neither_history_nor_number() -> None:
+    known = some_instances(4, number=torch.arange(4))
+    heard = known.as_heard()
+    require_close(known, heard)
+    assert heard.number.tolist() == [-1] * 4 and not bool(torch.isfinite(heard.past_age_s).any())
+    assert not heard.past_semantic.any() and heard.hits.tolist() == [2] * 4
+
+
 def test_the_surest_stay_in_their_order() -> None:
     known = at([[0, 0], [9, 0], [18, 0]], score=torch.tensor([0.3, 0.9, 0.5]))
     assert known.surest(2).box[:, 0].tolist() == [9, 18]
