@@ -152,7 +152,8 @@ class QueryPerceiver:
         box, score = (torch.from_numpy(np.array(each, np.float32)) for each in (content.boxes.array, content.score))
         seen = self._net.seen(box, score.clamp(0.0, 1.0), torch.from_numpy(np.array(content.label)))
         vectors = torch.from_numpy(np.array(content.feature))
-        semantic, motion, velocity = vectors.split([self._width, self._width, 2], dim=1)
+        first, last = self._width, 2 * self._width
+        semantic, motion, velocity = vectors[:, :first], vectors[:, first:last], vectors[:, last:]
         known = replace(seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S).as_heard()
         return known.surest(self._net.config.places)
 
