@@ -19,6 +19,7 @@ class CoopTrack(QueryPolicy):
     Unlike there, agents have LiDARs, any number of them take part, and the threshold can close.
     """
 
+    method = "CoopTrack (Zhong et al., ICCV 2025), on LiDARs, for any number of agents"
     fusion: ClassVar[str] = "cooptrack"
 
     weights: str = "cooptrack"

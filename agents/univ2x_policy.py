@@ -20,6 +20,7 @@ class UniV2X(QueryPolicy):
     what differs between the two is how agents cooperate. `least_affinity` matters only above 1: then none are matched.
     """
 
+    method = "UniV2X's fusion of agents (Yu et al., AAAI 2025), on CoopTrack's network of one agent"
     fusion: ClassVar[str] = "univ2x"
 
     weights: str = "univ2x"
