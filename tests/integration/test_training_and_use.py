@@ -17,7 +17,7 @@ from tiny_networks import TINY, make_it_see  # noqa: E402
 
 import coopsim  # noqa: E402
 from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
-from coopsim.learn.samples.fused_samples import _Draft  # noqa: E402
+from coopsim.learn.samples.fused_samples import SceneDraft  # noqa: E402
 from coopsim.learn.samples.sample_frames import rotated  # noqa: E402
 from coopsim.learn.tasks.fused_loss import fused_features  # noqa: E402
 from coopsim.learn.weights import (  # noqa: E402
@@ -95,7 +95,7 @@ def test_a_policy_fuses_what_its_network_was_trained_on(
     torch.set_num_threads(1)
     files = weights(tmp_path)
     settings = SampleSettings(noise_m=1.0, noise_deg=4.0, mirrored=0.0, thinned=0.0, dropout=0.0, late=0.0)
-    draft = _Draft(clip(3), 1, [0, 1, 2], np.random.default_rng(seed), settings, 0.6, 1)
+    draft = SceneDraft(clip(3), 1, [0, 1, 2], np.random.default_rng(seed), settings, 0.6, 1)
     expected, view, telling = trained_on(draft, load_detector(files[0]), load_cooperative(files[1]))
     found, region = used(draft, files, monkeypatch)
     x_m, y_m = draft.middles[0] - observation(draft, 0).pose.xyz_yaw[:2]  # of the sample's frame, seen from the agent
