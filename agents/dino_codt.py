@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from coopsim.agents.dino_codt_tracking import reid_in_words
 from coopsim.agents.gsaf_policy import GSAFFusion
 from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
 from coopsim.catalog import POLICIES
@@ -36,8 +37,9 @@ class DinoCoDT(GSAFFusion):
     def load(self) -> None:
         super().load()
         sees = {"both": "points and pictures"}.get(self.sensors, self.sensors)
-        looks = "without Re-ID" if self.embedder is None else f"Re-ID by {self.embedder}"
-        self.method = f"DINO-CoDT (He et al., 2025): fusion of maps of {sees} and tracking, {looks}"
+        self.method = (
+            f"DINO-CoDT (He et al., 2025): fusion of maps of {sees} and tracking, {reid_in_words(self.embedder)}"
+        )
         self._embedder: Embedder | None = None
         if self.embedder is not None:
             from coopsim.detection.embedder import make_embedder

@@ -41,6 +41,11 @@ _GATES = {"iou_3d": ("in (0, 1]", lambda gate: 0 < gate <= 1), "giou_3d": ("in [
 _AFFINITIES = {"iou_3d": iou_3d, "giou_3d": giou_3d}
 
 
+def reid_in_words(embedder: str | None) -> str:
+    """Return what a policy says of its re-identification: by which embedder, or that there is none."""
+    return "without Re-ID" if embedder is None else f"Re-ID by {embedder}"
+
+
 @POLICIES.register("dino_codt_tracking")
 @dataclass(kw_only=True, eq=False)
 class DinoCoDTTracking(DescribedBoxes):
@@ -96,8 +101,7 @@ class DinoCoDTTracking(DescribedBoxes):
         require_number(f"{accepted} with affinity {self.affinity!r}", accepts, gate=self.gate)
         require_flag(by_superclass=self.by_superclass)
         self.counts = Counter()  # for who fuses without an episode
-        looks = "without Re-ID" if self.embedder is None else f"Re-ID by {self.embedder}"
-        self.method = f"DINO-CoDT (He et al., 2025), its tracking alone, {looks}"
+        self.method = f"DINO-CoDT (He et al., 2025), its tracking alone, {reid_in_words(self.embedder)}"
         super().__post_init__()
 
     def make_embedder(self) -> Embedder | None:

@@ -10,7 +10,7 @@ import numpy as np
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft, members_of
+from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft, scene_drafts
 from coopsim.localization.recent_sweeps import Points
 from coopsim.nn.cooperative.feature_flow import LONGEST_S
 from coopsim.types import stack_xyz_yaw
@@ -63,13 +63,8 @@ def flow_samples(
 
     Messages are late from the third scene on, as flow needs a map before; none is older than 0.5 s.
     """
-    samples = []
-    for number in range(len(clip.scenes)):
-        members = members_of(clip, number, rng, settings)
-        if len(members) > 1:
-            draft = _FlowDraft(clip, number, members, rng, settings, cell_m, sweeps, taught)
-            samples.append(draft.flow_sample())
-    return samples
+    drafts = scene_drafts(_FlowDraft, clip, rng, settings, cell_m, sweeps, taught)
+    return [draft.flow_sample() for draft in drafts]
 
 
 class _FlowDraft(SceneDraft):

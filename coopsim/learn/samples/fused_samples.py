@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -19,6 +21,8 @@ from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells
 from coopsim.types import BevGrid
+
+D = TypeVar("D", bound="SceneDraft")
 
 LATEST_S = 0.5
 """The longest delay of a message in a sample."""
@@ -96,18 +100,28 @@ def scene_samples(
         sweeps: frames that the network is given, see `sweeps_of`.
         taught: there is a teacher, who is shown the points of all.
     """
-    samples = []
-    for number in range(len(clip.scenes)):
-        members = members_of(clip, number, rng, settings)
+    drafts = scene_drafts(SceneDraft, clip, rng, settings, cell_m, sweeps, taught)
+    return [draft.sample() for draft in drafts]
+
+
+def scene_drafts(
+    kind: type[D],
+    clip: Clip,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float,
+    sweeps: int,
+    taught: bool,
+) -> Iterator[D]:
+    """Yield a draft of that kind for each scene that two or more agents take part in; arguments as of `scene_samples`.
+
+    Who takes part is drawn of those that see anything. All draw from one stream: finish a draft before the next.
+    """
+    for number, scene in enumerate(clip.scenes):
+        drawn = [k for k in range(len(scene.agents)) if rng.random() >= settings.dropout]
+        members = [k for k in drawn if len(scene.agents[k].points)]
         if len(members) > 1:
-            samples.append(SceneDraft(clip, number, members, rng, settings, cell_m, sweeps, taught).sample())
-    return samples
-
-
-def members_of(clip: Clip, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:
-    """Draw who takes part in a scene: the numbers of agents, of those that see anything."""
-    members = [k for k in range(len(clip.scenes[number].agents)) if rng.random() >= settings.dropout]
-    return [k for k in members if len(clip.scenes[number].agents[k].points)]
+            yield kind(clip, number, members, rng, settings, cell_m, sweeps, taught)
 
 
 class SceneDraft:
