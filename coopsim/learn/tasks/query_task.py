@@ -27,7 +27,7 @@ from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, Weig
 from coopsim.learn.weights import encoder_digest, load_detector, load_queries, make_queries
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import Instances
-from coopsim.nn.queries.query_net import QueryNet, QueryStep, SeenMap, kept_instances
+from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.support.rng import stream
 
 _LEAST_SHARED = 0.2
@@ -85,7 +85,7 @@ class QueryTask(TrainingTask):
         return self
 
     def _start(self, start: QueryNet) -> None:
-        mine, given = (replace(each.config, fusion="none") for each in (self.net, start))
+        mine, given = (_of_one_agent(each.config) for each in (self.net, start))
         if mine != given:
             raise InvalidValueError(f"network must have the sizes of start, {asdict(given)}, got {asdict(mine)}")
         self.net.agent.load_state_dict(start.agent.state_dict())
@@ -128,6 +128,11 @@ class QueryTask(TrainingTask):
             [mean_losses([_losses(each) for each in taught_steps(self.net, sample)]) for sample in batch]
         )
         return {LOSS: sum_of(parts), **parts}
+
+
+def _of_one_agent(config: QueryConfig) -> QueryConfig:
+    """Return the sizes of the network of one agent."""
+    return replace(config, fusion="none", motion=True, alignment=True, graph=True)
 
 
 def _losses(taught: TaughtStep) -> dict[str, Tensor]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +13,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
 from coopsim.nn.queries.instance_attention import mlp
 from coopsim.nn.queries.instance_fold import InstanceFold
-from coopsim.nn.queries.instance_pairs import GraphAssociation, pairs_by_rule, sure_pairs
+from coopsim.nn.queries.instance_pairs import RULE_M, GraphAssociation, pairs_by_rule, sure_pairs
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_alignment import LatentAlignment, aligned_boxes
 
@@ -75,15 +75,22 @@ class InstanceAggregation(nn.Module):
 class CoopTrackFusion(nn.Module):
     """Fuse decoded instances of any number of senders.
 
+    The last three arguments each take away one part, for ablations.
+
     Args:
         width: channels of an instance.
+        motion: False: instances are compared and aggregated by semantics alone.
+        alignment: False: features stay as they were sent; boxes are aligned all the same.
+        graph: False: instances are paired by distance.
     """
 
     before_decoding = False
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, width: int, *, motion: bool = True, alignment: bool = True, graph: bool = True) -> None:
         super().__init__()
-        self.align, self.associate = LatentAlignment(width), GraphAssociation(width)
+        self.motion = motion
+        self.align = LatentAlignment(width) if alignment else None
+        self.associate = GraphAssociation(width) if graph else None
         self.aggregate = InstanceAggregation(width)
 
     def forward(
@@ -94,21 +101,29 @@ class CoopTrackFusion(nn.Module):
         Args:
             own: of the receiver, decoded.
             received: of the senders, in the order in which they are folded in.
-            least: smallest affinity of a pair, in [0, 1]; above 1 no pair is made.
+            least: smallest affinity of a pair, in [0, 1]; above 1 no pair is made. Without a graph only that matters.
             most: instances of the result; the surest stay.
             by_rule: pairs are those of nearest centres, as in training; affinities are computed all the same.
         """
         fold, compared = InstanceFold(own), []
         for each in received:
             others = aligned_boxes(each.instances, each.receiver_SE3_sender, each.delay_s)
-            others = self.align(others, each.receiver_SE3_sender, each.delay_s)
-            logits = self.associate(fold.known, others)
-            compared.append(ComparedInstances(fold.known, others, logits))
-            pairs = pairs_by_rule(fold.known, others) if by_rule else sure_pairs(logits, least)
+            if self.align is not None:
+                others = self.align(others, each.receiver_SE3_sender, each.delay_s)
+            pairs = pairs_by_rule(fold.known, others, RULE_M if least <= 1 else -1.0)
+            if self.associate is not None:
+                logits = self.associate(self._compared(fold.known), self._compared(others))
+                compared.append(ComparedInstances(fold.known, others, logits))
+                pairs = pairs if by_rule else sure_pairs(logits, least)
             self._fold(fold, others, pairs, each.delay_s)
         return fold.instances(most), compared
 
     def _fold(self, fold: InstanceFold, others: Instances, pairs: Pairs, delay_s: float) -> None:
         rows, columns = (torch.from_numpy(each).to(others.box.device) for each in pairs)
-        change, weight = self.aggregate(fold.known[rows], others[columns])
-        fold.add(others, pairs, delay_s, change, weight)
+        own, theirs = self._compared(fold.known[rows]), self._compared(others[columns])
+        (semantic, motion), weight = self.aggregate(own, theirs)
+        fold.add(others, pairs, delay_s, (semantic, motion if self.motion else torch.zeros_like(motion)), weight)
+
+    def _compared(self, known: Instances) -> Instances:
+        """Return instances as they are compared: without motion where it is taken away."""
+        return known if self.motion else replace(known, motion=torch.zeros_like(known.motion))

@@ -42,6 +42,9 @@ class QueryConfig:
         layers: of the decoder, and of the attention to the past.
         heads: of all attention; divides `width`.
         history: frames of the past; 0: none.
+        motion: what the fusion "cooptrack" has, and its ablations do without, as the next two: features of motion,
+        alignment: of features,
+        graph: the learned association; without it, instances are paired by distance.
 
     Raises:
         InvalidValueError: a size is not accepted.
@@ -54,6 +57,9 @@ class QueryConfig:
     layers: int = 2
     heads: int = 4
     history: int = 4
+    motion: bool = True
+    alignment: bool = True
+    graph: bool = True
 
     def __post_init__(self) -> None:
         require_choice("fusion", self.fusion, FUSIONS)
@@ -61,6 +67,10 @@ class QueryConfig:
             1, _MOST, features=self.features, width=self.width, places=self.places, layers=self.layers, heads=self.heads
         )
         require_count(0, 32, history=self.history)
+        if self.fusion != "cooptrack" and not (self.motion and self.alignment and self.graph):
+            raise InvalidValueError(
+                f"motion, alignment and graph are parts of the fusion 'cooptrack', not of {self.fusion!r}"
+            )
         if self.width % BLOCK or self.width % self.heads:
             raise InvalidValueError(f"width must be divisible by {BLOCK} and by {self.heads} heads, got {self.width}")
 
@@ -215,7 +225,9 @@ def without_duplicates(found: Instances) -> Instances:
 def _make_fusion(config: QueryConfig) -> CoopTrackFusion | UniV2XFusion | None:
     if config.fusion == "none":
         return None
-    return CoopTrackFusion(config.width) if config.fusion == "cooptrack" else UniV2XFusion(config.width)
+    if config.fusion == "univ2x":
+        return UniV2XFusion(config.width)
+    return CoopTrackFusion(config.width, motion=config.motion, alignment=config.alignment, graph=config.graph)
 
 
 _GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if cls in group) for cls in ObjectClass])

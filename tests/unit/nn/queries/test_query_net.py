@@ -118,6 +118,26 @@ def test_instances_of_a_pair_are_one_between_them() -> None:
     assert float(found.velocity[0, 0]) == pytest.approx(2.0, abs=1e-4)  # the receiver does not know it yet
 
 
+@pytest.mark.parametrize("without", ["motion", "alignment", "graph"])
+def test_a_part_that_is_taken_away_has_no_parameters_or_no_say(without: str) -> None:
+    config = QueryConfig("cooptrack", features=8, width=16, heads=2)
+    torch.manual_seed(0)
+    net, seen = QueryNet(replace(config, **{without: False})), some_map(6)
+    for each in net.parameters():
+        torch.nn.init.normal_(each, std=0.3)
+    others = replace(same_world(3, seen, slice(0, 6)), delay_s=0.2)
+    with torch.no_grad():
+        step = net(net.nothing(), 0.1, seen, [others])
+        moved = replace(others, instances=replace(others.instances, motion=others.instances.motion + 5.0))
+        changed = net(net.nothing(), 0.1, seen, [moved])
+    names = {name.split(".")[1] for name, _ in net.named_parameters() if name.startswith("fusion")}
+    parts = {"alignment": "align", "graph": "associate"}
+    assert names == {"align", "associate", "aggregate"} - {parts.get(without, "")}
+    assert len(step.compared) == (without != "graph")
+    same = torch.equal(step.instances.motion, changed.instances.motion)
+    assert same == (without == "motion")
+
+
 def test_a_closed_gate_keeps_both() -> None:
     net, seen = some_net(), some_map(6)
     heard = [same_world(1, seen, slice(0, 6))]
@@ -171,7 +191,8 @@ def test_duplicates_go_and_neighbours_of_other_kinds_stay() -> None:
 @pytest.mark.parametrize(
     ("sizes", "match"),
     [({"fusion": "cooptrak"}, "Did you mean 'cooptrack'"), ({"width": 40}, "width must be divisible by 16"),
-     ({"history": -1}, "history must be"), ({"places": 0}, "places must be")],
+     ({"history": -1}, "history must be"), ({"places": 0}, "places must be"),
+     ({"fusion": "univ2x", "graph": False}, "parts of the fusion 'cooptrack'")],
 )  # fmt: skip
 def test_wrong_sizes_are_refused(sizes: dict[str, object], match: str) -> None:
     with pytest.raises(CoopsimError, match=match):
