@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,9 +121,9 @@ def test_instances_of_a_pair_are_one_between_them() -> None:
 
 @pytest.mark.parametrize("without", ["motion", "alignment", "graph"])
 def test_a_part_that_is_taken_away_has_no_parameters_or_no_say(without: str) -> None:
-    config = QueryConfig("cooptrack", features=8, width=16, heads=2)
+    sizes: dict[str, Any] = {"features": 8, "width": 16, "heads": 2, without: False}
     torch.manual_seed(0)
-    net, seen = QueryNet(replace(config, **{without: False})), some_map(6)
+    net, seen = QueryNet(QueryConfig("cooptrack", **sizes)), some_map(6)
     for each in net.parameters():
         torch.nn.init.normal_(each, std=0.3)
     others = replace(same_world(3, seen, slice(0, 6)), delay_s=0.2)
