@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -34,6 +34,7 @@ from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice, require_instance
 from coopsim.support.rng import require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage
+from coopsim.types.maneuvers import IDLE
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, unpack_actions
 from coopsim.world.snapshot import RoadMap
@@ -223,6 +224,26 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         over = dict.fromkeys(reported, frame.last)
         self._halfway = False
         return observations, rewards, dict.fromkeys(reported, False), over, infos
+
+    def frames(self, seed: int) -> Iterator[Frame]:
+        """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.
+
+        They hold the truth, so this needs `expose_ground_truth`. Cars that the action would drive keep their lane. The
+        episode that was running is over.
+
+        Raises:
+            InvalidValueError: the truth is not exposed, or the seed has a wrong type or value.
+        """
+        if not self._options.expose_ground_truth:
+            raise InvalidValueError("frames hold the truth: they need expose_ground_truth=True")
+        require_seed(seed)
+        self._frame, self.agents, self._halfway = None, [], False
+        idle = {name: IDLE for name, spec in self.agent_specs.items() if spec.drives}
+        frame = self._source.start(seed, {})
+        yield frame
+        while not frame.last:
+            frame = self._source.advance(idle)
+            yield frame
 
     def score(self) -> Score:
         """Return the episode's score so far: each agent's and their mean."""

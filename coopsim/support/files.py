@@ -49,6 +49,18 @@ def write_whole(path: str | os.PathLike[str], text: str) -> Path:
     return Path(path)
 
 
+def write_whole_bytes(path: Path, content: bytes) -> None:
+    """Write a file of bytes whole or not at all, as `write_whole` does with text.
+
+    Raises:
+        InvalidValueError: the file cannot be written.
+    """
+    try:
+        _replace(path, content)
+    except OSError as error:
+        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
+
+
 def write_durably(path: Path, content: bytes) -> None:
     """Write a file whole or not at all; once this returns, it survives even a power failure.
 

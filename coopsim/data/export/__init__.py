@@ -1,0 +1,1 @@
+"""Exports: episodes of simulated environments as folders in the formats of data sets."""

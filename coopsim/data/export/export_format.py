@@ -1,0 +1,74 @@
+"""What a format of exports has to do, and the formats by name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from coopsim.config.spec import instantiate, parse_spec
+from coopsim.data.export.export_frame import ExportFrame
+from coopsim.data.export.export_plan import ExportPlan
+from coopsim.data.export.problem import Problem
+from coopsim.support.registry import Registry
+from coopsim.types import AgentSpec
+
+EXPORT_FORMATS: Registry[type[ExportFormat]] = Registry(
+    "export format", home="coopsim.data.export.shipped_formats", group="coopsim.export_formats"
+)
+"""Formats of `coopsim export`. Installed packages add theirs through the entry-point group `coopsim.export_formats`."""
+
+
+class ExportFormat(ABC):
+    """Writes episodes in one format, and checks folders of it.
+
+    The parameters of its constructor are those of its spec, `name(parameter=value)`. The calls of an export are, in
+    order: `begin`; for each episode `begin_episode`, `write` for each frame, `end_episode`; `end`.
+
+    An export that was interrupted goes on in another process: finished episodes are left out, the one that was
+    interrupted is written again from its first frame, `begin` and `end` are called as ever. So every file is written
+    whole (`coopsim.support.files`), nothing of a finished episode may be needed in memory afterwards, and what `end`
+    puts together it reads from the folder. Files must depend on the frames alone: no times, no random names.
+    """
+
+    usual_options: ClassVar[Mapping[str, Any]] = {}
+    """Options of the environment that the format needs, unless the user gives others, as `{"cameras": "surround"}`."""
+
+    def require(self, agents: Mapping[str, AgentSpec]) -> None:
+        """Raise `InvalidValueError` if these agents, by name, cannot be exported, as when they lack a camera.
+
+        Asked before anything is written.
+        """
+
+    @abstractmethod
+    def begin(self, folder: Path, plan: ExportPlan) -> None:
+        """Begin, or go on with, an export into an existing folder."""
+
+    def begin_episode(self, seed: int) -> None:
+        """Begin an episode; `plan.episode_name(seed)` names it. What an interrupted one left may be overwritten."""
+
+    @abstractmethod
+    def write(self, frame: ExportFrame) -> None:
+        """Write a frame of the episode that was begun last; called in the order of frames."""
+
+    def end_episode(self) -> None:
+        """End the episode: afterwards it counts as finished."""
+
+    def end(self) -> None:
+        """End the export: write what spans episodes, from what is in the folder."""
+
+    @abstractmethod
+    def check(self, folder: Path) -> Iterator[Problem]:
+        """Yield what is wrong in a folder of this format, which need not be one that coopsim wrote."""
+
+
+def make_export_format(spec: str) -> ExportFormat:
+    """Make the format of a spec, as "opv2v" or "kitti(agent=cav_1)".
+
+    Raises:
+        UnknownNameError: there is no such format or parameter; the message lists the close ones.
+        InvalidValueError: the spec has another shape, or a value is not accepted.
+    """
+    name, parameters = parse_spec("export format", spec)
+    return instantiate("export format", name, EXPORT_FORMATS.get(name), parameters)

@@ -1,0 +1,221 @@
+"""PCD files of LiDAR points (version 0.7 of the Point Cloud Library's format).
+
+Read are the three kinds of data (ascii, binary, binary_compressed), with the fields x, y, z and an intensity: a field
+`intensity`, or the red of a field `rgb`, where OPV2V keeps it. Other fields are passed over.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.data.files.lzf import inflate_lzf
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.support.arrays import frozen
+
+_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "DATA")
+_DATA = ("ascii", "binary", "binary_compressed")
+_LONGEST_HEADER = 4096
+_MOST_VALUES = 64
+_DTYPES = {
+    ("F", 4): "<f4", ("F", 8): "<f8",
+    ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
+    ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8",
+}  # fmt: skip
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+_GREY = 0x010101  # times a byte: the same red, green and blue
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PcdCloud:
+    """The points of a PCD file.
+
+    Attributes:
+        points: (N, 3) m, float32, in the file's axes. Points that are not finite, as PCL marks missing ones, are left
+            out.
+        intensity: (N,) float32: the field `intensity` in the file's own unit, or the red of `rgb`, in [0, 1]; None:
+            the file has neither.
+    """
+
+    points: NDArray[np.float32]
+    intensity: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        points = frozen(self.points, (None, 3), np.float32, "points")
+        object.__setattr__(self, "points", points)
+        if self.intensity is not None:
+            intensity = frozen(self.intensity, (len(points),), np.float32, "intensity")
+            object.__setattr__(self, "intensity", intensity)
+
+
+def encode_rgb_pcd(points: NDArray[np.float32], intensity: NDArray[np.float32]) -> bytes:
+    """Return a binary PCD file whose intensities are grey colours, as OPV2V has them.
+
+    Args:
+        points: (N, 3) m.
+        intensity: (N,) in [0, 1], kept in steps of 1/255.
+    """
+    rows = np.empty(len(points), _POINT)
+    for axis, name in enumerate("xyz"):
+        rows[name] = points[:, axis]
+    rows["rgb"] = np.rint(np.clip(intensity, 0.0, 1.0) * 255.0).astype(np.uint32) * _GREY
+    header = (
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\n"
+        f"COUNT 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
+    )
+    return header.encode() + rows.tobytes()
+
+
+def read_pcd(path: str | Path) -> PcdCloud:
+    """Read a PCD file.
+
+    Raises:
+        RecordingError: the file is missing, or broken; the message names it and the header's line or the field.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+    try:
+        return _decode(content)
+    except InvalidValueError as error:
+        raise RecordingError(f"{path}: {error}") from error
+
+
+def _decode(content: bytes) -> PcdCloud:
+    header, body = _split(content)
+    row = _row_type(header)
+    count = _integer("POINTS", header["POINTS"])
+    if _integer("WIDTH", header["WIDTH"]) * _integer("HEIGHT", header["HEIGHT"]) != count:
+        raise InvalidValueError(f"WIDTH times HEIGHT must be POINTS = {count}")
+    (kind,) = header["DATA"] if len(header["DATA"]) == 1 else ("",)
+    if kind == "ascii":
+        rows = _ascii_rows(body, row, count)
+    elif kind == "binary":
+        rows = _binary_rows(body, row, count)
+    elif kind == "binary_compressed":
+        rows = _compressed_rows(body, row, count)
+    else:
+        raise InvalidValueError(f"DATA must be one of {', '.join(_DATA)}, got {' '.join(header['DATA'])!r}")
+    points = np.column_stack([rows[axis].astype(np.float32) for axis in "xyz"]).reshape(-1, 3)
+    intensity = _intensity(rows)
+    there = np.isfinite(points).all(axis=1)
+    if intensity is not None and not np.isfinite(intensity[there]).all():
+        raise InvalidValueError("field intensity must be finite")
+    return PcdCloud(points[there], None if intensity is None else intensity[there])
+
+
+def _split(content: bytes) -> tuple[dict[str, list[str]], bytes]:
+    """Split a file into its header, words by key, and its data."""
+    end = re.search(rb"^DATA[^\n]*\n", content[:_LONGEST_HEADER], re.MULTILINE)
+    if end is None:
+        raise InvalidValueError(f"no PCD file: no line DATA in its first {_LONGEST_HEADER} bytes")
+    header: dict[str, list[str]] = {}
+    for line in content[: end.end()].decode("ascii", "replace").splitlines():
+        key, *words = line.split() or ["#"]
+        if not key.startswith("#"):
+            header[{"COLUMNS": "FIELDS"}.get(key, key)] = words
+    header.setdefault("COUNT", ["1"] * len(header.get("FIELDS", ())))
+    for key in _KEYS:
+        if key not in header:
+            raise InvalidValueError(f"the header has no line {key}")
+    return header, content[end.end() :]
+
+
+def _row_type(header: dict[str, list[str]]) -> np.dtype[Any]:
+    """Return the type of a row; repeated values and fields that are passed over keep their place."""
+    names = header["FIELDS"]
+    for key in ("SIZE", "TYPE", "COUNT"):
+        if len(header[key]) != len(names):
+            raise InvalidValueError(f"{key} must have an entry for each of {len(names)} fields, got {header[key]}")
+    for axis in "xyz":
+        if names.count(axis) != 1:
+            raise InvalidValueError(f"FIELDS must have {axis} once, got {' '.join(names)}")
+    columns: list[Any] = []
+    for number, name in enumerate(names):
+        size, count = _integer(f"SIZE of {name}", [header["SIZE"][number]]), header["COUNT"][number]
+        kind = _DTYPES.get((header["TYPE"][number], size))
+        if kind is None:
+            raise InvalidValueError(f"TYPE and SIZE of {name} must be F, I or U of 1 to 8 bytes (F: 4 or 8)")
+        repeated = _integer(f"COUNT of {name}", [count])
+        if not 1 <= repeated <= _MOST_VALUES:
+            raise InvalidValueError(f"COUNT of {name} must be in 1..{_MOST_VALUES}, got {repeated}")
+        known = repeated == 1 and name in ("x", "y", "z", "rgb", "rgba", "intensity", "i") and names.count(name) == 1
+        columns.append((name if known else f"passed over {number}", kind, (repeated,)) if not known else (name, kind))
+    return np.dtype(columns)
+
+
+def _ascii_rows(body: bytes, row: np.dtype[Any], count: int) -> NDArray[Any]:
+    lines = body.decode("ascii", "replace").splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    if len(lines) != count:
+        raise InvalidValueError(f"POINTS is {count}, but {len(lines)} lines follow")
+    width = sum(int(np.prod(row[name].shape)) for name in row.names or ())
+    try:
+        values = np.array([line.split() for line in lines], np.float64).reshape(count, width)
+    except ValueError as error:
+        raise InvalidValueError(f"every point must be {width} numbers: {error}") from error
+    rows, column = np.zeros(count, row), 0
+    for name in row.names or ():
+        wide = int(np.prod(row[name].shape))
+        with np.errstate(invalid="ignore", over="ignore"):  # what is no number of the type is refused by its user
+            rows[name] = values[:, column : column + wide].reshape(rows[name].shape)
+        column += wide
+    return rows
+
+
+def _binary_rows(body: bytes, row: np.dtype[Any], count: int) -> NDArray[Any]:
+    if len(body) < count * row.itemsize:
+        raise InvalidValueError(
+            f"POINTS is {count}, which take {count * row.itemsize} bytes, but {len(body)} follow: the file is cut off"
+        )
+    return np.frombuffer(body, row, count)
+
+
+def _compressed_rows(body: bytes, row: np.dtype[Any], count: int) -> NDArray[Any]:
+    """Return rows of compressed data, in which each field's values stand together."""
+    sizes = struct.Struct("<2I")
+    if len(body) < sizes.size:
+        raise InvalidValueError("the file is cut off after its header")
+    compressed, plain = sizes.unpack_from(body)
+    if plain != count * row.itemsize:
+        raise InvalidValueError(
+            f"POINTS is {count}, which take {count * row.itemsize} bytes, but {plain} are announced"
+        )
+    if len(body) - sizes.size < compressed:
+        raise InvalidValueError(f"{compressed} compressed bytes are announced, but {len(body) - sizes.size} follow")
+    values = inflate_lzf(body[sizes.size : sizes.size + compressed], plain)
+    rows, at = np.empty(count, row), 0
+    for name in row.names or ():
+        size = row[name].itemsize * count
+        rows[name] = values[at : at + size].view(row[name].base).reshape(rows[name].shape)
+        at += size
+    return rows
+
+
+def _intensity(rows: NDArray[Any]) -> NDArray[np.float32] | None:
+    names = rows.dtype.names or ()
+    for name in ("intensity", "i"):
+        if name in names:
+            return rows[name].astype(np.float32)
+    for name in ("rgb", "rgba"):
+        if name in names:
+            if rows.dtype[name].itemsize != 4:
+                raise InvalidValueError(f"SIZE of {name} must be 4")
+            packed = np.ascontiguousarray(rows[name]).view(np.uint32)
+            red: NDArray[np.float32] = ((packed >> 16) & 0xFF).astype(np.float32) / np.float32(255.0)
+            return red
+    return None
+
+
+def _integer(key: str, words: list[str]) -> int:
+    if len(words) != 1 or not re.fullmatch(r"\d{1,12}", words[0]):
+        raise InvalidValueError(f"{key} must be an integer >= 0, got {' '.join(words)!r}")
+    return int(words[0])
