@@ -51,6 +51,10 @@ class UnknownNameError(CoopsimError, LookupError):
         return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
+class WeightsNotShippedError(InvalidValueError):
+    """Weights of this name do not ship yet; the message says how to train them."""
+
+
 class DuplicateNameError(CoopsimError, ValueError):
     """A name is registered twice."""
 

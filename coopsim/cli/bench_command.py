@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    add("--preset", metavar="NAME", help="quick, latency, pose, loss or bandwidth")
+    add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth or paper")
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
-    add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; or module:Class, or file.py:Class")
+    add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
     add("--scenarios", type=names, metavar="A,B", help="names, or paths of scenario files")
     add("--latencies-ms", type=numbers, metavar="0,300")
@@ -49,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--heading-noises-deg", type=numbers, metavar="0,0.2")
     add("--pose", choices=("product", "together"), help="each position noise with each of heading, or pairs of them")
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
+    add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
     add("--seeds", type=seeds, metavar="0-4")
     add("--frames", type=count, help="length of each run")
     add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
@@ -106,9 +106,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
     """Return the attributes of a grid that were given as flags."""
-    from coopsim.bench.grid.grid import Grid
+    from coopsim.bench.grid.grid import ATTRIBUTES
 
-    given = {each.name: getattr(options, each.name, None) for each in fields(Grid)}
+    given = {name: getattr(options, name, None) for name in ATTRIBUTES}
     if options.option:
         given["options"] = named_options(options)
     return {name: value for name, value in given.items() if value is not None}

@@ -18,9 +18,10 @@ from torch import nn
 import coopsim
 from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
+from coopsim.learn.weights_watch import note_weights
 from coopsim.nn.camera.lift_splat import LiftSplatConfig
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig
@@ -53,15 +54,16 @@ def find_weights(name_or_path: str | Path) -> Path:
 
     Raises:
         UnknownNameError: there is neither.
-        InvalidValueError: there are none, but a recipe to train them.
+        WeightsNotShippedError: there are none, but a recipe to train them.
     """
+    note_weights(name_or_path)
     path = Path(name_or_path).expanduser()
     if path.suffix == SUFFIX:
         return path
     name, shipped = str(name_or_path), shipped_weights()
     if name not in shipped:
         if name in RECIPES:
-            raise InvalidValueError(
+            raise WeightsNotShippedError(
                 f"no weights of {name!r} ship yet: train them with 'coopsim train {name} --out DIR', and give the path "
                 f"DIR/{name}{SUFFIX} in place of the name"
             )

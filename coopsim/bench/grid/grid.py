@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from coopsim.bench.grid.cell import Cell, Condition
+from coopsim.bench.grid.every_policy import name_all
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import plain_options
 from coopsim.errors import InvalidValueError
@@ -38,10 +39,11 @@ _NOT_OPTIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """The cells of a benchmark: the product of its lists.
+    """The cells of a benchmark: the product of its lists, or a part of it.
 
     Attributes:
-        policies: as `PolicySpec` reads them; at least one, each once.
+        policies: as `PolicySpec` reads them; at least one, each once. "all" stands for every other registered policy
+            whose weights ship, see `name_all`.
         scenarios: names of environments, or paths of scenario files.
         latencies_ms: delays of every message.
         losses: probabilities that a message is lost on a link.
@@ -49,9 +51,12 @@ class Grid:
         heading_noises_deg: standard deviations of its heading.
         pose: "product", or "together": the first position noise with the first heading noise, and so on.
         bandwidths_mbit_s: of the medium that all agents share, in 1e6 bit/s; infinite: transmission takes no time.
+        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose and bandwidth is not at
+            the mildest value of its list. With `pose="together"` both noises are one.
         seeds: each decides everything in a run.
         frames: length of each run.
         options: further options of the environments, plain data, the same in all cells.
+        left_out: policies that "all" does not stand for as their weights do not ship, with the reason.
 
     Raises:
         InvalidValueError: a value is not accepted; the message begins with the attribute's name.
@@ -65,9 +70,11 @@ class Grid:
     heading_noises_deg: Sequence[float] = (0.0,)
     pose: Literal["product", "together"] = "product"
     bandwidths_mbit_s: Sequence[float] = (math.inf,)
+    vary: Literal["product", "one_by_one"] = "product"
     seeds: Sequence[int] = (0,)
     frames: int = 100
     options: Mapping[str, Any] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         for name in LISTS:
@@ -76,7 +83,9 @@ class Grid:
             for value in getattr(self, name):
                 if not isinstance(value, str):
                     raise InvalidValueError(f"{name} must be texts, got {value!r}")
-        object.__setattr__(self, "policies", tuple(PolicySpec.parse(policy).text for policy in self.policies))
+        named, left_out = name_all([PolicySpec.parse(policy).text for policy in self.policies])
+        object.__setattr__(self, "policies", named)
+        object.__setattr__(self, "left_out", left_out)
         for name in ("latencies_ms", "position_noises_m", "heading_noises_deg"):
             _check_each(name, getattr(self, name), require_non_negative)
         _check_each("losses", self.losses, require_probability)
@@ -85,6 +94,7 @@ class Grid:
             require_count(0, _MOST_SEED, seeds=seed)
         require_count(1, frames=self.frames)
         require_choice("pose", self.pose, ("product", "together"))
+        require_choice("vary", self.vary, ("product", "one_by_one"))
         if self.pose == "together" and len(self.position_noises_m) != len(self.heading_noises_deg):
             raise InvalidValueError(
                 "pose must be 'product' where position_noises_m and heading_noises_deg differ in length, got "
@@ -99,10 +109,12 @@ class Grid:
         return len(self.policies) * len(list(self.conditions())) * len(self.seeds)
 
     def conditions(self) -> Iterator[Condition]:
-        """Yield the conditions; the last list varies fastest."""
+        """Yield the conditions; the last list varies fastest, and `vary` decides which are left out."""
         for scenario, latency_ms, loss, (position_m, heading_deg), rate in itertools.product(
             self.scenarios, self.latencies_ms, self.losses, self._poses(), self.bandwidths_mbit_s
         ):
+            if self.vary == "one_by_one" and self._disturbances(latency_ms, loss, position_m, heading_deg, rate) > 1:
+                continue
             yield Condition(scenario, latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6)
 
     def cells(self) -> tuple[Cell, ...]:
@@ -116,6 +128,14 @@ class Grid:
         pairs = zip if self.pose == "together" else itertools.product
         yield from pairs(self.position_noises_m, self.heading_noises_deg)
 
+    def _disturbances(self, latency_ms: float, loss: float, position_m: float, heading_deg: float, rate: float) -> int:
+        """Count the numbers of a condition that are not at the mildest of their list."""
+        position = position_m > min(self.position_noises_m)
+        heading = heading_deg > min(self.heading_noises_deg)
+        pose = position or heading if self.pose == "together" else position + heading
+        others = (latency_ms > min(self.latencies_ms), loss > min(self.losses), rate < max(self.bandwidths_mbit_s))
+        return pose + sum(others)
+
     def _check_options(self) -> None:
         if not isinstance(self.options, Mapping):
             raise InvalidValueError(f"options must be names and values, got {self.options!r}")
@@ -125,7 +145,10 @@ class Grid:
         object.__setattr__(self, "options", plain_options(self.options))
 
 
-LISTS = tuple(each.name for each in fields(Grid) if each.name not in ("pose", "frames", "options"))
+ATTRIBUTES = tuple(each.name for each in fields(Grid) if each.init)
+"""The attributes that are given, in order."""
+
+LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frames", "options"))
 """The attributes that are lists."""
 
 

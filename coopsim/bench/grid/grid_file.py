@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.grid import Grid
+from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice
@@ -91,7 +91,7 @@ def find_grid(
     file = Section()
     if path is not None:
         root = read_yaml(Path(path), GridFileError)
-        root.fields((), [field.name for field in fields(Grid)])
+        root.fields((), ATTRIBUTES)
         file = root.value
     if more_policies:
         named = overrides.get("policies") or file.get("policies") or ()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import coopsim
+from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.conditions import environment_options
@@ -17,8 +18,11 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import PRESETS, find_grid
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.comms.channel.channel_config import channel_config
-from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError
+from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError, WeightsNotShippedError
+from coopsim.learn.rollout.world_recipe import WorldRecipe
 from coopsim.support.checks import require_count
+from coopsim.types import Observation, Tracks
+from coopsim.world.towns.place_seeds import PlaceSeeds
 
 TWO = ("no_fusion", "late_fusion")
 
@@ -147,18 +151,75 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_can_be_run(name: str) -> None:
-    grid = find_grid(name, options={"vehicles": 6, "lidar": None}).grid()
+    if name == "paper":
+        pytest.importorskip("torch")
+    grid = find_grid(name, options={"vehicles": 6, **({} if name == "paper" else {"lidar": None})}).grid()
     require_count(6, policies=len(grid.policies))
     check(grid)
 
 
 def test_presets_are_what_they_are_called() -> None:
-    assert set(PRESETS) == {"bandwidth", "latency", "loss", "pose", "quick"}
+    assert set(PRESETS) == {"bandwidth", "latency", "loss", "paper", "pose", "quick"}
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
     poses = [(each.position_noise_m, each.heading_noise_deg) for each in pose.conditions()]
     assert (min(poses), max(poses)) == ((0, 0), (1, 1)) and all(position == heading for position, heading in poses)
     assert (len(quick.latencies_ms), len(quick.seeds), quick.frames) == (4, 3, 100)
+
+
+def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thing_at_a_time() -> None:
+    pytest.importorskip("torch")
+    grid = find_grid("paper").grid()
+    named = {PolicySpec.parse(policy).policy_class() for policy in grid.policies}
+    known = {coopsim.POLICIES.get(name) for name in coopsim.POLICIES.names()}
+    without = {coopsim.POLICIES.get(name) for name in grid.left_out}
+    assert named == known - without and len(named) + 1 == len(grid.policies)  # late_fusion is there in two ways
+    conditions = list(grid.conditions())
+    assert len(conditions) == 1 + 4 * 2 == len(set(conditions))
+    mildest = Condition("town")
+    assert mildest in conditions
+    for each in conditions:
+        pose = (each.position_noise_m, each.heading_noise_deg) != (0, 0)
+        changed = (each.latency_s > 0, each.loss > 0, pose, each.bandwidth_bit_s < math.inf)
+        assert sum(changed) == (each != mildest)
+    seen = WorldRecipe()
+    places = {PlaceSeeds(grid.options["place_seed"]).of(seed) for seed in grid.seeds}
+    assert len(places) == len(grid.seeds) and max(places) < seen.first_place
+
+
+def test_all_are_the_others_that_have_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch")
+
+    class Untrained(coopsim.Policy):
+        def __init__(self) -> None:
+            raise WeightsNotShippedError("no weights of 'untrained' ship yet")
+
+        def track(self, agent: str, observation: Observation) -> Tracks:
+            raise NotImplementedError
+
+    monkeypatch.setitem(coopsim.POLICIES._entries, "untrained", Untrained)
+    grid = Grid(("ab3dmot(hits=2)", "all", "late_fusion(delayed=replay)"))
+    assert (grid.policies[0], grid.policies[-1]) == ("ab3dmot(hits=2)", "late_fusion(delayed=replay)")
+    rest = grid.policies[1:-1]
+    assert grid.left_out["untrained"] == "no weights of 'untrained' ship yet"
+    assert {*rest, *grid.left_out} == {*coopsim.POLICIES.names()} - {"no_fusion", "late_fusion"}
+    assert not {*rest} & {*grid.left_out} and Grid(TWO).left_out == {}
+    with pytest.raises(WeightsNotShippedError, match="untrained"):  # who names one is told
+        check(Grid(("untrained",)))
+
+
+def test_one_by_one_counts_both_noises_of_a_pose_as_one_only_together() -> None:
+    noises: dict[str, Any] = {"position_noises_m": (0, 0.2), "heading_noises_deg": (0.1, 0.3), "latencies_ms": (300, 0)}
+    apart = list(Grid(TWO, **noises, vary="one_by_one").conditions())
+    assert [(each.latency_s, each.position_noise_m, each.heading_noise_deg) for each in apart] == [
+        (0.3, 0, 0.1),
+        (0, 0, 0.1),
+        (0, 0, 0.3),
+        (0, 0.2, 0.1),
+    ]
+    assert len(Grid(TWO, **noises, vary="one_by_one", pose="together")) == 2 * 3
+    with pytest.raises(UnknownNameError, match="vary"):
+        Grid(TWO, vary="singly")  # type: ignore[arg-type]
 
 
 def test_a_condition_becomes_options() -> None:
@@ -220,10 +281,14 @@ def test_a_channel_beside_the_grid_leaves_it_what_is_its(channel: Any, message: 
         environment_options(Cell("late_fusion", Condition()), {"channel": channel})
 
 
-@pytest.mark.parametrize("name", ["quick", "latency", "bandwidth"])
+@pytest.mark.parametrize("name", ["quick", "latency", "bandwidth", "paper"])
 def test_every_receiver_gives_the_best_answer_it_has_to_delayed_messages(name: str) -> None:
     """Otherwise a table under latency compares defaults, not methods; `late_fusion` shows both."""
+    if name == "paper":
+        pytest.importorskip("torch")
     policies = set(find_grid(name).grid().policies)
+    # Networks are told how late messages are.
+    policies = {each for each in policies if not issubclass(PolicySpec.parse(each).policy_class(), PerceivingPolicy)}
     assert {"late_fusion", "late_fusion(delayed=replay)"} <= policies
     for text in policies - {"no_fusion", "late_fusion", "late_fusion(delayed=predict)"}:
         best = "predict" if text.startswith("track_to_track") else "replay"  # tracks have no measurements to replay
