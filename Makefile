@@ -10,7 +10,7 @@ TEST_PROCESSES ?= 2
 WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf disconet v2vnet cobevt v2x_vit lift_splat points_and_pictures dmstrack point_identity picture_identity
 TRAIN_FLAGS ?=
 
-.PHONY: demo test lint types check bench weights clean
+.PHONY: demo test lint types check docs bench weights clean
 
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
@@ -29,6 +29,10 @@ types: $(VENV)/.dev
 	$(BIN)/mypy
 
 check: lint types test
+
+# The site, from docs/ into build/site/index.html; the switch silences what plugins say of mkdocs' future.
+docs: $(VENV)/.dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: $(VENV)/.dev
 	$(BIN)/python -u -m pytest tests/benchmarks --override-ini=addopts= -s -q

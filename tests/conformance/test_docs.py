@@ -20,6 +20,7 @@ from coopsim.comms.channel.channel_config import channel_config
 from coopsim.localization.localizer import localization_config
 
 ROOT = Path(__file__).parents[2]
+PROJECT_FILES = [ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob(".github/*.md"))]
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md")))
@@ -128,7 +129,7 @@ def test_commands_parse() -> None:
 
 def test_links_lead_somewhere() -> None:
     broken = []
-    for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))):
+    for page in (*(ROOT / page for page in PAGES), *PROJECT_FILES):
         for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
             path, _, anchor = target.partition("#")
             if "://" in target:
@@ -151,7 +152,7 @@ MOST_COLUMNS = 100
 def test_lines_are_short() -> None:
     """Prose is wrapped; tables and blocks of code are not prose."""
     long = []
-    for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(ROOT.glob("docs/**/*.md"))):
+    for page in (*(ROOT / page for page in PAGES), *PROJECT_FILES):
         in_code = False
         for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
             fence = line.lstrip().startswith("```")

@@ -9,7 +9,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 from import_graph import arrows, circles, file_graph, folder_graph, module_files, room_graph
+
+import coopsim
 
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -40,6 +43,18 @@ def test_every_data_file_is_listed() -> None:
     data = [path.relative_to(ROOT) for path in files if path.parent.name != "__pycache__"]
     assert len(data) >= len(patterns)
     assert [path for path in data if not any(path.match(pattern) for pattern in patterns)] == []
+
+
+def test_citation_names_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == coopsim.__version__
+    assert citation["license"] == PYPROJECT["project"]["license"]
+
+
+def test_a_commit_runs_what_lint_runs() -> None:
+    """The configuration of pre-commit has no rules or versions of its own that could differ."""
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())
+    assert [hook["entry"] for repo in config["repos"] for hook in repo["hooks"]] == ["make lint"]
 
 
 def test_links_make_the_source_tree_look_installed() -> None:
