@@ -1,3 +1,4 @@
 """The formats that ship with coopsim: importing registers them."""
 
+from coopsim.data.export.kitti_tracking.kitti_format import KittiFormat as KittiFormat
 from coopsim.data.export.opv2v_format import Opv2vFormat as Opv2vFormat

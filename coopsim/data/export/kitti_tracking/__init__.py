@@ -1,0 +1,1 @@
+"""Exports as sequences of KITTI's tracking benchmark."""
