@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
     from coopsim.catalog import single_env as single_env
+    from coopsim.data.export.export_checks import check_export as check_export
+    from coopsim.data.export.export_run import export as export
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
@@ -49,10 +51,12 @@ _HOMES = {
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",
     "Evaluation": "coopsim.bench.evaluate",
+    "check_export": "coopsim.data.export.export_checks",
     "evaluate": "coopsim.bench.evaluate",
     "evaluate_recordings": "coopsim.bench.evaluate",
     "ENVIRONMENTS": "coopsim.catalog",
     "POLICIES": "coopsim.catalog",
+    "export": "coopsim.data.export.export_run",
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
     "single_env": "coopsim.catalog",

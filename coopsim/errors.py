@@ -91,6 +91,10 @@ class StoreError(CoopsimError, ValueError):
     """A file in a benchmark's store is broken; the message names it."""
 
 
+class ExportError(CoopsimError, ValueError):
+    """An exported folder is missing or broken, or holds something else than what is to be written there."""
+
+
 class TrainingError(CoopsimError, RuntimeError):
     """A training cannot go on, as when its loss is no number; the message says at which step, and what is kept."""
 

@@ -11,9 +11,11 @@ from collections.abc import Sequence
 import coopsim
 from coopsim.cli import (
     bench_command,
+    check_export_command,
     compare_command,
     demo_command,
     detect_command,
+    export_command,
     leaderboard_command,
     list_command,
     record_command,
@@ -31,6 +33,8 @@ _COMMANDS = {
     "compare": compare_command,
     "record": record_command,
     "town": town_command,
+    "export": export_command,
+    "check-export": check_export_command,
     "train": train_command,
     "replay": replay_command,
     "leaderboard": leaderboard_command,

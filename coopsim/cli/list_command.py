@@ -24,6 +24,7 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
+    from coopsim.data.export.export_format import EXPORT_FORMATS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.learn.recipe import RECIPES
@@ -40,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
         "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
         "camera rigs": RIG_NAMES,
         "metrics": METRICS.names(),
+        "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],
         "presets": PRESETS,
         "recipes": RECIPES,
         "weights": _weights(),

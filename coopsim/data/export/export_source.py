@@ -19,7 +19,7 @@ from coopsim.world.snapshot import RoadMap
 if TYPE_CHECKING:
     from coopsim.envs.frames import AgentFrame, Frame
 
-_FIXED = {"uplink": "none", "expose_ground_truth": True, "sense_every": 1}
+_FIXED = {"uplink": "none", "expose_ground_truth": True, "sense_every": 1, "seed": None}
 _USUAL = {"detector": "none", "camera_modes": ("rgb",)}  # detections are not exported
 
 
@@ -35,9 +35,12 @@ class ExportSource:
     """
 
     def __init__(self, plan: ExportPlan, usual: Mapping[str, Any]) -> None:
-        self._plan = plan
-        steps = {} if "playback" in plan.options else {"max_cycles": max(plan.frames - 1, 1)}
-        self._env = parallel_env(plan.environment, **{**_USUAL, **usual, **steps, **plan.options, **_FIXED})
+        self._frames = plan.frames
+        fixed = {**_FIXED, "max_cycles": max(plan.frames - 1, 1)}  # the first frame takes no step
+        for name in fixed:
+            if name in plan.options:
+                raise InvalidValueError(f"{name} must be left out of an export's options, which sets it")
+        self._env = parallel_env(plan.environment, **{**_USUAL, **usual, **plan.options, **fixed})
 
     @property
     def agents(self) -> Mapping[str, AgentSpec]:
@@ -50,16 +53,9 @@ class ExportSource:
         return self._env.road_map
 
     def episode(self, seed: int) -> Iterator[ExportFrame]:
-        """Yield the frames of an episode.
-
-        Raises:
-            InvalidValueError: a recording that is played back ends before the plan's number of frames.
-        """
-        number = -1
-        for number, frame in enumerate(islice(self._env.frames(seed), self._plan.frames)):
+        """Yield the frames of an episode."""
+        for number, frame in enumerate(islice(self._env.frames(seed), self._frames)):
             yield export_frame(frame, self._env.agent_specs, seed, number)
-        if number + 1 < self._plan.frames:
-            raise InvalidValueError(f"frames must be at most {number + 1}, as the recording has no more")
 
     def close(self) -> None:
         """Release the environment's resources."""

@@ -126,8 +126,9 @@ def _wrong_camera(camera: object) -> Iterator[tuple[str, str]]:
 
 
 def _are_numbers(value: object, count: int) -> bool:
-    is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    return is_list and len(value) == count and all(_is_number(each) for each in value)  # type: ignore[arg-type]
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        return False
+    return len(value) == count and all(_is_number(each) for each in value)
 
 
 def _is_number(value: object) -> bool:

@@ -1,0 +1,249 @@
+"""The card of an export: what a folder holds, and how far it is.
+
+`export.json` is for programs, `README.md` for people; `SHA256SUMS` lists every file with its checksum, as the command
+`sha256sum` writes and checks it. None of them has a time, so the same export ends in the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from coopsim.data.export.export_plan import ExportPlan
+from coopsim.data.export.problem import Problem
+from coopsim.errors import ExportError, InvalidValueError
+from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+
+CARD, SUMS, PAGE, PICTURE = "export.json", "SHA256SUMS", "README.md", "picture.png"
+
+WRITING, DONE = "writing", "done"
+"""States of an export."""
+
+_SUFFIX_OF_UNFINISHED = ".tmp"
+_BLOCK = 2**20
+_UNLISTED = (CARD, SUMS, PAGE)
+
+
+@dataclass(slots=True)
+class EpisodeCounts:
+    """What an episode holds.
+
+    Attributes:
+        agents: their names.
+        points: of all sweeps.
+        pictures: of all cameras.
+        objects: that some agent's LiDAR hit, counted anew in each frame.
+    """
+
+    agents: list[str] = field(default_factory=list)
+    points: int = 0
+    pictures: int = 0
+    objects: int = 0
+
+
+class ExportCard:
+    """The card of a folder: opened by `open_card`, written after each episode.
+
+    Attributes:
+        folder: the export's.
+        facts: the plan's arguments, and versions.
+        episodes: counts of the finished ones, by seed.
+        done: whether the export is complete.
+    """
+
+    def __init__(self, folder: Path, facts: Mapping[str, Any]) -> None:
+        self.folder, self.facts = folder, facts
+        self.episodes: dict[int, EpisodeCounts] = {}
+        self.done = False
+        self._sizes: dict[str, int] = {}
+
+    def write(self) -> None:
+        """Write `export.json`."""
+        content = {
+            **self.facts,
+            "state": DONE if self.done else WRITING,
+            "episodes": {str(seed): asdict(counts) for seed, counts in self.episodes.items()},
+            **self._sizes,
+        }
+        write_whole(self.folder / CARD, json.dumps(content, indent=2) + "\n")
+
+    def finish(self) -> None:
+        """Write checksums, the page for people, and that the export is done."""
+        lines, size = [], 0
+        for path in files_below(self.folder):
+            name = path.relative_to(self.folder).as_posix()
+            if name not in _UNLISTED:
+                lines.append(f"{sha256_of(path)}  {name}\n")
+                size += path.stat().st_size
+        self._sizes = {"files": len(lines), "bytes": size}
+        write_whole(self.folder / SUMS, "".join(lines))
+        write_whole(self.folder / PAGE, self._page())
+        self.done = True
+        self.write()
+
+    def _page(self) -> str:
+        facts, episodes = self.facts, list(self.episodes.values())
+        agents = sorted({name for counts in episodes for name in counts.agents})
+        options = ", ".join(f"{name}={value}" for name, value in facts["options"].items())
+        rows = {
+            "format": facts["format"],
+            "environment": facts["environment"],
+            "options": options or "the environment's own",
+            "seeds": _ranges(facts["seeds"]),
+            "frames of each seed": facts["frames"],
+            "agents": ", ".join(agents),
+            "points": sum(counts.points for counts in episodes),
+            "pictures": sum(counts.pictures for counts in episodes),
+            "boxes of hit objects": sum(counts.objects for counts in episodes),
+            "files": self._sizes["files"],
+            "size": f"{self._sizes['bytes'] / 1e6:.1f} MB",
+            "made by": ", ".join(f"{name} {number}" for name, number in facts["versions"].items()),
+        }
+        lines = [f"| {name} | {value} |" for name, value in rows.items()]
+        return "\n".join(
+            [
+                f"# {facts['environment']} as {facts['format']}",
+                "",
+                "Simulated cooperative perception, exported by `coopsim export`.",
+                "",
+                f"![a frame of seed {facts['seeds'][0]}]({PICTURE})",
+                "",
+                "| | |",
+                "|---|---|",
+                *lines,
+                "",
+                f"`{SUMS}` has a checksum of every file; `coopsim check-export` checks them and the format.",
+                "",
+            ]
+        )
+
+
+def open_card(folder: Path, plan: ExportPlan) -> ExportCard:
+    """Open the card of a folder: a new one, or that of the export to go on with.
+
+    Raises:
+        ExportError: the folder holds something else, or an export with other arguments; the message says which.
+        InvalidValueError: the folder cannot be made or written.
+    """
+    make_folder(folder)
+    if not os.access(folder, os.W_OK):
+        raise InvalidValueError(f"cannot write into the folder {folder}: permission denied")
+    card = ExportCard(folder, plan.facts())
+    if not (folder / CARD).exists():
+        if any(not path.name.endswith(_SUFFIX_OF_UNFINISHED) for path in folder.iterdir()):
+            raise ExportError(f"{folder} must be new, empty, or hold the export to go on with (a file {CARD})")
+        card.write()
+        return card
+    content = read_card(folder)
+    differing = [name for name in sorted({*card.facts, *_facts_of(content)}) if _differs(name, card.facts, content)]
+    if differing:
+        told = "; ".join(f"{name} is {content.get(name)!r} there, {card.facts.get(name)!r} here" for name in differing)
+        raise ExportError(f"{folder} holds an export with other arguments: {told}. Choose another folder")
+    card.episodes = {int(seed): EpisodeCounts(**counts) for seed, counts in content["episodes"].items()}
+    card.done = content["state"] == DONE
+    if not card.done:
+        _remove_unfinished(folder)
+    return card
+
+
+def read_card(folder: Path) -> dict[str, Any]:
+    """Read `export.json`.
+
+    Raises:
+        ExportError: it is missing or broken; the message names it and the field.
+    """
+    path = folder / CARD
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ExportError(f"{path} cannot be read: {error}") from error
+    wanted = {"format": str, "seeds": list, "frames": int, "state": str, "episodes": dict}
+    for name, kind in wanted.items():
+        if not isinstance(content, dict) or not isinstance(content.get(name), kind):
+            raise ExportError(f"{path}: {name} must be a {kind.__name__}")
+    counted = {"agents", "points", "pictures", "objects"}
+    for seed, counts in content["episodes"].items():
+        if not (seed.isdecimal() and isinstance(counts, dict) and set(counts) == counted):
+            raise ExportError(f"{path}: episodes.{seed} must have {', '.join(sorted(counted))}")
+    return content
+
+
+def check_card(folder: Path) -> Iterator[Problem]:
+    """Yield what is wrong with a finished export, whatever its format: its state, and files that are not as written."""
+    try:
+        content = read_card(folder)
+    except ExportError as error:
+        yield Problem(CARD, "", str(error).removeprefix(f"{folder / CARD}").removeprefix(": ").strip())
+        return
+    if content["state"] != DONE:
+        told = f"{len(content['episodes'])} of {len(content['seeds'])} seeds are there"
+        yield Problem(CARD, "state", f"the export was interrupted ({told}): run the same command again")
+        return
+    try:
+        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as error:
+        yield Problem(SUMS, "", f"cannot be read: {error}")
+        return
+    sums = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    for name, digest in sums.items():
+        path = folder / name
+        if not path.is_file():
+            yield Problem(name, "", "is missing")
+        elif sha256_of(path) != digest:
+            yield Problem(name, "", f"is not as it was exported: its SHA-256 is another than in {SUMS}")
+    for path in files_below(folder):
+        name = path.relative_to(folder).as_posix()
+        if name not in sums and name not in _UNLISTED:
+            yield Problem(name, "", f"was added after the export: it is not in {SUMS}")
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yield all files below a folder, sorted within each folder."""
+    for root, folders, names in os.walk(folder):
+        folders.sort()
+        yield from (Path(root, name) for name in sorted(names))
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file, read in blocks."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def write_picture(folder: Path, content: bytes) -> None:
+    """Write the picture of a frame, a PNG."""
+    write_whole_bytes(folder / PICTURE, content)
+
+
+def _facts_of(content: Mapping[str, Any]) -> list[str]:
+    return [name for name in content if name not in ("state", "episodes", "files", "bytes")]
+
+
+def _differs(name: str, facts: Mapping[str, Any], content: Mapping[str, Any]) -> bool:
+    return bool(facts.get(name) != content.get(name))
+
+
+def _remove_unfinished(folder: Path) -> None:
+    """Remove the temporary files that a killed command left."""
+    for path in files_below(folder):
+        if path.name.endswith(_SUFFIX_OF_UNFINISHED):
+            path.unlink(missing_ok=True)
+
+
+def _ranges(seeds: list[int]) -> str:
+    """Return seeds as a user gives them, as "0-4, 7"."""
+    parts: list[list[int]] = []
+    for seed in seeds:
+        if parts and seed == parts[-1][-1] + 1:
+            parts[-1].append(seed)
+        else:
+            parts.append([seed])
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)

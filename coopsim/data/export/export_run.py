@@ -1,0 +1,83 @@
+"""Running an export: episode after episode, frame after frame, to be interrupted and gone on with at any moment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from coopsim.data.export.export_card import EpisodeCounts, ExportCard, open_card, write_picture
+from coopsim.data.export.export_format import ExportFormat, make_export_format
+from coopsim.data.export.export_frame import ExportFrame
+from coopsim.data.export.export_picture import frame_picture
+from coopsim.data.export.export_plan import ExportPlan
+from coopsim.data.export.export_source import ExportSource
+
+
+def export(
+    format: str,  # noqa: A002  (the user's word)
+    environment: str | Path,
+    folder: str | Path,
+    *,
+    seeds: tuple[int, ...] = (0,),
+    frames: int = 100,
+    progress: Callable[[int], object] | None = None,
+    **options: Any,
+) -> Path:
+    """Simulate episodes and write them as a folder in the format of a data set.
+
+    An export that was interrupted goes on with the same call: finished episodes stay, the one that was interrupted is
+    simulated again, and the folder ends in the same bytes. A finished one is left as it is.
+
+    Args:
+        format: name of the format, or its spec, as "opv2v" or "opv2v(lidar=roof)".
+        environment: name of a simulated environment, or path of a scenario file.
+        folder: is made; it must be new, empty, or hold this export.
+        seeds: of the episodes.
+        frames: of each episode.
+        progress: called with the number of frames that are done, at first with those of an earlier call.
+        **options: of the environment; plain data.
+
+    Raises:
+        CoopsimError: the format, the environment or an option is not known or not accepted; the folder holds something
+            else, or cannot be written.
+    """
+    plan = ExportPlan(format, str(environment), tuple(seeds), frames, options)
+    writer, report = make_export_format(format), progress or (lambda count: None)
+    with closing(ExportSource(plan, writer.usual_options)) as source:
+        writer.require(source.agents)
+        card = open_card(Path(folder), plan)
+        report(plan.frames * len(card.episodes))
+        if not card.done:
+            _write(plan, writer, source, card, report)
+    return Path(folder)
+
+
+def _write(
+    plan: ExportPlan, writer: ExportFormat, source: ExportSource, card: ExportCard, report: Callable[[int], object]
+) -> None:
+    writer.begin(card.folder, plan)
+    for number, seed in enumerate(plan.seeds):
+        if seed in card.episodes:
+            continue
+        counts = EpisodeCounts(list(source.agents))
+        writer.begin_episode(seed)
+        for frame in source.episode(seed):
+            writer.write(frame)
+            if number == 0 and frame.index == plan.frames // 2:
+                write_picture(card.folder, frame_picture(frame, source.road_map))
+            _count(frame, counts)
+            report(1)
+        writer.end_episode()
+        card.episodes[seed] = counts
+        card.write()
+    writer.end()
+    card.finish()
+
+
+def _count(frame: ExportFrame, counts: EpisodeCounts) -> None:
+    for agent in frame.agents:
+        counts.points += sum(len(scan.points) for scan in agent.lidars.values())
+        counts.pictures += len(agent.cameras)
+    counts.objects += int((frame.returns > 0).any(axis=1).sum())

@@ -1,0 +1,138 @@
+"""An export can be interrupted at any frame, goes on, and ends in the same bytes; a folder of others is left alone."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+import coopsim
+from coopsim.data.export.export_card import CARD, SUMS, files_below
+from coopsim.errors import ExportError, InvalidValueError, UnknownNameError
+
+OPTIONS = {"vehicles": 6, "lidar": "VLP-16", "lidar_columns": 64}
+SEEDS, FRAMES = (4, 0), 3
+
+
+class _Stop(BaseException):
+    """As Ctrl-C."""
+
+
+def _export(folder: Path, stop_after: int | None = None, **changes) -> list[int]:
+    """Export, but stop after some frames; return what was reported."""
+    reports: list[int] = []
+
+    def progress(count: int) -> None:
+        reports.append(count)
+        if stop_after is not None and len(reports) > stop_after:
+            raise _Stop
+
+    options = {"seeds": SEEDS, "frames": FRAMES, **OPTIONS, **changes}
+    coopsim.export(options.pop("format", "opv2v"), "crossing", folder, progress=progress, **options)
+    return reports
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files_below(folder)}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("export") / "whole"
+    _export(folder)
+    return folder
+
+
+@pytest.mark.parametrize("stop_after", [1, 4, 5])
+def test_an_interrupted_export_goes_on_and_ends_in_the_same_bytes(whole, tmp_path, stop_after):
+    with pytest.raises(_Stop):
+        _export(tmp_path, stop_after)
+    (problem, *_) = coopsim.check_export(tmp_path)
+    assert (problem.file, problem.field) == (CARD, "state")
+    (tmp_path / "crossing_0004" / "left.tmp").write_text("by a killed command")
+    reports = _export(tmp_path)
+    assert reports[0] == (FRAMES if stop_after > FRAMES else 0)  # a finished episode is not simulated again
+    assert sum(reports) == FRAMES * len(SEEDS)
+    assert _content(tmp_path) == _content(whole)
+
+
+def test_a_finished_export_is_left_as_it_is(whole):
+    before = {path: path.stat().st_mtime_ns for path in files_below(whole)}
+    assert _export(whole) == [FRAMES * len(SEEDS)]
+    assert {path: path.stat().st_mtime_ns for path in files_below(whole)} == before
+
+
+def test_the_card_tells_what_is_there(whole):
+    card, page = json.loads((whole / CARD).read_text()), (whole / "README.md").read_text()
+    assert card["state"] == "done"
+    assert card["seeds"] == list(SEEDS)
+    assert card["options"] == OPTIONS
+    assert card["versions"]["coopsim"] == coopsim.__version__
+    assert card["files"] == len((whole / SUMS).read_text().splitlines()) == 1 + 2 * FRAMES * 4 * len(SEEDS)
+    assert card["bytes"] == sum(
+        path.stat().st_size for path in files_below(whole) if path.name not in (CARD, SUMS, "README.md")
+    )
+    assert "| environment | crossing |" in page
+    assert "| seeds | 4, 0 |" in page
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"frames": 4}, "frames is 3 there, 4 here"),
+        ({"seeds": (4, 1)}, r"seeds is \[4, 0\] there, \[4, 1\] here"),
+        ({"vehicles": 7}, "options is"),
+        ({"format": "opv2v(lidar=lidar)"}, "format is 'opv2v' there"),
+    ],
+)
+def test_another_export_into_the_folder_is_refused_with_what_differs(whole, changes, told):
+    before = _content(whole)
+    with pytest.raises(ExportError, match=told):
+        _export(whole, **changes)
+    assert _content(whole) == before
+
+
+def test_a_folder_that_holds_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(ExportError, match="must be new, empty"):
+        _export(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InvalidValueError, match="cannot make the folder"):
+        _export(tmp_path / "out")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "out").mkdir(mode=0o500)
+    with pytest.raises(InvalidValueError, match="cannot write"):
+        _export(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "told"),
+    [
+        ({"format": "opv2"}, UnknownNameError, "Did you mean 'opv2v'"),
+        ({"format": "opv2v(lidr=x)"}, UnknownNameError, "Did you mean 'lidar'"),
+        ({"vehicels": 3}, UnknownNameError, "Did you mean 'vehicles'"),
+        ({"frames": 0}, InvalidValueError, "frames must be an integer >= 1"),
+        ({"seeds": (1, 1)}, InvalidValueError, "seeds must be distinct"),
+        ({"max_cycles": 3}, InvalidValueError, "max_cycles must be left out"),
+        ({"detector": object()}, InvalidValueError, "options must be plain data"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_written(changes, error, told, tmp_path):
+    with pytest.raises(error, match=told):
+        _export(tmp_path / "out", **changes)
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_of_an_environment_hold_the_truth_so_they_need_its_consent():
+    env = coopsim.parallel_env("crossing", vehicles=4, lidar=None)
+    with pytest.raises(InvalidValueError, match="expose_ground_truth"):
+        next(env.frames(0))
