@@ -28,7 +28,6 @@ _DTYPES = {
     ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
     ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8",
 }  # fmt: skip
-_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 _GREY = 0x010101  # times a byte: the same red, green and blue
 
 
@@ -61,12 +60,27 @@ def encode_rgb_pcd(points: NDArray[np.float32], intensity: NDArray[np.float32]) 
         points: (N, 3) m.
         intensity: (N,) in [0, 1], kept in steps of 1/255.
     """
-    rows = np.empty(len(points), _POINT)
-    for axis, name in enumerate("xyz"):
-        rows[name] = points[:, axis]
-    rows["rgb"] = np.rint(np.clip(intensity, 0.0, 1.0) * 255.0).astype(np.uint32) * _GREY
+    packed = np.rint(np.clip(intensity, 0.0, 1.0) * 255.0).astype(np.uint32) * _GREY
+    return _encode(points, "rgb", packed)
+
+
+def encode_intensity_pcd(points: NDArray[np.float32], intensity: NDArray[np.float32]) -> bytes:
+    """Return a binary PCD file with a field `intensity`, as DAIR-V2X and V2X-Seq have it.
+
+    Args:
+        points: (N, 3) m.
+        intensity: (N,) in the unit of the file.
+    """
+    return _encode(points, "intensity", intensity.astype(np.float32))
+
+
+def _encode(points: NDArray[np.float32], name: str, values: NDArray[Any]) -> bytes:
+    rows = np.empty(len(points), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, values.dtype)])
+    for axis, letter in enumerate("xyz"):
+        rows[letter] = points[:, axis]
+    rows[name] = values  # a packed colour's bytes are announced as a float, as PCL does
     header = (
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\n"
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z {name}\nSIZE 4 4 4 4\nTYPE F F F F\n"
         f"COUNT 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
     )
     return header.encode() + rows.tobytes()
