@@ -4,13 +4,17 @@ Multi-Sensor Kalman Filter", ICRA 2024), its positional variant: every box has a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
 from coopsim.agents.sequential_kf import SequentialKF
 from coopsim.catalog import POLICIES
+from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.tracker import Tracker
+from coopsim.types import AgentSpec
 
 
 @POLICIES.register("dmstrack")
@@ -32,6 +36,11 @@ class DMSTrack(AB3DMOTTracking):
             self.method = SequentialKF.method
         elif self._covariance.stated_by_detector:
             self.method = "DMSTrack (Chiu et al., 2024): covariances learned from what the detector's map shows"
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if spec.codec is None and self._covariance is not None and self._covariance.stated_by_detector:
+            spec = replace(spec, codec="compact")  # which has room for covariances
+        return super().make_uplink(spec, rng)
 
     def make_tracker(self) -> Tracker:
         motion = None if self._covariance is None else self._covariance.motion()

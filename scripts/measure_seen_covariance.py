@@ -5,6 +5,7 @@
 
 Each file is of `coopsim train dmstrack_seen` with another `network`: {}, {features: 0} and {features: 0, constant:
 true}. Of each, `dmstrack` and `coop_fuse` are scored with the covariances that it gives to the same boxes of `pillars`.
+Messages have the codec `compact`, which carries covariances.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def main() -> None:
     print("| covariances | policy |", " | ".join(SCORES), "|", flush=True)
     for name, detector, policy in cases:
         found = [
-            coopsim.evaluate(policy, place, seed=seed, detector=detector, max_cycles=given.frames).score
+            coopsim.evaluate(
+                policy, place, seed=seed, detector=detector, codec="compact", max_cycles=given.frames
+            ).score
             for place in given.environments
             for seed in given.seeds
         ]

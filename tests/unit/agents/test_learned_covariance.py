@@ -12,13 +12,15 @@ from synthetic_recordings import write_recordings
 
 import coopsim
 from coopsim.agents.learned_covariance import LearnedCovariance
+from coopsim.comms.codecs.codec import CODECS
+from coopsim.comms.uplinks.uplink import ContentUplink
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.learn.weights import load_covariance, make_covariance, save_weights
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.types import Detections
+from coopsim.types import AgentSpec, Detections
 from coopsim.types.groups import DetectionGroups
 
 KNOWN = np.array([True, True])
@@ -112,3 +114,30 @@ def test_without_weights_dmstrack_is_the_filter_with_fixed_noise(weights: str) -
 def test_wrong_weights_are_refused(given: object, match: str) -> None:
     with pytest.raises(CoopsimError, match=match):
         coopsim.make_policy("sequential_kf", covariance=given)
+
+
+def test_the_shipped_covariances_that_see_features_are_for_the_shipped_detector() -> None:
+    from coopsim.learn.weights import load_detector
+
+    net = load_covariance("dmstrack_seen", load_detector("pillars"))
+    assert net.config.features == load_detector("pillars").config.features
+    with pytest.raises(CoopsimError, match="encoder"):
+        load_covariance("dmstrack_seen", load_detector("early"))
+
+
+@pytest.mark.parametrize(
+    ("given", "asked", "codec"),
+    [
+        ("dmstrack_seen", None, "compact"),
+        ("dmstrack_seen", "detections", "detections"),
+        ("dmstrack", None, "detections"),
+    ],
+)
+def test_covariances_that_detectors_state_are_sent_unless_another_codec_is_asked_for(
+    given: str, asked: str | None, codec: str
+) -> None:
+    policy = coopsim.make_policy("dmstrack", covariance=given)
+    spec = AgentSpec("cav_0", "cav", 0.1, "detections", codec=asked)
+    uplink = policy.make_uplink(spec, np.random.default_rng(0))
+    assert isinstance(uplink, ContentUplink)
+    assert isinstance(uplink.codec, CODECS.get(codec))
