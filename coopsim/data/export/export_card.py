@@ -1,12 +1,10 @@
 """The card of an export: what a folder holds, and how far it is.
 
-`export.json` is for programs, `README.md` for people; `SHA256SUMS` lists every file with its checksum, as the command
-`sha256sum` writes and checks it. None of them has a time, so the same export ends in the same bytes.
+`export.json` is for programs, `README.md` for people. Neither has a time, so the same export ends in the same bytes.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -15,18 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.data.export.export_plan import ExportPlan
+from coopsim.data.export.export_sums import SUMS, check_sums, files_below, write_sums
 from coopsim.data.export.problem import Problem
 from coopsim.errors import ExportError, InvalidValueError
-from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+from coopsim.support.files import make_folder, write_whole
 
-CARD, SUMS, PAGE, PICTURE = "export.json", "SHA256SUMS", "README.md", "picture.png"
+CARD, PAGE, PICTURE = "export.json", "README.md", "picture.png"
 
 WRITING, DONE = "writing", "done"
 """States of an export."""
 
 _SUFFIX_OF_UNFINISHED = ".tmp"
-_BLOCK = 2**20
-_UNLISTED = (CARD, SUMS, PAGE)
+_UNLISTED = (CARD, PAGE)
+_NO_ARGUMENTS = ("state", "episodes", "files", "bytes")
 
 
 @dataclass(slots=True)
@@ -74,14 +73,8 @@ class ExportCard:
 
     def finish(self) -> None:
         """Write checksums, the page for people, and that the export is done."""
-        lines, size = [], 0
-        for path in files_below(self.folder):
-            name = path.relative_to(self.folder).as_posix()
-            if name not in _UNLISTED:
-                lines.append(f"{sha256_of(path)}  {name}\n")
-                size += path.stat().st_size
-        self._sizes = {"files": len(lines), "bytes": size}
-        write_whole(self.folder / SUMS, "".join(lines))
+        files, size = write_sums(self.folder, _UNLISTED)
+        self._sizes = {"files": files, "bytes": size}
         write_whole(self.folder / PAGE, self._page())
         self.done = True
         self.write()
@@ -140,9 +133,10 @@ def open_card(folder: Path, plan: ExportPlan) -> ExportCard:
         card.write()
         return card
     content = read_card(folder)
-    differing = [name for name in sorted({*card.facts, *_facts_of(content)}) if _differs(name, card.facts, content)]
+    given = {name: value for name, value in content.items() if name not in _NO_ARGUMENTS}
+    differing = [name for name in sorted({*card.facts, *given}) if card.facts.get(name) != given.get(name)]
     if differing:
-        told = "; ".join(f"{name} is {content.get(name)!r} there, {card.facts.get(name)!r} here" for name in differing)
+        told = "; ".join(f"{name} is {given.get(name)!r} there, {card.facts.get(name)!r} here" for name in differing)
         raise ExportError(f"{folder} holds an export with other arguments: {told}. Choose another folder")
     card.episodes = {int(seed): EpisodeCounts(**counts) for seed, counts in content["episodes"].items()}
     card.done = content["state"] == DONE
@@ -174,61 +168,17 @@ def read_card(folder: Path) -> dict[str, Any]:
 
 
 def check_card(folder: Path) -> Iterator[Problem]:
-    """Yield what is wrong with a finished export, whatever its format: its state, and files that are not as written."""
-    try:
-        content = read_card(folder)
-    except ExportError as error:
-        yield Problem(CARD, "", str(error).removeprefix(f"{folder / CARD}").removeprefix(": ").strip())
-        return
+    """Yield what is wrong with an export, whatever its format: its state, and files that are not as they were written.
+
+    Raises:
+        ExportError: as `read_card`.
+    """
+    content = read_card(folder)
     if content["state"] != DONE:
         told = f"{len(content['episodes'])} of {len(content['seeds'])} seeds are there"
         yield Problem(CARD, "state", f"the export was interrupted ({told}): run the same command again")
         return
-    try:
-        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:
-        yield Problem(SUMS, "", f"cannot be read: {error}")
-        return
-    sums = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
-    for name, digest in sums.items():
-        path = folder / name
-        if not path.is_file():
-            yield Problem(name, "", "is missing")
-        elif sha256_of(path) != digest:
-            yield Problem(name, "", f"is not as it was exported: its SHA-256 is another than in {SUMS}")
-    for path in files_below(folder):
-        name = path.relative_to(folder).as_posix()
-        if name not in sums and name not in _UNLISTED:
-            yield Problem(name, "", f"was added after the export: it is not in {SUMS}")
-
-
-def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all files below a folder, sorted within each folder."""
-    for root, folders, names in os.walk(folder):
-        folders.sort()
-        yield from (Path(root, name) for name in sorted(names))
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def write_picture(folder: Path, content: bytes) -> None:
-    """Write the picture of a frame, a PNG."""
-    write_whole_bytes(folder / PICTURE, content)
-
-
-def _facts_of(content: Mapping[str, Any]) -> list[str]:
-    return [name for name in content if name not in ("state", "episodes", "files", "bytes")]
-
-
-def _differs(name: str, facts: Mapping[str, Any], content: Mapping[str, Any]) -> bool:
-    return bool(facts.get(name) != content.get(name))
+    yield from check_sums(folder, _UNLISTED)
 
 
 def _remove_unfinished(folder: Path) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from coopsim.data.export.export_card import CARD, check_card, read_card
-from coopsim.data.export.export_format import make_export_format
+from coopsim.data.export.export_card import CARD, DONE, check_card, read_card
+from coopsim.data.export.export_format import ExportFormat, make_export_format
 from coopsim.data.export.problem import Problem
 from coopsim.errors import ExportError
 
@@ -28,11 +29,13 @@ def check_export(folder: str | Path, format: str | None = None) -> Iterator[Prob
         raise ExportError(f"there is no folder {folder}")
     if format is None and not (folder / CARD).is_file():
         raise ExportError(f"{folder} has no {CARD}: `coopsim export` did not write it. Say of which format it is")
-    writer = make_export_format(str(read_card(folder)["format"]) if format is None else format)
-    return _problems(folder, writer.check(folder), with_card=format is None)
+    card = None if format is not None else read_card(folder)
+    writer = make_export_format(str(card["format"]) if card is not None else str(format))
+    return _problems(folder, writer, card)
 
 
-def _problems(folder: Path, of_format: Iterator[Problem], *, with_card: bool) -> Iterator[Problem]:
-    if with_card:
+def _problems(folder: Path, writer: ExportFormat, card: Mapping[str, Any] | None) -> Iterator[Problem]:
+    if card is not None:
         yield from check_card(folder)
-    yield from of_format
+    if card is None or card["state"] == DONE:  # of an interrupted export, more is missing than would be told
+        yield from writer.check(folder)

@@ -7,12 +7,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from coopsim.data.export.export_card import EpisodeCounts, ExportCard, open_card, write_picture
+from coopsim.data.export.export_card import PICTURE, EpisodeCounts, ExportCard, open_card
 from coopsim.data.export.export_format import ExportFormat, make_export_format
 from coopsim.data.export.export_frame import ExportFrame
 from coopsim.data.export.export_picture import frame_picture
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.export_source import ExportSource
+from coopsim.support.files import write_whole_bytes
 
 
 def export(
@@ -66,7 +67,7 @@ def _write(
         for frame in source.episode(seed):
             writer.write(frame)
             if number == 0 and frame.index == plan.frames // 2:
-                write_picture(card.folder, frame_picture(frame, source.road_map))
+                write_whole_bytes(card.folder / PICTURE, frame_picture(frame, source.road_map))
             _count(frame, counts)
             report(1)
         writer.end_episode()

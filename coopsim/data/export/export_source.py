@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from coopsim.world.snapshot import RoadMap
 if TYPE_CHECKING:
     from coopsim.envs.frames import AgentFrame, Frame
 
+_REPLAY = re.compile(r"(coopsim/)?replay(-v\d+)?")
 _FIXED = {"uplink": "none", "expose_ground_truth": True, "sense_every": 1, "seed": None}
 _USUAL = {"detector": "none", "camera_modes": ("rgb",)}  # detections are not exported
 
@@ -35,6 +37,8 @@ class ExportSource:
     """
 
     def __init__(self, plan: ExportPlan, usual: Mapping[str, Any]) -> None:
+        if _REPLAY.fullmatch(plan.environment):
+            raise InvalidValueError("environment must be a simulated one, got 'replay': a replay has no sensors")
         self._frames = plan.frames
         fixed = {**_FIXED, "max_cycles": max(plan.frames - 1, 1)}  # the first frame takes no step
         for name in fixed:

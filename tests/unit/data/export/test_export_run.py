@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.data.export.export_card import CARD, SUMS, files_below
+from coopsim.data.export.export_card import CARD
+from coopsim.data.export.export_sums import SUMS, files_below
 from coopsim.errors import ExportError, InvalidValueError, UnknownNameError
 
 OPTIONS = {"vehicles": 6, "lidar": "VLP-16", "lidar_columns": 64}
@@ -49,7 +50,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_interrupted_export_goes_on_and_ends_in_the_same_bytes(whole, tmp_path, stop_after):
     with pytest.raises(_Stop):
         _export(tmp_path, stop_after)
-    (problem, *_) = coopsim.check_export(tmp_path)
+    (problem,) = coopsim.check_export(tmp_path)
     assert (problem.file, problem.field) == (CARD, "state")
     (tmp_path / "crossing_0004" / "left.tmp").write_text("by a killed command")
     reports = _export(tmp_path)

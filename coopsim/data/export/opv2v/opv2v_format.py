@@ -7,17 +7,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat
 from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, LidarScan
 from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.opv2v_checks import check_opv2v
+from coopsim.data.export.opv2v.opv2v_checks import check_opv2v
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.carla_axes import CAMERA_SE3_BODY, mirror, mirror_transform, to_carla_pose
 from coopsim.data.files.pcd import encode_rgb_pcd
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.sensors.lidar.tally import count_instances
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import CLASS_NAMES, AgentSpec, ObjectClass
@@ -62,8 +64,9 @@ class Opv2vFormat(ExportFormat):
         self._episode = self._folder / self._plan.episode_name(seed)
 
     def write(self, frame: ExportFrame) -> None:
-        numbers = agent_numbers(frame.agents)
-        for column, agent in enumerate(frame.agents):
+        numbers, objects = agent_numbers(frame.agents), _object_lines(frame)
+        is_vehicle = np.isin(frame.objects.label, _VEHICLES)
+        for agent in frame.agents:
             folder = self._episode / str(numbers[agent.name])
             make_folder(folder)
             stem = f"{frame.index * TICKS_PER_FRAME:06d}"
@@ -73,8 +76,10 @@ class Opv2vFormat(ExportFormat):
             for number, (_, shot) in enumerate(cameras):
                 if shot.image.rgb is not None:
                     write_whole_bytes(folder / f"{stem}_camera{number}.png", _png(shot))
-            # Last, as its presence says that the frame is there.
-            write_whole(folder / f"{stem}.yaml", _yaml(frame, column, agent, scan, cameras))
+            seen = count_instances(scan.instance, frame.objects.id) > 0
+            lines = _agent_lines(frame, agent, scan, cameras)
+            lines += _listed("vehicles", objects, seen & is_vehicle) + _listed("others", objects, seen & ~is_vehicle)
+            write_whole(folder / f"{stem}.yaml", "\n".join(lines) + "\n")
 
     def check(self, folder: Path) -> Iterator[Problem]:
         return check_opv2v(folder)
@@ -113,10 +118,10 @@ def _png(shot: CameraShot) -> bytes:
     return content.getvalue()
 
 
-def _yaml(
-    frame: ExportFrame, column: int, agent: ExportAgent, scan: LidarScan, cameras: list[tuple[str, CameraShot]]
-) -> str:
-    """Return an agent's file of a frame. YAML's own writer would take longer than the simulation."""
+def _agent_lines(
+    frame: ExportFrame, agent: ExportAgent, scan: LidarScan, cameras: list[tuple[str, CameraShot]]
+) -> list[str]:
+    """Return the YAML of an agent itself. YAML's own writer would take longer than the simulation."""
     world_SE3_lidar = agent.world_SE3_base.compose(scan.mounting.base_SE3_lidar)
     lines = [
         f"agent: {agent.name}",
@@ -129,11 +134,7 @@ def _yaml(
     ]
     for number, (name, shot) in enumerate(cameras):
         lines += [f"camera{number}:", *_camera(name, shot, agent.world_SE3_base, world_SE3_lidar)]
-    seen = frame.returns[:, column] > 0
-    vehicle = np.isin(frame.objects.label, _VEHICLES)
-    lines += _objects("vehicles", frame, np.flatnonzero(seen & vehicle).tolist())
-    lines += _objects("others", frame, np.flatnonzero(seen & ~vehicle).tolist())
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _camera(name: str, shot: CameraShot, world_SE3_base: SE3, world_SE3_lidar: SE3) -> list[str]:
@@ -153,12 +154,11 @@ def _camera(name: str, shot: CameraShot, world_SE3_base: SE3, world_SE3_lidar: S
     return lines
 
 
-def _objects(key: str, frame: ExportFrame, rows: Sequence[int]) -> list[str]:
-    if not rows:
-        return [f"{key}: {{}}"]
-    objects, lines = frame.objects, [f"{key}:"]
+def _object_lines(frame: ExportFrame) -> list[str]:
+    """Return the line of every object of a frame, made once for all agents."""
+    objects, lines = frame.objects, []
     speed = np.linalg.norm(frame.velocity, axis=1) * KMH_PER_M_S
-    for row in rows:
+    for row in range(len(objects)):
         x, y, _ = objects.boxes.center[row].tolist()
         half = objects.boxes.size[row] / 2
         fields = {
@@ -172,6 +172,12 @@ def _objects(key: str, frame: ExportFrame, rows: Sequence[int]) -> list[str]:
         content = ", ".join(f"{name}: {value}" for name, value in fields.items())
         lines.append(f"  {OBJECT_NUMBER + int(objects.id[row])}: {{{content}}}")
     return lines
+
+
+def _listed(key: str, lines: Sequence[str], chosen: NDArray[np.bool_]) -> list[str]:
+    """Return the chosen objects (N,) under a key."""
+    found = [lines[row] for row in np.flatnonzero(chosen)]
+    return [f"{key}:", *found] if found else [f"{key}: {{}}"]
 
 
 def _rows(matrix: Floats) -> str:

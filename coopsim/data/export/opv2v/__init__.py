@@ -1,0 +1,1 @@
+"""OPV2V, and V2XSet, which has the same files."""
