@@ -18,6 +18,7 @@ import pytest
 import coopsim
 from coopsim.data.export.opv2v.opv2v_format import OBJECT_NUMBER
 from coopsim.data.files.carla_axes import mirror
+from coopsim.types import ObjectClass
 
 CHECKOUT = os.environ.get("COOPSIM_OPENCOOD")
 
@@ -27,6 +28,9 @@ pytestmark = [
 ]
 
 SEED, FRAMES = 5, 2
+LEAST_M, MOST_M = (-139.9, -39.9, -2.9), (139.9, 39.9, 0.9)
+"""Boxes with a corner beyond x, y, z of -140, -40, -3 to 140, 40, 1 m from the ego's LiDAR are not in its truth."""
+
 OPTIONS = {"vehicles": 20, "rsus": 1, "position_noise_m": 0.3}
 DROPPED = {"int": int, "float": float, "bool": bool, "Inf": np.inf}
 """What numpy has dropped since OpenCOOD was written."""
@@ -118,8 +122,9 @@ def test_its_truth_is_that_of_the_simulation(opencood, exported, frames):
         lidar_m = sensing.body.world_SE3_base.apply([0, 0, sensing.body.height_m + 0.35])
         expected = {}
         for row, number in enumerate(frame.actors.id.tolist()):
-            x, y, _ = sensing.body.world_SE3_base.inverse().apply(frame.actors.boxes.center[row])
-            if number in hit and frame.actors.label[row] <= 3 and abs(x) < 130 and abs(y) < 37:
+            corners = sensing.body.world_SE3_base.inverse().rotate(frame.actors.boxes.corners[row] - lidar_m)
+            inside = ((corners > LEAST_M) & (corners < MOST_M)).all()
+            if number in hit and frame.actors.label[row] <= ObjectClass.BUS and inside:
                 expected[OBJECT_NUMBER + number] = row
         assert len(expected) > 5
         assert set(expected) <= set(found)

@@ -176,7 +176,7 @@ def _object_lines(frame: ExportFrame) -> list[str]:
 
 def _listed(key: str, lines: Sequence[str], chosen: NDArray[np.bool_]) -> list[str]:
     """Return the chosen objects (N,) under a key."""
-    found = [lines[row] for row in np.flatnonzero(chosen)]
+    found = [lines[row] for row in np.flatnonzero(chosen).tolist()]
     return [f"{key}:", *found] if found else [f"{key}: {{}}"]
 
 
