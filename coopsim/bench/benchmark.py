@@ -20,6 +20,7 @@ from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.metric_spec import MetricSpec
+from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, newest
@@ -96,6 +97,7 @@ def benchmark(
     *,
     engine: Engine | None = None,
     retry_failed: bool = False,
+    command: str = "",
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_broken: Callable[[StoreError], object] = lambda error: None,
 ) -> list[CellResult]:
@@ -110,6 +112,7 @@ def benchmark(
         folder: of the store; it is made if need be.
         engine: runs the cells; None: processes of this machine, as many as cores.
         retry_failed: also run cells whose stored result is a traceback.
+        command: what others type to get the same numbers; the store keeps it.
         on_progress: called before the first cell and after each.
         on_broken: called for each broken file of the store; its cell is run again.
 
@@ -124,7 +127,7 @@ def benchmark(
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics) for cell in grid.cells()]
-    store.begin([job.key for job in jobs])
+    store.begin([job.key for job in jobs], Provenance.of(grid, command).as_data())
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
     progress = Progress(len(jobs), len(results))

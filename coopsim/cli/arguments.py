@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 import difflib
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import yaml
 
-from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+
+if TYPE_CHECKING:
+    from coopsim.bench.grid.cell import CellResult
 
 FAILED = 1
 """Exit status: the command ended, but some of its cells or policies failed."""
@@ -189,6 +193,49 @@ def _integer(text: str, least: int) -> int:
     if not (text.isdecimal() and int(text) >= least):
         raise argparse.ArgumentTypeError(f"must be an integer >= {least}, got {text!r}")
     return int(text)
+
+
+def without_flags(typed: str, flags: Mapping[str, int]) -> str:
+    """Return a command without some of its flags.
+
+    Args:
+        typed: the command as in a shell.
+        flags: how many words follow each flag.
+    """
+    kept, skipped = [], 0
+    for word in shlex.split(typed):
+        name, equals, _ = word.partition("=")
+        if skipped:
+            skipped -= 1
+        elif name in flags:
+            skipped = 0 if equals else flags[name]
+        else:
+            kept.append(word)
+    return shlex.join(kept)
+
+
+def stored_results(folder: Path, hint: str = "") -> list[CellResult]:
+    """Read the results of a benchmark's folder.
+
+    Args:
+        folder: of `coopsim bench`.
+        hint: what else may be wrong where there is no such folder.
+
+    Raises:
+        UnknownNameError: there is no such folder of results; the message lists close ones next to it.
+        InvalidValueError: the folder has no results.
+    """
+    from coopsim.bench.store.store import CELLS, Store
+
+    if not (folder / CELLS).is_dir():
+        siblings = folder.parent.iterdir() if folder.parent.is_dir() else ()
+        known = [path.name for path in siblings if (path / CELLS).is_dir()]
+        where = f"in {folder.parent}" + (f" ({hint})" if hint else "")
+        raise UnknownNameError("folder of results", folder.name, known, where)
+    results = Store(folder).results()
+    if not results:
+        raise InvalidValueError(f"there are no results in {folder}: run `coopsim bench` first")
+    return results
 
 
 def as_json(content: object) -> str:

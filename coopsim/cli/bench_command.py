@@ -13,24 +13,29 @@ from coopsim.cli.arguments import (
     INTERRUPTED,
     add_options,
     count,
-    count_or_zero,
     named_options,
     names,
     numbers,
     policies,
     policy,
     seeds,
+    without_flags,
 )
+from coopsim.cli.report_command import add_report, write_files
 from coopsim.errors import CoopsimError
+from coopsim.support.checks import require_choice
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import Progress
-    from coopsim.bench.grid.cell import CellResult, Condition
+    from coopsim.bench.grid.cell import Condition
     from coopsim.bench.grid.grid import Grid
 
 HELP = "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
+
+_NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0}
+"""Flags that change no number, with how many words follow them: the command is noted without them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,9 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
-    report = parser.add_argument_group("report")
-    report.add_argument("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
-    report.add_argument("--plots", action="store_true", help="write the plots as SVG files, too")
+    add_report(parser.add_argument_group("report"))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -86,11 +89,13 @@ def run(options: argparse.Namespace) -> int:
             _show(bar, progress, engine.at_once, conditions)
 
         try:
+            _require_metrics(grid, options.metrics)
             results = benchmark(
                 grid,
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
+                command=without_flags(options.typed, _NO_NUMBER),
                 on_progress=show,
                 on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
             )
@@ -101,7 +106,22 @@ def run(options: argparse.Namespace) -> int:
             stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
             print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
-    return _conclude(grid, results, options)
+    write_files(options.out, results, options)
+    failed = sum(result.failed for result in results)
+    if failed:
+        print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
+    return FAILED if failed else 0
+
+
+def _require_metrics(grid: Grid, metrics: Sequence[str]) -> None:
+    """Refuse a metric that nobody has registered, now and not after the last cell."""
+    from coopsim.bench.policy_spec import PolicySpec
+    from coopsim.metrics.built_in import all_metrics
+
+    for text in grid.policies if metrics else ():
+        PolicySpec.parse(text).policy_class()  # a policy's file may register one
+    for name in metrics:
+        require_choice("metric", name, all_metrics())
 
 
 def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
@@ -128,25 +148,3 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
     bar.set_postfix_str(f"about {left} left", refresh=False)
     bar.update()
-
-
-def _conclude(grid: Grid, results: list[CellResult], options: argparse.Namespace) -> int:
-    from coopsim.bench.report.bench_text import leaderboard_text
-    from coopsim.bench.report.publish import about, publish
-    from coopsim.bench.results.result_table import ResultTable
-
-    written = publish(
-        options.out,
-        results,
-        about(grid, options.typed),
-        options=grid.options,
-        clips=options.clips,
-        with_plots=options.plots,
-    )
-    print(leaderboard_text(ResultTable.of(results)))
-    for path in written:
-        print(f"written: {path}")
-    failed = sum(result.failed for result in results)
-    if failed:
-        print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
-    return FAILED if failed else 0

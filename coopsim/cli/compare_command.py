@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 
 from coopsim.bench.grid.cell import CellResult
-from coopsim.cli.arguments import as_json, names
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.cli.arguments import as_json, names, stored_results
+from coopsim.errors import InvalidValueError
 from coopsim.support.files import require_writable, write_whole
 
 HELP = "test which differences between two benchmarks, or two policies of one, are significant"
+
+_NAMES = "policies need --results"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,10 +49,10 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
     from coopsim.bench.results.comparison import as_one_policy
 
     if options.results is None:
-        return _results(Path(options.a)), _results(Path(options.b))
+        return stored_results(Path(options.a), _NAMES), stored_results(Path(options.b), _NAMES)
     if options.a == options.b:
         raise InvalidValueError(f"A and B must be two policies, got {options.a!r} for both")
-    results, name = _results(options.results), f"{options.b} - {options.a}"
+    results, name = stored_results(options.results), f"{options.b} - {options.a}"
     spelled = {_unspaced(result.cell.policy): result.cell.policy for result in results}
     a, b = (spelled.get(_unspaced(policy), policy) for policy in (options.a, options.b))
     return as_one_policy(results, a, name), as_one_policy(results, b, name)
@@ -59,22 +61,3 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
 def _unspaced(policy: str) -> str:
     """Remove spaces from a policy's text, so that users need not spell it as grids do."""
     return "".join(policy.split())
-
-
-def _results(folder: Path) -> list[CellResult]:
-    """Read the results of a benchmark's folder.
-
-    Raises:
-        UnknownNameError: there is no such folder of results; the message lists close ones next to it.
-        InvalidValueError: the folder has no results.
-    """
-    from coopsim.bench.store.store import CELLS, Store
-
-    if not (folder / CELLS).is_dir():
-        siblings = folder.parent.iterdir() if folder.parent.is_dir() else ()
-        known = [path.name for path in siblings if (path / CELLS).is_dir()]
-        raise UnknownNameError("folder of results", folder.name, known, f"in {folder.parent} (policies need --results)")
-    results = Store(folder).results()
-    if not results:
-        raise InvalidValueError(f"there are no results in {folder}: run `coopsim bench` first")
-    return results

@@ -20,6 +20,7 @@ from coopsim.cli import (
     list_command,
     record_command,
     replay_command,
+    report_command,
     town_command,
     train_command,
 )
@@ -30,6 +31,7 @@ _COMMANDS = {
     "demo": demo_command,
     "bench": bench_command,
     "detect": detect_command,
+    "report": report_command,
     "compare": compare_command,
     "record": record_command,
     "town": town_command,

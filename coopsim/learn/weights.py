@@ -56,10 +56,9 @@ def find_weights(name_or_path: str | Path) -> Path:
         UnknownNameError: there is neither.
         WeightsNotShippedError: there are none, but a recipe to train them.
     """
-    note_weights(name_or_path)
     path = Path(name_or_path).expanduser()
     if path.suffix == SUFFIX:
-        return path
+        return note_weights(name_or_path, path)
     name, shipped = str(name_or_path), shipped_weights()
     if name not in shipped:
         if name in RECIPES:
@@ -68,7 +67,7 @@ def find_weights(name_or_path: str | Path) -> Path:
                 f"DIR/{name}{SUFFIX} in place of the name"
             )
         raise UnknownNameError("weights", name, shipped, f"(or the path of a file *{SUFFIX})")
-    return _SHIPPED / f"{name}{SUFFIX}"
+    return note_weights(name, _SHIPPED / f"{name}{SUFFIX}")
 
 
 def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:

@@ -101,6 +101,12 @@ def stored(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder / "cells").glob("*.parquet")}
 
 
+def written(folder: Path) -> dict[str, bytes]:
+    """The files that people read."""
+    found = (path for path in folder.rglob("*") if path.is_file() and "cells" not in path.parts)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found if path.name != "grid.json"}
+
+
 def start(folder: Path, *flags: str) -> subprocess.Popen[str]:
     return interruptible("bench", *flags, "--out", str(folder), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
@@ -181,12 +187,43 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
     for process in both:
         out, err = process.communicate(timeout=120)
         assert process.returncode == 0 and "%" not in err and "Traceback" not in err  # no bar without a terminal
-        assert out.count("written: ") == 3 and "report.html" in out
+        assert out.count("written: ") == len(written(out_dir)) == 8 and "report.html" in out
         assert out.startswith("|   rank | policy ") and out.count("late_fusion") == 1  # the leaderboard
     monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
     assert main(["bench", *flags, "--out", str(tmp_path / "uninterrupted")]) == 0
     assert stored(out_dir) == stored(tmp_path / "uninterrupted")
-    assert (out_dir / "results.csv").read_bytes() == (tmp_path / "uninterrupted" / "results.csv").read_bytes()
+    assert written(out_dir) == written(tmp_path / "uninterrupted")
+
+
+def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
+        yield from map(run_job, itertools.islice(jobs, 5))
+        raise KeyboardInterrupt
+
+    command = ["bench", *FLAGS, "--vary", "one_by_one", "--losses", "0,0.5", "--metrics", "HOTA,sAMOTA"]
+    files = {
+        *("report.html", "report.md", "results.csv", "intervals.csv", "protocol.txt", "plots/HOTA_over_bytes.svg"),
+        *("tables/undisturbed.tex", "tables/HOTA_latency.tex", "tables/HOTA_loss.tex"),
+    }
+    half, whole = tmp_path / "half", tmp_path / "whole"
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    assert main([*command, "--out", str(half), "--workers", "2"]) == INTERRUPTED
+    assert written(half) == {}
+    report = ["report", str(half), "--clips", "0", "--metrics", "HOTA,sAMOTA"]
+    assert main(report) == 0 and "5 of 12 cells are in " in capsys.readouterr().out
+    unfinished = written(half)
+    assert set(unfinished) == files and b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
+    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    for folder in (half, whole):
+        assert main([*command, "--out", str(folder)]) == 0
+    assert written(half) == written(whole) and set(written(whole)) == files
+    text = written(whole)["protocol.txt"].decode()
+    assert "12 of 12 runs" in text and f"coopsim {coopsim.__version__}" in text and str(tmp_path) not in text
+    assert "coopsim bench --policies no_fusion,late_fusion" in text and "--workers" not in text
+    before = written(half)
+    assert main(report) == 0 and written(half) == before
 
 
 @pytest.mark.usefixtures("quickly")
@@ -256,6 +293,7 @@ def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.C
         (["--policies", "no_fusion", "--engine", "rya"], "Did you mean 'ray'"),
         (["--policies", "no_fusion", "--address", "x:1"], "address is of a Ray cluster and needs engine 'ray'"),
         (["--preset", "quik"], "Did you mean 'quick'"),
+        (["--policies", "no_fusion", "--metrics", "AMTOA"], "Did you mean 'AMOTA'"),
         ([], "policies must be at least one"),
     ]:
         assert main(["bench", *flags, "--out", str(tmp_path / "out")]) == 2

@@ -14,7 +14,8 @@ import coopsim
 from coopsim.bench.benchmark import Engine, benchmark
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.leaderboard import to_csv, to_markdown
-from coopsim.bench.report.publish import about, publish
+from coopsim.bench.paper.provenance import Provenance
+from coopsim.bench.report.publish import publish
 from coopsim.bench.store.store import Store
 from coopsim.cli import main
 from coopsim.metrics import METRICS, LogPool, Metric
@@ -114,7 +115,7 @@ def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
     assert not any(result.failed for result in results), results
     assert all(result.values["reported boxes"] > 0 for result in results)
     assert [result.values for result in Store(tmp_path / "out").results()] == [result.values for result in results]
-    publish(tmp_path / "out", results, about(grid, ""), clips=0)
+    publish(tmp_path / "out", results, Provenance.of(grid), clips=0)
     page, markdown, table = (
         (tmp_path / "out" / name).read_text() for name in ("report.html", "report.md", "results.csv")
     )

@@ -74,6 +74,7 @@ LIGHT = (
     "coopsim.detection.pillars_detector",
     "coopsim.comms.uplinks.share_maps",
     "coopsim.bench.detect.detect",
+    "coopsim.bench.report.publish",
     "coopsim.learn.recipe",
     "coopsim.learn.rollout.rollout",
 )

@@ -52,7 +52,7 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
         InvalidValueError: an option is not plain data.
     """
     # A version alone would not do: sources under development keep theirs.
-    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": _sources_digest("coopsim")}}
+    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": sources_digest("coopsim")}}
     sources = [("policy", policy.policy_class().__module__, policy.source)]
     sources += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
     for name, module, source in sources:
@@ -60,7 +60,7 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
         if source is not None:
             code[name] = _digest(source.encode())
         elif package != "coopsim":
-            code[package] = {"versions": _versions(package), "sources": _sources_digest(package)}
+            code[package] = {"versions": _versions(package), "sources": sources_digest(package)}
     plain = plain_options(options)
     named = (cell.condition.scenario, plain, dict(policy.parameters))
     files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files(named)))}
@@ -143,7 +143,8 @@ def _versions(package: str) -> dict[str, str]:
 
 
 @cache
-def _sources_digest(package: str) -> str:
+def sources_digest(package: str) -> str:
+    """Return a digest of the sources, data and weights of an imported package, 64 hexadecimal digits."""
     return _digest(b"\0".join(_sources(package)))
 
 

@@ -79,9 +79,25 @@ class Store:
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
 
-    def begin(self, keys: Sequence[str]) -> None:
-        """Note the keys of the current grid, so that `results` leaves out those of other grids."""
-        write_durably(self._grid, (json.dumps({"cells": list(keys)}, indent=2) + "\n").encode())
+    def begin(self, keys: Sequence[str], provenance: Mapping[str, Any] | None = None) -> None:
+        """Note the keys of the current grid, so that `results` leaves out those of other grids, and its provenance."""
+        noted = {"cells": list(keys), "provenance": provenance}
+        write_durably(self._grid, (json.dumps(noted, indent=2) + "\n").encode())
+
+    def asked(self) -> int:
+        """Return the number of cells of the latest grid; without a grid, of all results."""
+        return len(self._asked())
+
+    def provenance(self) -> dict[str, Any] | None:
+        """Return what the latest grid was made from, as it was given to `begin`; None if nothing was.
+
+        Raises:
+            StoreError: the file is broken.
+        """
+        if not self._grid.exists():
+            return None
+        found = self._noted().get("provenance")
+        return dict(found) if isinstance(found, Mapping) else None
 
     def results(self) -> list[CellResult]:
         """Return the stored results of the latest grid, in its order; without a grid, all results.
@@ -101,10 +117,15 @@ class Store:
         return found if isinstance(found, dict) else {}
 
     def _asked(self) -> list[str]:
-        try:
-            return list(json.loads(self._grid.read_text(encoding="utf-8"))["cells"])
-        except FileNotFoundError:
+        if not self._grid.exists():
             return sorted(path.stem for path in self._cells.glob("*.parquet"))
+        return list(self._noted()["cells"])
+
+    def _noted(self) -> dict[str, Any]:
+        """Read the file of the latest grid."""
+        try:
+            noted = json.loads(self._grid.read_text(encoding="utf-8"))
+            return {**noted, "cells": list(noted["cells"])}
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise StoreError(f"{self._grid} is broken: {error}") from error
 

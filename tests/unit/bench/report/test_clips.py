@@ -14,9 +14,10 @@ from html_page import Page
 from synthetic_results import FRAMES, LATENCIES, failed, result
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.report.bev_data import UNIT_M
 from coopsim.bench.report.clips import film
-from coopsim.bench.report.publish import About, make_rerun, publish
+from coopsim.bench.report.publish import make_rerun, publish
 from coopsim.bench.results.moments import LEAST_GAP, worst_moments
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import InvalidValueError
@@ -149,8 +150,11 @@ def test_time_is_bounded_and_a_run_is_run_once() -> None:
 def test_publish_writes_everything_and_the_same_again(run: list[CellResult], tmp_path: Path) -> None:
     contents = []
     for name in ("one", "two"):
-        paths = publish(tmp_path / name, run, About(), options=OPTIONS, clips=2, with_plots=True)
-        assert sorted(path.name for path in paths) == ["report.html", "report.md", "results.csv"]
+        paths = publish(tmp_path / name, run, Provenance(grid={"options": OPTIONS}), clips=2, with_plots=True)
+        assert {path.relative_to(tmp_path / name).as_posix() for path in paths} == {
+            *("report.html", "report.md", "results.csv", "intervals.csv", "protocol.txt"),
+            *("tables/undisturbed.tex", "plots/AMOTA_over_bytes.svg"),
+        }
         contents.append([path.read_bytes() for path in paths])
     assert contents[0] == contents[1]
     page = Page((tmp_path / "one" / "report.html").read_text())
@@ -161,12 +165,12 @@ def test_publish_writes_everything_and_the_same_again(run: list[CellResult], tmp
 
 def test_publish_without_clips_runs_nothing(tmp_path: Path) -> None:
     table = with_dips(("a", 1, 1, 20, 0.4))  # of policies that do not exist
-    paths = publish(tmp_path / "a" / "b", table.results, About(), clips=0, with_plots=True)
+    paths = publish(tmp_path / "a" / "b", table.results, clips=0, with_plots=True)
     assert (tmp_path / "a" / "b" / "plots" / "sAMOTA_latency.svg") in paths
     with pytest.raises(InvalidValueError, match="clips must be an integer >= 0"):
-        publish(tmp_path, table.results, About(), clips=-1)
+        publish(tmp_path, table.results, clips=-1)
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidValueError, match="cannot make the folder"):
-        publish(tmp_path / "file", table.results, About(), clips=0)
+        publish(tmp_path / "file", table.results, clips=0)
     with pytest.raises(InvalidValueError, match="there are no results"):
-        publish(tmp_path, [], About())
+        publish(tmp_path, [])

@@ -1,0 +1,159 @@
+"""Tables of a benchmark for LaTeX, with booktabs: the best value in bold, and stars where it is not clearly better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from coopsim.bench.grid.axes import Axis, mildest, mildest_values, varying_axes
+from coopsim.bench.paper.short_names import short_names
+from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value
+from coopsim.bench.results.best import BesideBest, beside_best
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.statistics import LEVEL, seeds_needed
+from coopsim.metrics.built_in import BYTES, less_is_better
+
+_LETTERS = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+    "|": r"\textbar{}", "°": r"$^\circ$", "±": r"$\pm$",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """One column of a table: a metric in some conditions."""
+
+    title: str
+    metric: str
+    conditions: tuple[int, ...]
+
+
+def latex_tables(table: ResultTable, metrics: Sequence[str]) -> dict[str, str]:
+    r"""Format tables as LaTeX, by file name: `undisturbed.tex`, and `METRIC_AXIS.tex` for every axis that varies.
+
+    The first has all metrics and bytes per second in the mildest conditions, the others the first metric at every value
+    of an axis, with all other axes at their mildest value. Values are means over scenarios. A document needs
+    `\usepackage{booktabs}`.
+
+    Args:
+        table: the results.
+        metrics: names; the first one is that of the tables by axis.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    calm = tuple(table.conditions.index(each) for each in mildest(table.conditions))
+    shown = (*metrics, *([BYTES] if BYTES in table.metrics else []))
+    titles = {BYTES: BYTES_TITLE}
+    columns = [_Column(titles.get(metric, metric), metric, calm) for metric in shown]
+    found = {"undisturbed.tex": _table(table, columns, "Without disturbance", "undisturbed")} if calm else {}
+    for axis in varying_axes(table.conditions):
+        name = f"{metrics[0]}_{axis.title.replace(' ', '_')}"
+        found[f"{name}.tex"] = _table(table, _by_axis(table, metrics[0], axis), f"{metrics[0]} by {axis.title}", name)
+    return found
+
+
+def _by_axis(table: ResultTable, metric: str, axis: Axis) -> list[_Column]:
+    """Return a column for each value of an axis, the mildest first."""
+    axes, least = varying_axes(table.conditions), mildest_values(table.conditions)
+    places: dict[float, list[int]] = {}
+    texts: dict[float, str] = {}
+    for k, condition in enumerate(table.conditions):
+        if all(each.value(condition) == value for each, value in zip(axes, least, strict=True) if each != axis):
+            places.setdefault(axis.value(condition), []).append(k)
+            texts[axis.value(condition)] = axis.text(condition)
+    return [_Column(texts[value], metric, tuple(places[value])) for value in sorted(places, key=axis.harm)]
+
+
+def _table(table: ResultTable, columns: Sequence[_Column], heading: str, label: str) -> str:
+    compared = [None if each.metric == BYTES else beside_best(table, each.metric, each.conditions) for each in columns]
+    texts = [
+        _rates(table, column) if entries is None else [_cell(entry, form_of(column.metric)) for entry in entries]
+        for column, entries in zip(columns, compared, strict=True)
+    ]
+    names = short_names(table.policies)
+    order = _order(columns, compared, len(table.policies))
+    lines = [" & ".join([escape(names[table.policies[k]]), *(column[k] for column in texts)]) + r" \\" for k in order]
+    heads = " & ".join(["policy", *(escape(column.title) for column in columns)])
+    known = [entries for entries in compared if entries is not None]
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"  \centering\small",
+            f"  \\caption{{{escape(heading)} ({escape(', '.join(table.scenarios))}), {_legend(table, known)}}}",
+            f"  \\label{{tab:{label.replace('_', '-')}}}",
+            f"  \\begin{{tabular}}{{l{'r' * len(columns)}}}",
+            r"    \toprule",
+            f"    {heads} \\\\",
+            r"    \midrule",
+            *(f"    {line}" for line in lines),
+            r"    \bottomrule",
+            r"  \end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+def _legend(table: ResultTable, compared: Sequence[Sequence[BesideBest]]) -> str:
+    """Return what a caption says of numbers and marks."""
+    samples = table.samples
+    parts = [f"mean over {escape(samples.text)}"]
+    if samples.count > 1:
+        parts[0] += r" $\pm$ half of the 95\,\% interval (Student's t)"
+    if any(entry.best for entries in compared for entry in entries):
+        tests = "bootstrap-t and sign flips, corrected by Holm for the policies of a column"
+        parts.append(f"the best in bold, and $^*$ what it does not beat significantly ($p > {LEVEL:g}$; {tests})")
+    most = max((sum(entry.complete for entry in entries) - 1 for entries in compared), default=0)
+    needed = seeds_needed(most) if most > 0 else 1
+    if needed is None or samples.count < needed:
+        enough = f"it takes {needed}" if needed is not None else "no number is enough"
+        parts.append(f"of so many policies none can be significantly better with {escape(samples.text)}: {enough}")
+    if any(not entry.complete and entry.interval.count for entries in compared for entry in entries):
+        parts.append("in brackets what lacks runs, and is not compared")
+    return "; ".join(parts) + "."
+
+
+def _order(columns: Sequence[_Column], compared: Sequence[Sequence[BesideBest] | None], count: int) -> list[int]:
+    """Return the order of the rows: by the first metric, the best first, and those that lack runs last."""
+    for column, entries in zip(columns, compared, strict=True):
+        if entries is not None:
+            sign = 1.0 if less_is_better(column.metric) else -1.0
+            keys = [(not each.complete, _known(sign * each.interval.mean)) for each in entries]
+            return sorted(range(count), key=keys.__getitem__)
+    return list(range(count))
+
+
+def _known(value: float) -> float:
+    return math.inf if math.isnan(value) else value
+
+
+def _rates(table: ResultTable, column: _Column) -> list[str]:
+    values = table.values(BYTES)[:, list(column.conditions)]
+    intervals = [table.samples.interval(row) for row in known_mean(values, axis=1)]
+    return [format_value(each.mean, ",.0f").replace(",", r"\,") for each in intervals]
+
+
+def _cell(entry: BesideBest, form: str) -> str:
+    """Format a mean with half of its interval: the best in bold, what it does not beat with a star."""
+    mean, half = _number(entry.interval.mean, form), entry.interval.half_width
+    beside = "" if math.isnan(half) else rf" {{\scriptsize$\pm$ {format_value(half, form)}}}"
+    if entry.best:
+        return rf"\textbf{{{mean}}}{beside}"
+    if not entry.complete and entry.interval.count:
+        return f"({mean}{beside})"
+    return mean + beside + r"\rlap{$^*$}" * entry.unbeaten
+
+
+def _number(value: float, form: str) -> str:
+    """Format a number; its sign is a minus, not a hyphen."""
+    text = format_value(value, form)
+    return f"${text}$" if text.startswith("-") and text != "-" else text
+
+
+def escape(text: str) -> str:
+    """Return a text as LaTeX shows it, on one line."""
+    return " ".join("".join(_LETTERS.get(letter, letter) for letter in text).split())

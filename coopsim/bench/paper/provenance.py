@@ -1,0 +1,144 @@
+"""What a benchmark was made from: all that others need to get the same numbers, but no date and no machine."""
+
+from __future__ import annotations
+
+import math
+import platform
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+import coopsim
+from coopsim.bench.evaluate import listening_env
+from coopsim.bench.grid.cell import Cell
+from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.grid.grid import ATTRIBUTES, Grid
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store.fingerprint import package_versions, sources_digest
+from coopsim.errors import StoreError
+from coopsim.learn.weights_watch import watch_weights
+
+_INFINITE = "inf"
+"""Infinity in JSON, which has no number for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """The origin of a benchmark's numbers, as plain data.
+
+    Attributes:
+        command: the command without what changes no number; empty for a call from Python.
+        grid: the attributes of `Grid`, by name.
+        software: versions by name: coopsim, Python, and `package_versions`.
+        commit: of the repository that coopsim's sources are in, with a word if they differ from it; empty if unknown.
+        sources: digest of coopsim's sources and weights.
+        sends: the content that each policy's agents broadcast, by policy; "none" for no message.
+        weights: names or paths of the weights that each policy loads, by policy.
+        sensing: names or paths of the weights that the agents' detectors load.
+        digests: of the weights, by name or path.
+        training: what `TrainingPlaces` says of the weights, by name or path.
+        left_out: policies that "all" does not stand for as their weights do not ship, with the reason.
+    """
+
+    command: str = ""
+    grid: Mapping[str, Any] = field(default_factory=dict)
+    software: Mapping[str, str] = field(default_factory=dict)
+    commit: str = ""
+    sources: str = ""
+    sends: Mapping[str, str] = field(default_factory=dict)
+    weights: Mapping[str, list[str]] = field(default_factory=dict)
+    sensing: list[str] = field(default_factory=list)
+    digests: Mapping[str, str] = field(default_factory=dict)
+    training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, grid: Grid, command: str = "") -> Self:
+        """Find the provenance of a grid that `coopsim.bench.benchmark.check` has accepted."""
+        sends, weights = {}, {}
+        for text in grid.policies:
+            with watch_weights() as found:
+                policy = PolicySpec.parse(text).make()
+            sends[text], weights[text] = policy.needs.uplink, sorted(found.values())
+        first = PolicySpec.parse(grid.policies[0]).make()
+        with watch_weights() as sensing:
+            for condition in {each.scenario: each for each in grid.conditions()}.values():
+                cell = Cell(grid.policies[0], condition, grid.seeds[0], grid.frames)
+                listening_env(condition.scenario, first, environment_options(cell, grid.options)).close()
+        return cls(
+            command,
+            {name: _plain(getattr(grid, name)) for name in ATTRIBUTES},
+            {"coopsim": coopsim.__version__, "Python": platform.python_version(), **package_versions()},
+            _commit(),
+            sources_digest("coopsim"),
+            sends,
+            weights,
+            sorted(sensing.values()),
+            **_described({*sensing.values(), *(name for names in weights.values() for name in names)}),
+            left_out=dict(grid.left_out),
+        )
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any] | None) -> Self:
+        """Return the provenance that a store has; an empty one if it has none.
+
+        Raises:
+            StoreError: the data are of another version.
+        """
+        if data is None:
+            return cls()
+        try:
+            made = cls(**data)
+            return cls(**(asdict(made) | {"grid": {name: _numbers(each) for name, each in made.grid.items()}}))
+        except (TypeError, AttributeError) as error:
+            raise StoreError(f"the provenance of the results is broken: {error}") from error
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the provenance as JSON has it."""
+        return asdict(self)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_INFINITE if each == math.inf else each for each in value]
+    return value
+
+
+def _numbers(value: Any) -> Any:
+    return [math.inf if each == _INFINITE else each for each in value] if isinstance(value, list) else value
+
+
+def _described(names: set[str]) -> dict[str, dict[str, Any]]:
+    """Return `digests` and `training` of weights."""
+    if not names:
+        return {}
+    from coopsim.learn.training_places import training_places
+    from coopsim.learn.weights import digest
+
+    ordered = sorted(names)
+    return {
+        "digests": {name: digest(name) for name in ordered},
+        "training": {name: asdict(training_places(name)) for name in ordered},
+    }
+
+
+@cache
+def _commit() -> str:
+    """Return the commit that the sources are of, and whether they were changed since; empty without a repository."""
+    folder = Path(coopsim.__file__).parent
+
+    def git(*words: str) -> str:
+        told = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=20, check=True
+        )
+        return told.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "__init__.py")  # a repository around an installation is another's
+        changed = bool(git("status", "--porcelain", "--untracked-files=no", "--", "."))
+        return git("rev-parse", "HEAD") + ", changed since" * changed
+    except (OSError, subprocess.SubprocessError):
+        return ""

@@ -1,0 +1,171 @@
+"""A metric over bytes per second as SVG: what each method reaches, and what it sends for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coopsim.bench.grid.axes import mildest
+from coopsim.bench.paper.label_layout import lay_out
+from coopsim.bench.paper.short_names import short_names
+from coopsim.bench.report.formats import to_svg
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.statistics import Interval
+from coopsim.metrics.built_in import BYTES, less_is_better
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SIZE_IN = (7.0, 4.6)
+_LABEL_PT, _MARKER_PT = 7.0, 6.0
+_LINE_HEIGHT = 1.25
+_LOOKS: Mapping[str, tuple[str, str, str]] = {
+    "none": ("nothing", "X", "0.35"),
+    "detections": ("boxes", "o", "#0072b2"),
+    "tracks": ("tracks", "^", "#009e73"),
+    "queries": ("queries", "P", "#cc79a7"),
+    "features": ("features", "s", "#e69f00"),
+    "points": ("points", "D", "#56342c"),
+}
+"""Words, markers and colours by what is sent: told apart by shape in grey, and by any eye in colour."""
+
+_OTHER = ("", "o", "0.6")
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """A policy in the figure."""
+
+    name: str
+    sends: str
+    bytes_per_s: float
+    value: Interval
+
+
+def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
+    """Plot a metric against the bytes per second that an agent broadcasts, with a marker for each policy.
+
+    Both are means in the mildest conditions, or over all if the grid lacks that corner; whiskers are 95 % intervals
+    over seeds, or over drawn places. What sends nothing stands on the left, apart from the logarithmic scale. Dashes
+    are the Pareto front: the policies that no other beats in both.
+
+    Args:
+        table: the results; they have bytes per second.
+        metric: name of the metric.
+        sends: the content that is broadcast, by policy (`Needs.uplink`); policies may be missing.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    points = _points(table, metric, sends)
+    less = less_is_better(metric)
+
+    def draw(figure: Figure) -> None:
+        panel = figure.subplots()
+        panel.set(xscale="log", xlabel="bytes a second that an agent broadcasts", ylabel=metric)
+        panel.set_title(f"{', '.join(table.scenarios)}: mean over {table.samples.text}", fontsize=9)
+        panel.grid(alpha=0.25)
+        if points:
+            _draw_points(panel, points, less)
+            _label(figure, panel, points)
+
+    return to_svg(draw, *_SIZE_IN)
+
+
+def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_Point]:
+    """Return the policies that have values, by rising bytes."""
+    calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
+    values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
+    names = short_names(table.policies)
+    found = [
+        _Point(names[policy], sends.get(policy, ""), float(rate), table.samples.interval(row))
+        for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)
+    ]
+    known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
+    return sorted(known, key=lambda each: (each.bytes_per_s, each.name))
+
+
+def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) -> list[int]:
+    """Return the numbers of the points that none beats in both, by rising rate: fewer bytes, and a better value."""
+    sign = 1.0 if less else -1.0
+    front: list[int] = []
+    for k in sorted(range(len(rates)), key=lambda each: (rates[each], sign * values[each])):
+        if not front or sign * values[k] < sign * values[front[-1]]:
+            front.append(k)
+    return front
+
+
+def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
+    places = _places(panel, points)
+    means = [each.value.mean for each in points]
+    front = pareto_front([each.bytes_per_s for each in points], means, less)
+    panel.plot([places[k] for k in front], [means[k] for k in front], "--", color="0.45", lw=1, zorder=1)
+    shown = set[str]()
+    for place, point in zip(places, points, strict=True):
+        word, marker, color = _LOOKS.get(point.sends, _OTHER)
+        half = np.nan_to_num(point.value.half_width)
+        panel.errorbar(place, point.value.mean, half, color="0.55", lw=0.8, capsize=2, zorder=2)
+        look = {"marker": marker, "ms": _MARKER_PT, "mfc": color, "mec": "black", "mew": 0.7, "ls": ""}
+        label = word if word and word not in shown else "_"
+        panel.plot(place, point.value.mean, label=label, zorder=3, **look)
+        shown.add(word)
+    panel.plot([], [], "--", color="0.45", lw=1, label="Pareto front")
+    panel.legend(fontsize=7, frameon=False, loc="lower right", title="what is sent", title_fontsize=7)
+
+
+def _places(panel: Any, points: Sequence[_Point]) -> list[float]:
+    """Return where each policy stands on the axis of bytes, and set its ends and ticks."""
+    sent = [each.bytes_per_s for each in points if each.bytes_per_s > 0]
+    first, last = (math.floor(math.log10(min(sent))), math.ceil(math.log10(max(sent)))) if sent else (0, 1)
+    silent = 10.0 ** (first - 0.5)
+    panel.set_xlim(10.0 ** (first - 1), 10.0 ** (last + 0.8))
+    decades = [10.0**k for k in range(first, last + 1)]
+    names = [f"$10^{{{k}}}$" for k in range(first, last + 1)]
+    if len(sent) < len(points):
+        panel.axvline(10.0 ** (first - 0.15), color="0.8", lw=0.8)
+        decades, names = [silent, *decades], ["0", *names]
+    panel.set_xticks(decades, names, parse_math=True)
+    panel.set_xticks([], minor=True)
+    return [each.bytes_per_s or silent for each in points]
+
+
+def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
+    """Write the names beside the markers, with lines to those that had to move."""
+    figure.draw_without_rendering()  # so that the axes are where they will be
+    to_pt = 72 / figure.dpi
+    places = [line.get_xydata()[0] for line in panel.get_lines() if line.get_zorder() == 3]
+    spots = panel.transData.transform(places) * to_pt
+    area = panel.get_window_extent().get_points().ravel() * to_pt
+    legend = panel.get_legend().get_window_extent().get_points().ravel() * to_pt
+    whiskers = [
+        panel.transData.transform([(x, point.value.low), (x, point.value.high)]) * to_pt
+        for (x, _), point in zip(places, points, strict=True)
+        if not math.isnan(point.value.half_width)
+    ]
+    half = _MARKER_PT / 2
+    taken = [[x - half, y - half, x + half, y + half] for x, y in spots]
+    taken += [[low[0] - 1, low[1], high[0] + 1, high[1]] for low, high in whiskers]
+    sizes = np.array([_size_of(point.name) for point in points])
+    beside = lay_out(spots, sizes, np.array([*taken, legend]), area)
+    back = panel.transData.inverted()
+    backing = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
+    look = {"fontsize": _LABEL_PT, "va": "center_baseline", "zorder": 4, "bbox": backing}
+    for point, spot, size, place in zip(points, spots, sizes, beside, strict=True):
+        x, y = back.transform(place / to_pt)
+        panel.text(x, y, point.name, **look).set_in_layout(False)
+        if abs(place[1] - spot[1]) > 1:
+            end = place if place[0] > spot[0] else np.add(place, (size[0], 0.0))
+            line = back.transform(np.array([spot, end]) / to_pt)
+            panel.plot(*line.T, color="0.6", lw=0.5, zorder=1.5, scalex=False, scaley=False)
+
+
+def _size_of(name: str) -> tuple[float, float]:
+    """Return width and height of a label in points."""
+    from matplotlib.textpath import TextPath
+
+    return float(TextPath((0, 0), name, size=_LABEL_PT).get_extents().width) + 2, _LABEL_PT * _LINE_HEIGHT
