@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from coopsim.config.load import load
-from coopsim.learn.rollout.world_recipe import TOWN, WorldRecipe
+from coopsim.learn.rollout.world_recipe import WorldRecipe
+from coopsim.world.towns.town_scenarios import TOWN
 
 
 @dataclass(frozen=True, slots=True)

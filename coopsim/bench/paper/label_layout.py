@@ -11,19 +11,21 @@ from coopsim.geometry.se3 import Floats
 _NEAR, _FAR = 6.0, 22.0
 """Distances of a label from its marker, where it is level with it, and where a line leads to it from above or below."""
 
-_LINES = 60
-"""Farthest that a label is moved up or down, in quarters of its height."""
+_LINES, _CLOSE = 60, 14
+"""Farthest that a label is moved up or down, in quarters of its height, at all and so as to keep off whiskers."""
 
 
-def lay_out(points: Floats, sizes: Floats, taken: Floats, bounds: Floats) -> Floats:
+def lay_out(points: Floats, sizes: Floats, taken: Floats, whiskers: Floats, bounds: Floats) -> Floats:
     """Place a label beside each point, the highest point first: to its right or left, as near as there is room.
 
-    Where there is no room at all, a label is placed to the right and may lie on others.
+    A label that would be far away lies on whiskers instead. Where there is no room at all, it is to the right of its
+    point and may lie on other labels.
 
     Args:
         points: (N, 2) x and y of the markers in points of 1/72 inch, y upwards, as all that follows.
         sizes: (N, 2) width and height of the labels.
-        taken: (M, 4) left, low, right, high of what is to be kept free, as the markers with their whiskers.
+        taken: (M, 4) left, low, right, high of what must be kept free, as the markers.
+        whiskers: (K, 4) alike, of what should be.
         bounds: (4,) left, low, right, high of the area.
 
     Returns:
@@ -31,10 +33,13 @@ def lay_out(points: Floats, sizes: Floats, taken: Floats, bounds: Floats) -> Flo
     """
     placed = np.empty((len(points), 2))
     used = [*np.asarray(taken, dtype=np.float64).reshape(-1, 4)]
+    avoided = [*np.asarray(whiskers, dtype=np.float64).reshape(-1, 4)]
     for k in sorted(range(len(points)), key=lambda each: (-points[each, 1], points[each, 0], each)):
         candidates = _candidates(points[k], sizes[k])
+        close = 2 + 4 * (_CLOSE - 2)  # the level ones, and four for each step up and down
+        clear = (each for each in candidates[:close] if _is_free(_box(each, sizes[k]), [*used, *avoided], bounds))
         free = (each for each in candidates if _is_free(_box(each, sizes[k]), used, bounds))
-        placed[k] = next(free, candidates[0])
+        placed[k] = next(clear, next(free, candidates[0]))
         used.append(_box(placed[k], sizes[k]))
     return placed
 

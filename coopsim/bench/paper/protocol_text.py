@@ -26,7 +26,6 @@ def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[
         metrics: those of the tables, each of which is defined.
     """
     sections = {
-        "Command": [provenance.command or "coopsim.benchmark, called from Python with the grid below"],
         "Software": _software(provenance),
         "World": _world(table, provenance),
         "Conditions": _conditions(table, provenance),
@@ -37,7 +36,9 @@ def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[
         "Statistics": _statistics(table),
         "Finished": _finished(table),
     }
-    parts = ["Protocol of a benchmark by coopsim"]
+    # A command is to be copied, so it stays on one line.
+    command = provenance.command or "coopsim.benchmark, called from Python"
+    parts = ["Protocol of a benchmark by coopsim", f"Command\n-------\n{command}"]
     for heading, lines in sections.items():
         if lines:
             parts.append("\n".join([heading, "-" * len(heading), *(_wrapped(line) for line in lines)]))
@@ -76,8 +77,8 @@ def _conditions(table: ResultTable, provenance: Provenance) -> list[str]:
         "one_by_one": "one at a time, all others at their mildest value",
     }
     way = ways.get(str(provenance.grid.get("vary")))
-    lines += [f"{len(table.conditions)} conditions: {way}"] if way else [f"{len(table.conditions)} conditions"]
-    return lines
+    count = len(table.conditions)
+    return [*lines, f"{count} conditions: {way}"] if way and count > 1 else lines
 
 
 def _seen(provenance: Provenance) -> list[str]:
@@ -162,5 +163,5 @@ def _short(value: Any) -> str:
 
 
 def _wrapped(line: str) -> str:
-    whole = {"break_long_words": False, "break_on_hyphens": False}
-    return "\n".join(textwrap.wrap(line, _WIDTH, subsequent_indent="  ", **whole))
+    parts = textwrap.wrap(line, _WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return "\n".join(parts)

@@ -149,9 +149,9 @@ def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
     ]
     half = _MARKER_PT / 2
     taken = [[x - half, y - half, x + half, y + half] for x, y in spots]
-    taken += [[low[0] - 1, low[1], high[0] + 1, high[1]] for low, high in whiskers]
+    bars = [[low[0] - 1, low[1], high[0] + 1, high[1]] for low, high in whiskers]
     sizes = np.array([_size_of(point.name) for point in points])
-    beside = lay_out(spots, sizes, np.array([*taken, legend]), area)
+    beside = lay_out(spots, sizes, np.array([*taken, legend]), np.array(bars), area)
     back = panel.transData.inverted()
     backing = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
     look = {"fontsize": _LABEL_PT, "va": "center_baseline", "zorder": 4, "bbox": backing}

@@ -64,14 +64,12 @@ def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> t
     if not complete.any():
         return tuple(BesideBest(interval) for interval in intervals)
     sign = -1.0 if less_is_better(metric) else 1.0
-    means = sign * np.array([interval.mean for interval in intervals])
-    best = int(np.where(complete, means, -np.inf).argmax())
+    goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
+    best = int(np.argmax(goods))
     others = [k for k in np.flatnonzero(complete).tolist() if k != best]
     corrected = dict(zip(others, _corrected(by_seed[others], by_seed[best], table.samples), strict=True))
     return tuple(
-        BesideBest(
-            interval, bool(complete[k]), bool(complete[k] and means[k] == means[best]), corrected.get(k, math.nan)
-        )
+        BesideBest(interval, bool(complete[k]), goods[k] == goods[best], corrected.get(k, math.nan))
         for k, interval in enumerate(intervals)
     )
 

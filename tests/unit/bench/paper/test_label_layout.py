@@ -12,6 +12,7 @@ from coopsim.bench.paper.label_layout import lay_out
 from coopsim.geometry.se3 import Floats
 
 AREA = np.array([0.0, 0.0, 500.0, 300.0])
+NONE = np.zeros((0, 4))
 
 
 def boxes(places: Floats, sizes: Floats) -> Floats:
@@ -25,7 +26,7 @@ def overlap(one: Floats, other: Floats) -> bool:
 
 def require_free(points: Floats, sizes: Floats) -> Floats:
     taken = np.column_stack([points - 3, points + 3])
-    placed = lay_out(points, sizes, taken, AREA)
+    placed = lay_out(points, sizes, taken, NONE, AREA)
     labels = boxes(placed, sizes)
     assert not any(overlap(a, b) for a, b in itertools.combinations(labels, 2))
     assert not any(overlap(a, b) for a in labels for b in taken)
@@ -49,4 +50,13 @@ def test_a_column_of_markers_has_labels_apart(found: list[tuple[float, float]]) 
 
 def test_without_room_there_is_a_place_still() -> None:
     points, sizes = np.tile([250.0, 150.0], (3, 1)), np.tile([900.0, 9.0], (3, 1))
-    assert np.isfinite(lay_out(points, sizes, np.zeros((0, 4)), AREA)).all()
+    assert np.isfinite(lay_out(points, sizes, NONE, NONE, AREA)).all()
+
+
+def test_a_label_keeps_off_a_whisker_if_it_need_not_go_far() -> None:
+    point, size = np.array([[100.0, 100.0]]), np.array([[60.0, 9.0]])
+    for low, level in ((90.0, False), (-1e3, True)):
+        whisker = np.array([[130.0, low, 132.0, 104.0 if low > 0 else 1e3]])
+        left = np.array([[0.0, 0.0, 95.0, 300.0]])
+        (placed,) = lay_out(point, size, left, whisker, AREA)
+        assert (placed[1] == 100.0) == level and abs(placed[1] - 100.0) < 40.0
