@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import shlex
@@ -170,3 +171,10 @@ def test_files_that_pages_name_exist() -> None:
     }
     assert named
     assert not [f"{page}: {file}" for page, file in sorted(named) if not (ROOT / file).exists()]
+
+
+def test_the_notebook_is_stored_without_what_it_printed() -> None:
+    cells = json.loads((ROOT / "examples" / "walkthrough.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert code
+    assert not [cell for cell in code if cell["outputs"] or cell["execution_count"]]
