@@ -25,7 +25,7 @@ def simulated_clips(recipe: TrainingRecipe, seed: int, cache: Path | None = None
 
 def held_out_clips(recipe: TrainingRecipe, cache: Path | None = None) -> ClipSource:
     """Return clips of places that no training sees: towns 1000 to 1099; frames are close in time but for detectors."""
-    close = ("cooperative", "flow", "together", "seen_covariance", "point_identity", "queries")
+    close = ("cooperative", "flow", "together", "seen_covariance", "point_identity", "queries", "integrated")
     dt_s = 0.2 if recipe.kind in close else 0.5
     cameras = {"surround": 1.0} if "picture" in recipe.kind else {}
     clips = SimulatedClips(WorldRecipe.for_validation(dt_s=(dt_s,), cameras=cameras))

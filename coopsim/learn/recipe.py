@@ -27,12 +27,12 @@ RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 
 KINDS = (
     "detector", "pictures", "points_and_pictures", "cooperative", "flow", "together", "covariance", "seen_covariance",
-    "point_identity", "picture_identity", "queries",
+    "point_identity", "picture_identity", "queries", "integrated",
 )  # fmt: skip
 """Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
 frozen encoder, with flow also how messages change in time. Stage C: both. A covariance of boxes is trained on
 recordings; one that sees features, on clips. An identity tells objects apart. Queries are trained on a frozen encoder
-and head, first of one agent, then of several."""
+and head, first of one agent, then of several; integrated detection and tracking on a frozen stage B."""
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -46,7 +46,7 @@ class TrainingRecipe:
         kind: one of `KINDS`.
         steps: of the optimizer.
         batch: samples a step: agents' views for stage A, frames for B and C, windows of frames for covariances, groups
-            of objects for an identity, clips for queries.
+            of objects for an identity, clips for queries and integrated tracking.
         block: clips that are read together, and their samples shuffled.
         passes: times that a block is used, each time with new random changes of its samples.
         lr: highest learning rate of the one-cycle schedule.
@@ -68,7 +68,8 @@ class TrainingRecipe:
         depths_first: share of the steps, at the beginning, in which an encoder of pictures learns depths and classes
             alone: these steps are quick, as no maps are made, and without depths maps have nothing to teach.
         network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
-            of `CooperativeConfig` for B and C; of `CovarianceConfig` for covariances; of `QueryConfig` for queries.
+            of `CooperativeConfig` for B and C; of `CovarianceConfig` for covariances; of `QueryConfig` for queries;
+            of `IntegratedConfig` for integrated tracking.
         world: options of `WorldRecipe`: what the clips show; of `RecordedWorld` with kind: covariance.
         samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed; none for covariances.
     """

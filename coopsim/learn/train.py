@@ -137,6 +137,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
         from coopsim.learn.tasks.query_task import QueryTask
 
         return QueryTask(recipe, seed)
+    if recipe.kind == "integrated":
+        from coopsim.learn.tasks.integrated_task import IntegratedTask
+
+        return IntegratedTask(recipe, seed)
     if recipe.kind == "cooperative":
         from coopsim.learn.tasks.cooperative_task import CooperativeTask
 

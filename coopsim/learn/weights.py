@@ -31,6 +31,7 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, PictureIdentityNet
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
+from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -180,6 +181,22 @@ def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | 
     return net
 
 
+def load_integrated(name_or_path: str | Path, detector: DetectorNet) -> IntegratedNet:
+    """Return an `IntegratedNet` with weights, ready to be used; shared by all who ask, so not to be changed.
+
+    Args:
+        name_or_path: of the weights.
+        detector: whose features it will get; it must have the encoder that the weights were trained on.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: the file is broken, too large, holds something else, or was trained on another encoder.
+    """
+    net = _load_beside(name_or_path, "integrated", detector)
+    assert isinstance(net, IntegratedNet)
+    return net
+
+
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:
     """Write a network's weights as 16 bit floats.
 
@@ -250,6 +267,7 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
         "point_identity": make_point_identity,
         "picture_identity": make_picture_identity,
         "queries": make_queries,
+        "integrated": make_integrated,
     }
     kind = texts.get("kind", "cooperative")
     return made[kind](config) if kind in made else make_cooperative(config)[0]
@@ -288,6 +306,11 @@ def make_picture_identity(config: Mapping[str, Any], seed: int = 0) -> PictureId
 def make_queries(config: Mapping[str, Any], seed: int = 0) -> QueryNet:
     """Return a network of instance queries with random weights, the same for the same seed."""
     return _made(QueryConfig, QueryNet, config, seed)
+
+
+def make_integrated(config: Mapping[str, Any], seed: int = 0) -> IntegratedNet:
+    """Return a network of integrated detection and tracking with random weights, the same for the same seed."""
+    return _made(IntegratedConfig, IntegratedNet, config, seed)
 
 
 def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:

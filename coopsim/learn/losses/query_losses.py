@@ -74,8 +74,7 @@ def instance_losses(
 ) -> dict[str, Tensor]:
     """Return the losses of instances by name, for each object that is to be found.
 
-    Classes have the focal loss (Lin et al., ICCV 2017, alpha 0.25, gamma 2), boxes L1 of x, y, z (m), logs of sizes,
-    sine of the yaw's error, and velocity (10 m/s).
+    Classes have `class_loss`, boxes L1 of x, y, z (m), logs of sizes, sine of the yaw's error, and velocity (10 m/s).
 
     Args:
         known: K refined instances.
@@ -85,11 +84,6 @@ def instance_losses(
     """
     shown = truth.shown[labels.objects]
     rows, objects = labels.rows[shown], labels.objects[shown]
-    counted = torch.ones(len(known), dtype=torch.bool)
-    counted[labels.rows[~shown]] = False
-    target = torch.zeros_like(logits)
-    target[rows, truth.label[objects]] = 1.0
-    focal = focal_loss(logits, target, alpha=0.25, gamma=2.0)[counted].sum()
     box, true = known.box[rows], truth.box[objects]
     errors = torch.cat(
         [
@@ -99,8 +93,24 @@ def instance_losses(
         ],
         dim=1,
     )  # fmt: skip
-    total = max(len(rows), 1)
-    return {"instance class": focal / total, "instance box": errors.sum() / total}
+    return {"instance class": class_loss(logits, truth, labels), "instance box": errors.sum() / max(len(rows), 1)}
+
+
+def class_loss(logits: Tensor, truth: TrueObjects, labels: LabelledInstances) -> Tensor:
+    """Return the focal loss (Lin et al., ICCV 2017, alpha 0.25, gamma 2) of classes, for each object to be found.
+
+    Args:
+        logits: (K, 9) of the classes of K instances.
+        truth: the objects; instances of those that are not to be found do not count.
+        labels: which is which.
+    """
+    shown = truth.shown[labels.objects]
+    rows, objects = labels.rows[shown], labels.objects[shown]
+    counted = torch.ones(len(logits), dtype=torch.bool)
+    counted[labels.rows[~shown]] = False
+    target = torch.zeros_like(logits)
+    target[rows, truth.label[objects]] = 1.0
+    return focal_loss(logits, target, alpha=0.25, gamma=2.0)[counted].sum() / max(len(rows), 1)
 
 
 def association_loss(compared: ComparedInstances, own: LabelledInstances, others: LabelledInstances) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.query_losses import TrueObjects
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_samples import LATEST_S
 from coopsim.learn.samples.sample_frames import mirror, moved, rotated, sweeps_of, thin
@@ -17,8 +19,7 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.inference.perceiver import way_to_world_cells
-from coopsim.nn.inference.query_perceiver import seen_map
-from coopsim.nn.queries.query_net import QueryNet, SeenMap
+from coopsim.nn.queries.query_net import SeenMap
 from coopsim.types import BevGrid
 from coopsim.types.units import Ints, Mask
 
@@ -95,10 +96,12 @@ class QueryStream:
         return believed[1].inverse().compose(believed[0])
 
 
+See = Callable[[Tensor, BevGrid], SeenMap]
+"""Tells what an agent sees, from its map of features (1, C, h, w) and its cells."""
+
+
 @torch.no_grad()
-def watch(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, detector: DetectorNet, net: QueryNet
-) -> WatchedClip:
+def watch(clip: Clip, rng: np.random.Generator, settings: SampleSettings, detector: DetectorNet, see: See) -> WatchedClip:
     """Return a clip as its agents see it by a detector.
 
     Args:
@@ -106,7 +109,7 @@ def watch(
         rng: decides the axes, the mirror, and whose points are thinned.
         settings: of samples; `reach_m`, `thinned` and `mirrored` matter.
         detector: with encoder and head, frozen.
-        net: makes instances of its sizes.
+        see: tells what an agent sees on its map.
     """
     axes_rad, mirrored = float(rng.uniform(-np.pi, np.pi)), rng.random() < settings.mirrored
     flip = np.array([1.0, -1.0 if mirrored else 1.0])
@@ -124,7 +127,7 @@ def watch(
             reach_m = settings.reach_m
             canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), detector.config.cell_m)
             features = detector.encoder(collate([pillarize(points, canvas)])).float()
-            map_ = seen_map(net, detector.head, features, canvas.coarser(STRIDE))
+            map_ = see(features, canvas.coarser(STRIDE))
             seen.append(replace(map_, features=map_.features.half()))
             places.append([*place, agent.xyz_yaw[2]])
         box = scene.boxes.copy()
@@ -162,3 +165,24 @@ def draw_stream(clip: WatchedClip, rng: np.random.Generator, settings: SampleSet
     return QueryStream(
         clip, tuple(members.tolist()), tuple(receivers.tolist()), late, rng.normal(size=(agents, 3)) * noise
     )
+
+
+def true_objects(sample: QueryStream, number: int, agent: int, *, alone: bool) -> TrueObjects:
+    """Return the objects around an agent in a scene; to be found are those that it, or what it has heard, shows.
+
+    Args:
+        sample: the clip.
+        number: of the scene.
+        agent: its number.
+        alone: it hears nobody.
+    """
+    scene = sample.clip.scenes[number]
+    shown = scene.returns[:, agent].copy()
+    for sender in () if alone else sample.members:
+        then = number - int(sample.late[sender])
+        if then >= 0:
+            earlier = sample.clip.scenes[then]
+            shown |= np.isin(scene.object_id, earlier.object_id[earlier.returns[:, sender]])
+    box = scene.box.clone()
+    box[:, :3] -= torch.from_numpy(scene.place_m[agent]).to(box)
+    return TrueObjects(box, scene.velocity, scene.label, torch.from_numpy(shown))

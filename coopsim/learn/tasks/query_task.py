@@ -21,14 +21,16 @@ from coopsim.learn.losses.losses import sum_of
 from coopsim.learn.losses.query_losses import TrueObjects, association_loss, instance_losses, labelled
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, watch
+from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, true_objects, watch
 from coopsim.learn.tasks.query_look import QueryLook
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
 from coopsim.learn.weights import encoder_digest, load_detector, load_queries, make_queries
+from coopsim.nn.inference.query_perceiver import seen_map
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.support.rng import stream
+from coopsim.types import BevGrid
 
 _LEAST_SHARED = 0.2
 """Smallest score of an instance that is sent, as policies have it by default."""
@@ -96,14 +98,17 @@ class QueryTask(TrainingTask):
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
-        drawn = draw_stream(watch(clip, rng, settings, self.detector, self.net), rng, settings)
+        drawn = draw_stream(watch(clip, rng, settings, self.detector, self._see), rng, settings)
         return [] if drawn is None else [drawn]
+
+    def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
+        return seen_map(self.net, self.detector.head, features, grid)
 
     def _watch(self, clip: Clip, settings: SampleSettings) -> WatchedClip:
         """Return a clip as its agents see it; those of a block are kept, as each is asked for in every pass."""
         if clip.key not in self._watched:
             rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
-            self._watched[clip.key] = watch(clip, rng, settings, self.detector, self.net)
+            self._watched[clip.key] = watch(clip, rng, settings, self.detector, self._see)
             while len(self._watched) > self._most:
                 self._watched.popitem(last=False)
         return self._watched[clip.key]
@@ -168,7 +173,7 @@ def taught_steps(net: QueryNet, sample: QueryStream, *, by_rule: bool = True) ->
             carried = _carried(net, before, ("fused", agent), sample, number)
             step = net(carried, clip.dt_s, _seen(sample, number, agent), heard, by_rule=by_rule)
             before["fused", agent] = kept_instances(step.instances.detached())
-            yield TaughtStep(step, _truth(sample, number, agent, alone=alone))
+            yield TaughtStep(step, true_objects(sample, number, agent, alone=alone))
 
 
 def _received(
@@ -202,16 +207,3 @@ def _seen(sample: QueryStream, number: int, agent: int) -> SeenMap:
     seen = sample.clip.scenes[number].seen[agent]
     return replace(seen, features=seen.features.float())
 
-
-def _truth(sample: QueryStream, number: int, agent: int, *, alone: bool) -> TrueObjects:
-    """Return the objects around an agent; to be found are those that it, or what it has heard, shows."""
-    scene = sample.clip.scenes[number]
-    shown = scene.returns[:, agent].copy()
-    for sender in () if alone else sample.members:
-        then = number - int(sample.late[sender])
-        if then >= 0:
-            earlier = sample.clip.scenes[then]
-            shown |= np.isin(scene.object_id, earlier.object_id[earlier.returns[:, sender]])
-    box = scene.box.clone()
-    box[:, :3] -= torch.from_numpy(scene.place_m[agent]).to(box)
-    return TrueObjects(box, scene.velocity, scene.label, torch.from_numpy(shown))

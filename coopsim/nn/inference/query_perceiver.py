@@ -20,6 +20,7 @@ from coopsim.nn.inference.agent_encoder import Look
 from coopsim.nn.inference.inference import inference, side_by_side
 from coopsim.nn.inference.perceiver import REACH_M, compass_region, way_to_world_cells
 from coopsim.nn.inference.quick import folded
+from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.nn.queries.query_alignment import aligned_boxes
@@ -168,10 +169,15 @@ class QueryPerceiver:
 
 def seen_map(net: QueryNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> SeenMap:
     """Return a map (1, C, h, w), and the surest peaks of a centre head on it, as instances."""
+    return SeenMap(features[0], grid, peaks_of(net, head, features, grid))
+
+
+def peaks_of(net: QueryNet | IntegratedNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> Instances:
+    """Return the surest peaks of a centre head on a map (1, C, h, w), as instances of a network's sizes."""
     found = decode(head, features, grid, least_score=LEAST_SCORE)[0][: net.config.places]  # type: ignore[arg-type]
     box = torch.from_numpy(found.boxes.array.astype(np.float32))
     score = torch.from_numpy(found.score.astype(np.float32))
-    return SeenMap(features[0], grid, net.seen(box, score, torch.from_numpy(np.array(found.label))))
+    return net.seen(box, score, torch.from_numpy(np.array(found.label)))
 
 
 def detections_of(known: Instances) -> Detections:

@@ -53,7 +53,7 @@ def met(prior: Instances, seen: Instances, dt_s: float) -> Instances:
     known, now = prior[old], seen[new]
     left = prior[_others(old, len(prior))]
     paired = replace(
-        known, box=now.box, velocity=_corrected(known, now, dt_s), score=now.score, label=now.label,
+        known, box=now.box, velocity=corrected_velocity(known, now, dt_s), score=now.score, label=now.label,
         hits=known.hits + 1, missed=torch.zeros_like(known.missed),
     )  # fmt: skip
     faded = replace(left, score=torch.sigmoid(logit(left.score) - _FADE), missed=left.missed + 1)
@@ -69,7 +69,8 @@ def _pairs(prior: Instances, seen: Instances, dt_s: float) -> Pairs:
     return hungarian(np.where(possible, -away_m, -np.inf), -np.inf)
 
 
-def _corrected(known: Instances, now: Instances, dt_s: float) -> Tensor:
+def corrected_velocity(known: Instances, now: Instances, dt_s: float) -> Tensor:
+    """Return velocities (P, 2): those of `known`, corrected by how far what is seen of them now lies beside them."""
     gain_s = torch.where(known.hits == 1, _FIRST_GAIN_S, _GAIN_S)[:, None]
     beside = now.box[:, :2] - known.box[:, :2]
     return (known.velocity + beside / (dt_s + gain_s)).clamp(-_MOST_M_S, _MOST_M_S)
