@@ -16,9 +16,11 @@ from coopsim.comms.uplinks.share_maps import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
-from coopsim.types import AgentSpec, Detections, Message, Observation, SensorView, stack_xyz_yaw
+from coopsim.types import AgentSpec, BevGrid, Detections, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from coopsim.nn.cooperative.cooperative_net import CooperativeNet
     from coopsim.nn.detector.detector_net import DetectorNet
     from coopsim.nn.inference.agent_encoder import AgentEncoder
@@ -66,11 +68,11 @@ class LearnedFusion(PerceivingPolicy):
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-        from coopsim.learn.weights import digest, load_cooperative, load_detector
+        from coopsim.learn.weights import digest, load_detector
         from coopsim.nn.inference.perceiver import KINDS, Perceiver
 
         detector = load_detector(self.detector_weights)
-        net = load_cooperative(self.weights, detector)
+        net = self.load_net(detector)
         space = int(digest(self.weights)[:8], 16)
         self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self.threads)
         self._encoder = self.make_encoder(detector)
@@ -80,6 +82,17 @@ class LearnedFusion(PerceivingPolicy):
         )
         self._uplink: ShareMaps | None = None
         self._served: set[str] = set()
+
+    def load_net(self, detector: DetectorNet) -> CooperativeNet:
+        """Return the cooperative network of `weights`, for the features of a detector.
+
+        Raises:
+            UnknownNameError: there are no such weights.
+            InvalidValueError: they are broken, of another kind, or were trained on another encoder.
+        """
+        from coopsim.learn.weights import load_cooperative
+
+        return load_cooperative(self.weights, detector)
 
     def make_encoder(self, detector: DetectorNet) -> AgentEncoder:
         """Return the encoder of what agents' sensors give, by `sensors`; `detector` has that of points.
@@ -124,6 +137,10 @@ class LearnedFusion(PerceivingPolicy):
         return self._perceiver.receive(decode_features(message))
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        return self._perceiver.detect(*self.fused(agent, observation, heard), self.least_score)
+
+    def fused(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> tuple[Tensor, BevGrid]:
+        """Return the features (64, H, W) that an agent makes of its own map and what it heard, and their cells."""
         from coopsim.nn.inference.perceiver import PlacedMap
 
         perceiver, pose = self._perceiver, observation.pose.xyz_yaw
@@ -138,8 +155,7 @@ class LearnedFusion(PerceivingPolicy):
             )
             for each in heard
         ]
-        fused = perceiver.fuse(own, region, placed, self._kind(agent))
-        return perceiver.detect(fused, region, self.least_score)
+        return perceiver.fuse(own, region, placed, self._kind(agent)), region
 
     def found_by(self, heading_rad: float, content: ReceivedMap) -> Detections:
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)

@@ -8,14 +8,13 @@ Vehicle-Infrastructure Cooperation". The paper's network predicts where each tra
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
-from coopsim.geometry.assignment import hungarian
 from coopsim.support.checks import require_count, require_finite_number, require_probability
 from coopsim.tracking.affinity import xiou
-from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
+from coopsim.tracking.cascade import score_from
+from coopsim.tracking.four_stages import four_stages
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.track_scoring import DecayingScore
@@ -56,14 +55,9 @@ class VicFSCMAssociation(PooledBoxes):
         super().__post_init__()
 
     def make_tracker(self) -> Tracker:
-        sides = product(
-            (score_from(self.track_score), score_below(self.track_score)),
-            (score_from(self.detection_score), score_below(self.detection_score)),
-        )
-        stages = [Stage(xiou, hungarian, self.gate, tracks, found) for tracks, found in sides]
         return Tracker(
             ConstantVelocity(),
-            Cascade(stages),
+            four_stages(xiou, self.gate, self.track_score, self.detection_score),
             HitsAndAge(self.hits, self.keep, coast=1),
             scoring=DecayingScore(self.score_decay),
             initiator=score_from(self.detection_score),

@@ -223,6 +223,11 @@ def read_texts(name_or_path: str | Path) -> dict[str, str]:
     return read_header(find_weights(name_or_path))[1]
 
 
+def read_config(name_or_path: str | Path) -> dict[str, Any]:
+    """Return the options from which the network of a file is made."""
+    return dict(json.loads(read_texts(name_or_path)["config"]))
+
+
 def card(name_or_path: str | Path) -> dict[str, Any]:
     """Return the card of weights: how they were made, and what was measured with them; empty if there is none."""
     path = find_weights(name_or_path).with_suffix(".json")

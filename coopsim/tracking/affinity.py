@@ -109,5 +109,14 @@ center_distance = of_boxes(box_similarity.center_distance_bev)
 xiou = of_boxes(box_similarity.xiou, Clipping(box_similarity.xiou, floor=0.2, lowest=0.0))
 """GIoU and heading together, in [0, 1] (Hu et al., eq. 23)."""
 
+
+def _half_giou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+    value: Floats = (iou.giou_3d(a, b, 2 * least - 1) + 1) / 2
+    return value
+
+
+half_giou = of_boxes(_half_giou, Clipping(_half_giou, floor=0.2, lowest=0.0))
+"""(GIoU + 1) / 2, in (0, 1]: XIOU without headings."""
+
 fgam = of_boxes(box_similarity.fgam)
 """1 less the distance in units of the smaller box, in [0, 1]; -inf beyond one (YOLOO, Gu et al., eq. 8)."""

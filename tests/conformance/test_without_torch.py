@@ -25,7 +25,7 @@ def test_learned_policies_and_detectors_name_the_extra() -> None:
 from coopsim.errors import MissingDependencyError
 for make, names in (
     (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack", "yoloo")),
-    (coopsim.make_policy, ("cooptrack", "univ2x")),
+    (coopsim.make_policy, ("cooptrack", "univ2x", "vic_integrated")),
     (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars", "lift_splat", "points_and_pictures")),
     (lambda name: coopsim.make_policy("dino_codt_tracking", embedder=name), ("picture_identity", "dinov2(model=mine)")),
 ):

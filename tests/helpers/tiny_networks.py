@@ -14,6 +14,7 @@ from coopsim.learn.weights import (
     encoder_digest,
     make_cooperative,
     make_detector,
+    make_integrated,
     make_picture_identity,
     make_pictures,
     make_point_identity,
@@ -28,6 +29,7 @@ TINY_PICTURES: dict[str, Any] = {"width": 8, "picture_features": 2, "depth_bins"
     name: TINY[name] for name in ("cell_m", "channels", "layers", "features")
 }
 QUERIES = ("cooptrack", "univ2x")
+INTEGRATED = "vic_integrated"
 FUSIONS = (
     "attfuse",
     "cobevt",
@@ -45,7 +47,7 @@ FUSIONS = (
 @cache
 def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     """Return a folder with the weights `pillars`, `early`, `lift_splat`, `points_and_pictures`, `point_identity` and
-    one of each fusion, of maps and of queries; it is there as long as the tests.
+    one of each fusion, of maps and of queries, and `vic_integrated`; it is there as long as the tests.
     """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
     detector = make_detector(TINY | {"sweeps": sweeps}, seed)
@@ -68,7 +70,25 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
         net.head.load_state_dict(detector.head.state_dict())
         said = {"kind": "cooperative", "config": asdict(config), "encoder_digest": encoder_digest(detector)}
         save_weights(folder / f"{name}.safetensors", net, said)
+        if flow:
+            save_integrated(folder / f"{INTEGRATED}.safetensors", detector, net, asdict(config), seed)
     return folder
+
+
+def save_integrated(path: Path, detector: Any, cooperative: Any, config: dict[str, Any], seed: int = 0) -> None:
+    """Write a network of integrated tracking on a cooperative one, that changes a little what that one finds."""
+    sizes = {"width": 16, "heads": 2, "points": 2, "decoder_layers": 1, "places": 32}
+    net = make_integrated({**sizes, "cooperative": config}, seed)
+    net.cooperative.load_state_dict(cooperative.state_dict())
+    draw = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        zeros = [net.encoder.added, net.encoder.enhance.out]
+        for branch in (net.detection, net.prediction):
+            zeros += [branch.heads.classes[-1], branch.heads.box[-1]]
+        for layer in zeros:
+            layer.weight.copy_(0.01 * torch.randn(layer.weight.shape, generator=draw))
+    said = {"kind": "integrated", "config": asdict(net.config), "encoder_digest": encoder_digest(detector)}
+    save_weights(path, net, said)
 
 
 def save_queries(path: Path, detector: Any, fusion: str, seed: int = 0) -> None:
@@ -138,9 +158,9 @@ def learned(name: str, **settings: Any) -> dict[str, Any]:
     folder, fusion = weights_folder(), {"dino_codt": "gsaf"}.get(name, name)
     own = {"weights": str(folder / f"{fusion}.safetensors"), "region_m": (48.0, 24.0), "least_score": 0.3}
     both = settings.get("sensors") == "both"
-    if fusion in FUSIONS or both:
+    if fusion in (*FUSIONS, INTEGRATED) or both:
         own["picture_weights"] = str(folder / f"{'points_and_pictures' if both else 'lift_splat'}.safetensors")
-    if fusion in (*FUSIONS, *QUERIES):
+    if fusion in (*FUSIONS, *QUERIES, INTEGRATED):
         own["detector_weights"] = str(folder / "pillars.safetensors")
     return own | settings
 

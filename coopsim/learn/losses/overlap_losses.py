@@ -102,7 +102,7 @@ def _hull_area(first: Tensor, second: Tensor) -> Tensor:
     """
     half_x, half_y = (first[:, 3:5] / 2).T
     x, y = _turned(second[:, None, :2] - first[:, None, :2], -first[:, 6])[:, 0].T
-    right_x, right_y, top_x, top_y = _extremes(*(second[:, 3:5] / 2).T, second[:, 6] - first[:, 6])
+    right_x, right_y, top_x, top_y = _extremes(second[:, 3] / 2, second[:, 4] / 2, second[:, 6] - first[:, 6])
     width = torch.maximum(half_x, x + right_x) - torch.minimum(-half_x, x - right_x)
     height = torch.maximum(half_y, y + top_y) - torch.minimum(-half_y, y - top_y)
     cut = _cut(half_x, half_y, x + right_x, y + right_y, x + top_x, y + top_y)
@@ -121,9 +121,8 @@ def _extremes(half_length: Tensor, half_width: Tensor, angle: Tensor) -> tuple[T
     swapped = cos * sin < 0
     length, across = torch.where(swapped, half_width, half_length), torch.where(swapped, half_length, half_width)
     cos, sin = torch.where(swapped, sin, cos).abs(), torch.where(swapped, cos, sin).abs()
-    return length * cos + across * sin, length * sin - across * cos, length * cos - across * sin, (
-        length * sin + across * cos
-    )
+    right = length * cos + across * sin, length * sin - across * cos
+    return *right, length * cos - across * sin, length * sin + across * cos
 
 
 def _cut(half_x: Tensor, half_y: Tensor, right_x: Tensor, right_y: Tensor, top_x: Tensor, top_y: Tensor) -> Tensor:

@@ -70,7 +70,7 @@ def fused_view(
 def _message(
     net: CooperativeNet, sample: QueryStream, then: int, sender: int, delay_s: float
 ) -> tuple[Tensor, BevGrid]:
-    """Return what a sender sent in a scene, as it is a delay later, (1, C + 1, h, w) with confidences, and its cells."""
+    """Return what a sender sent in a scene, a delay later, (1, C + 1, h, w) with confidences, and its cells."""
     seen = sample.clip.scenes[then].seen[sender]
     values, sure = net.message(as_batch(seen.features.float()))
     dt_s = sample.clip.dt_s

@@ -101,7 +101,9 @@ See = Callable[[Tensor, BevGrid], SeenMap]
 
 
 @torch.no_grad()
-def watch(clip: Clip, rng: np.random.Generator, settings: SampleSettings, detector: DetectorNet, see: See) -> WatchedClip:
+def watch(
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, detector: DetectorNet, see: See
+) -> WatchedClip:
     """Return a clip as its agents see it by a detector.
 
     Args:

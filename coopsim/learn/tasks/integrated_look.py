@@ -17,8 +17,8 @@ class IntegratedLook:
     def __init__(self) -> None:
         self._detected = QueryLook()
         self._xiou: list[float] = []
-        self._seen: list[bool] = []
-        self._hidden: list[bool] = []
+        self._seen: list[float] = []
+        self._hidden: list[float] = []
 
     def add(self, taught: TaughtFrame) -> None:
         """Count a frame of one receiver."""
@@ -27,7 +27,7 @@ class IntegratedLook:
         with torch.no_grad():
             xiou = xiou_of_pairs(step.predicted.box[same.rows], truth.box[same.objects])
         self._xiou += xiou.tolist()
-        sure, shown = step.predicted.score[same.rows] >= SURE, truth.shown[same.objects]
+        sure, shown = (step.predicted.score[same.rows] >= SURE).float(), truth.shown[same.objects]
         self._seen += sure[shown].tolist()
         self._hidden += sure[~shown].tolist()
 

@@ -26,7 +26,7 @@ from coopsim.learn.samples.fused_views import FusedView, fused_view
 from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, true_objects, watch
 from coopsim.learn.tasks.integrated_look import IntegratedLook
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
-from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_integrated
+from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_integrated, read_config
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.query_perceiver import peaks_of
 from coopsim.nn.integrated.integrated_net import IntegratedNet
@@ -65,7 +65,7 @@ class IntegratedTask(TrainingTask):
         if "cooperative" in recipe.network:
             raise InvalidValueError("network must leave out cooperative: that network is the one of start")
         cooperative = load_cooperative(recipe.start, detector)
-        self.net = make_integrated({**recipe.network, "cooperative": cooperative_config(recipe.start)}, seed)
+        self.net = make_integrated({**recipe.network, "cooperative": read_config(recipe.start)}, seed)
         self.net.cooperative.load_state_dict(cooperative.state_dict())
         self.net.cooperative.requires_grad_(False)
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
@@ -161,9 +161,7 @@ def same_objects(number: Tensor, ids: Tensor) -> LabelledInstances:
     return LabelledInstances(rows, objects)
 
 
-def _carried(
-    detected: Instances, predicted: Instances, truth: TrueObjects, ids: Tensor, dt_s: float
-) -> Instances:
+def _carried(detected: Instances, predicted: Instances, truth: TrueObjects, ids: Tensor, dt_s: float) -> Instances:
     """Return the tracks for the next frame, numbered by the ids of their objects; all detections begin tracks."""
     detected, predicted = (
         replace(each, box=each.box.detach(), velocity=each.velocity.detach(), score=each.score.detach())
@@ -186,13 +184,3 @@ def _within(truth: TrueObjects, view: FusedView) -> TrueObjects:
     x, y = truth.box[:, 0], truth.box[:, 1]
     inside = (x_low <= x) & (x <= x_high) & (y_low <= y) & (y <= y_high)
     return replace(truth, shown=truth.shown & inside)
-
-
-def cooperative_config(weights: str) -> dict[str, Any]:
-    """Return the config of a cooperative network, as its file has it."""
-    import json
-
-    from coopsim.learn.weights import read_texts
-
-    config: dict[str, Any] = json.loads(read_texts(weights)["config"])
-    return config

@@ -206,4 +206,3 @@ def _carried(
 def _seen(sample: QueryStream, number: int, agent: int) -> SeenMap:
     seen = sample.clip.scenes[number].seen[agent]
     return replace(seen, features=seen.features.float())
-

@@ -71,10 +71,11 @@ class IntegratedEncoder(nn.Module):
 
     def __init__(self, features: int, width: int, layers: int, heads: int, points: int) -> None:
         super().__init__()
-        self.coarser = nn.Conv2d(features, width, 2 * COARSER, COARSER, COARSER // 2)
+        self.fine = nn.Conv2d(features, width, 1)
+        self.coarser = nn.Conv2d(width, width, 2 * COARSER, COARSER, COARSER // 2, groups=width)
         self.enhance = PriorEnhancement(width)
         self.layers = nn.ModuleList(EncoderLayer(width, heads, points) for _ in range(layers))
-        self.fine, self.added = nn.Conv2d(features, width, 1), start_as_zeros(nn.Linear(width, width))
+        self.added = start_as_zeros(nn.Linear(width, width))
 
     def forward(self, fused: Tensor, grid: BevGrid, before: PriorMap | None, age_s: float) -> EncodedMap:
         """Return the encoded map.
@@ -85,11 +86,12 @@ class IntegratedEncoder(nn.Module):
             before: of the frame before, in the frame of the grid; None: there is none, and the map is its own.
             age_s: time since then.
         """
-        coarse, cells = self.coarser(fused[None])[0], grid.coarser(COARSER)
+        fine, cells = self.fine(fused[None]), grid.coarser(COARSER)
+        coarse = self.coarser(fine)[0]
         place_m, prior = cell_places(cells, coarse), PriorMap.of(coarse, cells)
         tokens = self.enhance(coarse.flatten(1).T, place_m, prior if before is None else before, age_s)
         for layer in self.layers:
             tokens = layer(tokens, place_m, cells)
         added = self.added(tokens).T.unflatten(1, cells.shape)[None]
         added = functional.interpolate(added, size=grid.shape, mode="bilinear", align_corners=False)
-        return EncodedMap((self.fine(fused[None]) + added)[0], grid, prior)
+        return EncodedMap((fine + added)[0], grid, prior)

@@ -55,7 +55,7 @@ class PriorEnhancement(nn.Module):
 
     With F the tokens of now, F' those before and c(p) a code of places,
 
-        F + MLP(softmax(Q K^T / sqrt(D)) V),   Q = W_q (F + c(p)), K = W_k (F' + c(p')) + a t, V = W_v F',
+        F + MLP(softmax(Q K^T / sqrt(D)) V),   Q = W_q (F + c(p)) + a t, K = W_k (F' + c(p')), V = W_v F',
 
     t being the time between both. The sum, from which training starts (the MLP's last layer begins as zeros), the code
     and the time are ours: eq. 13 is the MLP alone.
@@ -83,9 +83,9 @@ class PriorEnhancement(nn.Module):
             before: the map before, in the frame of now; of a first frame, its own map.
             age_s: time since then.
         """
-        query = self.query(self.norm(tokens) + self._code(place_m))
+        query = self.query(self.norm(tokens) + self._code(place_m)) + self.age(tokens.new_tensor([age_s]))
         known = self.norm(before.tokens)
-        key = self.key(known + self._code(before.place_m)) + self.age(tokens.new_tensor([age_s]))
+        key = self.key(known + self._code(before.place_m))
         found = functional.scaled_dot_product_attention(*(each[None] for each in (query, key, self.value(known))))
         enhanced: Tensor = tokens + self.out(self.then(found[0]))
         return enhanced

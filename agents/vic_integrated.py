@@ -1,0 +1,161 @@
+"""Integrated detection and tracking of Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D
+Multi-Object Tracking in Vehicle-Infrastructure Cooperation", eq. 5-27: a fused map, enhanced by that of the frame
+before; a branch that detects, and one that finds the last frame's objects again; four stages of matching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coopsim.agents.learned_fusion import LearnedFusion
+from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
+from coopsim.agents.tracking_policy import TrackingPolicy
+from coopsim.catalog import POLICIES, make_policy
+from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import SE3
+from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
+from coopsim.tracking.affinity import Affinity, half_giou, xiou
+from coopsim.tracking.cascade import Cascade, Stage
+from coopsim.tracking.four_stages import four_stages
+from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.types import AgentSpec, Detections, Observation, Tracks
+from coopsim.types.valid_detections import drop_unreportable
+
+if TYPE_CHECKING:
+    from coopsim.nn.cooperative.cooperative_net import CooperativeNet
+    from coopsim.nn.detector.detector_net import DetectorNet
+    from coopsim.nn.inference.integrated_perceiver import IntegratedMemory
+    from coopsim.nn.inference.integrated_tracks import TrackRules
+
+INTEGRATED = "integrated"
+"""The tracker for which the prediction branch says where tracks are."""
+
+_AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "giou": half_giou}
+
+
+@dataclass
+class _Chain:
+    """What an agent knows: after the frame before this one, and after this one."""
+
+    before: IntegratedMemory | None = None
+    now: IntegratedMemory | None = None
+
+
+@POLICIES.register("vic_integrated")
+@dataclass(kw_only=True, eq=False)
+class VicIntegrated(LearnedFusion):
+    """Detection and tracking by one network on fused maps. Further parameters: `LearnedFusion`.
+
+    In each frame the detection branch finds objects with scores s_d, and the prediction branch finds the tracks of the
+    frame before, with scores s_t of being seen now. Both are matched by XIOU in four stages.
+
+    Attributes:
+        tracker: "integrated": tracks are where the prediction branch finds them; or a policy that tracks boxes, whose
+            tracker then follows what the detection branch finds, as "vic_fscm_association".
+        stages: 4 of matching (FSCM), or 1 in which all tracks and detections take part.
+        affinity: by which boxes are matched: "xiou", or "giou", (GIoU + 1) / 2, which has the same range and knows no
+            headings.
+        gate: smallest affinity of a match, in [0, 1]; ours, the paper gives none.
+        detection_score: score from which a detection is sure, and begins a track (m_d).
+        track_score: score from which a track is sure (m_t).
+        keep: frames for which a track without a detection is kept (N).
+        hits: frames with a detection until a track is reported; ours, the paper gives none.
+    """
+
+    method = "Hu et al.'s integrated detection and tracking (eq. 5-27), on LiDARs, for any number of agents"
+
+    weights: str = "vic_integrated"
+    tracker: str = INTEGRATED
+    stages: int = 4
+    affinity: str = "xiou"
+    gate: float = 0.4
+    detection_score: float = 0.5
+    track_score: float = 0.4
+    keep: int = 20
+    hits: int = 3
+
+    def __post_init__(self) -> None:
+        if self.stages not in (1, 4):
+            raise InvalidValueError(f"stages must be 1 or 4, got {self.stages!r}")
+        require_choice("affinity", self.affinity, _AFFINITIES)
+        require_probability(gate=self.gate)
+        require_finite_number(detection_score=self.detection_score, track_score=self.track_score)
+        require_count(1, keep=self.keep, hits=self.hits)
+        super().__post_init__()
+
+    def tracking_policy(self) -> TrackingPolicy:
+        if self.tracker != INTEGRATED:
+            return super().tracking_policy()
+        made = make_policy("ab3dmot")  # is never asked to track
+        assert isinstance(made, TrackingPolicy)
+        return made
+
+    def load_net(self, detector: DetectorNet) -> CooperativeNet:
+        from coopsim.learn.weights import load_integrated
+        from coopsim.nn.inference.integrated_perceiver import IntegratedPerceiver
+
+        net = load_integrated(self.weights, detector)
+        rules = self._rules(net.config.places) if self.tracker == INTEGRATED else None
+        self._integrated, self._track_rules = IntegratedPerceiver(net, rules), rules
+        self._chains: dict[str, _Chain] = {}
+        return net.cooperative
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        super().begin(spec, rng)
+        self._chains[spec.name] = _Chain()
+
+    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+        from coopsim.nn.inference.query_perceiver import detections_of
+
+        chain, now_ns = self._chains[agent], observation.time_ns
+        if chain.now is not None and chain.now.time_ns != now_ns:
+            chain.before = chain.now if chain.now.time_ns < now_ns else None
+        fused, region = self.fused(agent, observation, heard)
+        odom_SE3_compass = self._odom_SE3_compass(agent, observation)
+        chain.now = self._integrated.step(chain.before, now_ns, odom_SE3_compass, fused, region)
+        found = detections_of(chain.now.detected)
+        return found[found.score >= self.least_score]
+
+    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        rules, state, memory = self._track_rules, self._states[agent], self._chains[agent].now
+        if rules is None:
+            return super()._track(agent, observation, found)
+        state.fused = [drop_unreportable(found).transform(state.frame.odom_SE3_base)]
+        if memory is None:
+            return Tracks.empty()
+        return self._reported(agent, observation, memory, rules)
+
+    def _reported(self, agent: str, observation: Observation, memory: IntegratedMemory, rules: TrackRules) -> Tracks:
+        """Return the tracks that are reported, in the base frame; in a frame without sensors, moved on to it."""
+        from coopsim.nn.inference.query_perceiver import detections_of
+
+        to_base = base_SE3_compass(observation)
+        tracks = memory.at(observation.time_ns, self._odom_SE3_compass(agent, observation))
+        rows = np.flatnonzero(rules.reported(tracks, memory.frame))
+        shown = detections_of(tracks)[rows]
+        numbered = replace(shown, embedding=rows[:, None].astype(np.float64)).transform(to_base)
+        heard = list(self._heard[agent].values())
+        own = drop_unreportable(self._less_itself(agent, observation.time_ns, heard, numbered))
+        if own.embedding is None:
+            return Tracks.empty()
+        rows = own.embedding[:, 0].astype(np.int64)
+        velocity = to_base.rotate_planar(tracks.velocity.double().numpy()[rows])
+        return Tracks(tracks.number.numpy()[rows], own.boxes, velocity, own.score, own.label)
+
+    def _rules(self, most: int) -> TrackRules:
+        from coopsim.geometry.assignment import hungarian
+        from coopsim.nn.inference.integrated_tracks import TrackRules
+
+        affinity = _AFFINITIES[self.affinity]
+        if self.stages == 4:
+            association = four_stages(affinity, self.gate, self.track_score, self.detection_score)
+        else:
+            association = Cascade([Stage(affinity, hungarian, self.gate)])
+        return TrackRules(association, HitsAndAge(self.hits, self.keep, coast=1), self.detection_score, most)
+
+    def _odom_SE3_compass(self, agent: str, observation: Observation) -> SE3:
+        return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))
