@@ -25,7 +25,6 @@ from coopsim.support.files import write_whole
 
 PLACES = ("crossing", "roundabout", "highway")
 SCORES = ("AMOTA", "MOTA", "AMOTP", "IDS", "FP", "FN")
-LATENCY_MS = 100.0
 
 PAPER = {
     "by detection, AB3DMOT": (54.75, 222),
@@ -53,10 +52,11 @@ def main() -> None:
     parser.add_argument("--giou", help="of an integrated network taught by GIoU")
     parser.add_argument("--frames", type=int, default=60, help="of each place and seed")
     parser.add_argument("--seeds", type=seeds, default=(0, 1, 2))
+    parser.add_argument("--latency-s", type=float, default=0.0, help="of all messages; the paper's table has none")
     parser.add_argument("--places", type=names, default=PLACES)
     given = parser.parse_args()
     cases = policies(given.weights, given.fusion, given.giou)
-    found = {name: [_episode(policy, place, seed, given) for place in given.places for seed in given.seeds]
+    found = {name: [_episode(name, policy, place, seed, given) for place in given.places for seed in given.seeds]
              for name, policy in cases.items()}  # fmt: skip
     text = f"{_scores(found)}\n\n{_directions(found)}\n"
     write_whole(given.out / "integrated.md", text)
@@ -88,18 +88,18 @@ def policies(weights: str, fusion: str, giou: str | None) -> dict[str, str]:
     return cases
 
 
-def _episode(policy: str, place: str, seed: int, given: argparse.Namespace) -> dict[str, float]:
+def _episode(name: str, policy: str, place: str, seed: int, given: argparse.Namespace) -> dict[str, float]:
     """Return the scores of an episode, from the folder if they are there."""
     networks = "-".join(digest(each)[:8] for each in (given.weights, given.fusion, given.giou) if each)
-    key = policy.translate(str.maketrans("/'(),=", "______"))
-    kept = given.out / "episodes" / f"{key} {place} {seed} {given.frames} {networks}.json"
+    key = f"{coopsim.__version__} {name} {place} {seed} {given.frames} {given.latency_s:g} {networks}"
+    kept = given.out / "episodes" / f"{key}.json"
     if not kept.exists():
         made = coopsim.evaluate(
-            policy, place, seed=seed, max_cycles=given.frames, connected_cars=3, rsus=1, latency_ms=LATENCY_MS
+            policy, place, seed=seed, max_cycles=given.frames, connected_cars=3, rsus=1, latency_s=given.latency_s
         )
         kept.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(kept, json.dumps({name: float(made.score[name]) for name in SCORES}))
-        print(f"{policy}, {place}, seed {seed}: done", flush=True)
+        write_whole(kept, json.dumps({each: float(made.score[each]) for each in SCORES}))
+        print(f"{name}: {place}, seed {seed}: done", flush=True)
     return dict(json.loads(kept.read_text(encoding="utf-8")))
 
 
