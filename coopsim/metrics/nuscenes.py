@@ -27,10 +27,13 @@ class NearSweep:
     Attributes:
         amota: mean MOTAR, in [0, 1].
         amotp: mean distance of matched centres, in [0, 2] m; smaller is better.
+        best: CLEAR at the level with the highest MOTA, of several the one with the highest recall; None: no level is
+            reached.
     """
 
     amota: float
     amotp: float
+    best: Clear | None = None
 
 
 def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
@@ -39,7 +42,8 @@ def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
     levels = [count_clear(sequences, threshold=threshold)[0] for threshold in thresholds]
     missing = len(RECALLS) - len(levels)
     distances = [NEAR_M * (1.0 - level.motp) for level in levels]
-    return NearSweep(sum(map(_motar, levels)) / len(RECALLS), (sum(distances) + missing * NEAR_M) / len(RECALLS))
+    best = max(reversed(levels), key=lambda level: max(level.mota, 0.0), default=None)
+    return NearSweep(sum(map(_motar, levels)) / len(RECALLS), (sum(distances) + missing * NEAR_M) / len(RECALLS), best)
 
 
 def score_thresholds(scores: Floats, truth: int) -> list[float]:

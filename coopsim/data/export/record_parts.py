@@ -5,6 +5,7 @@ Records wait as lines in a folder `.parts`, one file per list and episode, until
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -17,6 +18,9 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.files import make_folder
 
 Record = Mapping[str, Any]
+
+FIRST_US = 1_000_000_000_000_000
+"""Time stamp of every episode's first frame: readers take 0 for a missing one."""
 
 
 class RecordParts:
@@ -75,6 +79,11 @@ class RecordParts:
 
     def _part(self, name: str, episode: str) -> Path:
         return self._parts / f"{episode}.{name.replace('/', '.')}.jsonl"
+
+
+def token(*parts: object) -> str:
+    """Return an identifier of 32 hexadecimal digits that is the same for the same parts."""
+    return hashlib.sha256(" ".join(map(str, parts)).encode()).hexdigest()[:32]
 
 
 def as_line(record: Record) -> str:

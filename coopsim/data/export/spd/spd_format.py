@@ -15,17 +15,14 @@ from coopsim.data.export.export_frame import ExportAgent, ExportFrame
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.kitti_tracking.label_frame import front_camera
 from coopsim.data.export.problem import Problem
-from coopsim.data.export.record_parts import RecordParts, as_line
+from coopsim.data.export.record_parts import FIRST_US, RecordParts, as_line, token
 from coopsim.data.export.spd.spd_checks import check_spd
-from coopsim.data.export.spd.spd_side import SpdSide, box_fields, rigid, token
+from coopsim.data.export.spd.spd_side import SpdSide, box_fields, rigid
 from coopsim.data.files.pcd import encode_intensity_pcd
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import AgentSpec
-
-FIRST_US = 1_000_000_000_000_000
-"""Time stamp of every episode's first frame: readers take 0 for a missing one."""
 
 _FOLDERS = {"veh": "vehicle-side", "inf": "infrastructure-side"}
 _LIDARS = {"veh": "lidar", "inf": "virtuallidar"}
@@ -113,7 +110,7 @@ class SpdFormat(ExportFormat):
             content = io.BytesIO()
             Image.fromarray(np.asarray(side.shot.image.rgb)).save(content, "JPEG", quality=_QUALITY)
             self._write_bytes(f"{root}/image/{number}.jpg", content.getvalue())
-        files = {f"calib/{name}": content for name, content in _calibrations(side).items()}
+        files: dict[str, Any] = {f"calib/{name}": content for name, content in _calibrations(side).items()}
         hit = np.flatnonzero(frame.returns[:, side.column] > 0)
         labels = side.labels(frame, hit)
         files[f"label/{lidar}"] = labels

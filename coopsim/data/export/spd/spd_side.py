@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, LidarScan
+from coopsim.data.export.record_parts import token
 from coopsim.data.export.seen_share import occlusion_levels
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
 from coopsim.sensors.camera.crops import rectangles
-from coopsim.types import Ints, ObjectClass
+from coopsim.types import Ints, Mask, ObjectClass
 
 SPD_TYPES = {
     ObjectClass.CAR: "Car",
@@ -91,7 +91,8 @@ class SpdSide:
             px, size = np.full((len(hit), 4), np.nan), (0, 0)
         else:
             px, size = rectangles([self.shot.calibration], in_base)[0], self.shot.calibration.size
-        cut = (px[:, :2] <= -0.5).any(axis=1) | (px[:, 2:] >= [size[1] - 0.5, size[0] - 0.5]).any(axis=1)
+        low, high = px[:, :2] <= -0.5, px[:, 2:] >= [size[1] - 0.5, size[0] - 0.5]
+        cut: Mask = np.any([low.any(axis=1), high.any(axis=1)], axis=0)
         alpha = wrap_angle(boxes.yaw - np.arctan2(boxes.center[:, 1], boxes.center[:, 0]))
         occluded = occlusion_levels(frame, self.column)[hit]
         return [
@@ -123,11 +124,6 @@ def box_fields(boxes: Boxes3D, row: int) -> dict[str, Any]:
 def rigid(transform: SE3) -> dict[str, Any]:
     """Return a transform as SPD writes it: rows of the rotation, and a column."""
     return {"rotation": transform.rotation.tolist(), "translation": transform.translation[:, None].tolist()}
-
-
-def token(*parts: object) -> str:
-    """Return an identifier of 32 hexadecimal digits that is the same for the same parts."""
-    return hashlib.sha256(" ".join(map(str, parts)).encode()).hexdigest()[:32]
 
 
 def _rectangle(px: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:

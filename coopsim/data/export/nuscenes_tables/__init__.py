@@ -1,0 +1,1 @@
+"""Exports as nuScenes' tables, and results of policies for its official tools."""
