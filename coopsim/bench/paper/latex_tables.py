@@ -82,7 +82,7 @@ def _table(table: ResultTable, columns: Sequence[_Column], heading: str, label: 
     return "\n".join(
         [
             r"\begin{table}",
-            r"  \centering\small",
+            r"  \centering\footnotesize\setlength{\tabcolsep}{4pt}",
             f"  \\caption{{{escape(heading)} ({escape(', '.join(table.scenarios))}), {_legend(table, known)}}}",
             f"  \\label{{tab:{label.replace('_', '-')}}}",
             f"  \\begin{{tabular}}{{l{'r' * len(columns)}}}",

@@ -13,7 +13,7 @@ from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import UnknownNameError
 from coopsim.metrics.built_in import BYTES
 
-METRICS = ("AMOTA", "AMOTP", "sAMOTA", "MOTA", "HOTA", "IDF1", "IDS")
+METRICS = ("AMOTA", "AMOTP", "sAMOTA", "HOTA", "IDS")
 """The metrics of the tables; the first one is that of the figure and of the tables by axis."""
 
 

@@ -58,18 +58,18 @@ def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> t
         UnknownNameError: there is no such metric.
     """
     values = table.values(metric)[:, list(conditions)]
-    complete = ~np.isnan(values).any(axis=(1, 2))
+    complete = [not np.isnan(row).any() for row in values]
     by_seed = known_mean(values, axis=1)
     intervals = [table.samples.interval(row) for row in by_seed]
-    if not complete.any():
+    if not any(complete):
         return tuple(BesideBest(interval) for interval in intervals)
     sign = -1.0 if less_is_better(metric) else 1.0
     goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
     best = int(np.argmax(goods))
-    others = [k for k in np.flatnonzero(complete).tolist() if k != best]
+    others = [k for k, whole in enumerate(complete) if whole and k != best]
     corrected = dict(zip(others, _corrected(by_seed[others], by_seed[best], table.samples), strict=True))
     return tuple(
-        BesideBest(interval, bool(complete[k]), goods[k] == goods[best], corrected.get(k, math.nan))
+        BesideBest(interval, complete[k], goods[k] == goods[best], corrected.get(k, math.nan))
         for k, interval in enumerate(intervals)
     )
 

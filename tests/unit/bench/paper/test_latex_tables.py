@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from synthetic_results import results
@@ -51,6 +54,17 @@ def test_it_is_well_formed(name: str) -> None:
     assert {len(row) for row in rows(text)} == {columns} and len(rows(text)) == 3
     assert all(rule in text for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\caption{", r"\label{tab:"))
     assert text.isascii()
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX is installed")
+def test_a_document_with_all_of_them_compiles(tmp_path: Path) -> None:
+    letters = escape("".join(map(chr, range(32, 127))) + "°±")
+    body = "\n".join([*latex_tables(TABLE, METRICS).values(), letters])
+    text = f"\\documentclass{{article}}\\usepackage{{booktabs}}\n\\begin{{document}}\n{body}\n\\end{{document}}\n"
+    (tmp_path / "paper.tex").write_text(text)
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0 and (tmp_path / "paper.pdf").stat().st_size > 0, run.stdout
 
 
 def test_the_best_is_bold_and_what_it_does_not_beat_has_a_star() -> None:
