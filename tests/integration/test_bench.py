@@ -214,7 +214,8 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     report = ["report", str(half), "--clips", "0", "--metrics", "HOTA,sAMOTA"]
     assert main(report) == 0 and "5 of 12 cells are in " in capsys.readouterr().out
     unfinished = written(half)
-    assert set(unfinished) == files and b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
+    assert files - {"tables/HOTA_latency.tex", "tables/HOTA_loss.tex"} <= set(unfinished) <= files
+    assert b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
     monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
     for folder in (half, whole):
         assert main([*command, "--out", str(folder)]) == 0

@@ -34,7 +34,7 @@ def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[
         "Weights": _weights(table, provenance),
         "Metrics": _metrics(table, provenance, metrics),
         "Statistics": _statistics(table),
-        "Finished": _finished(table),
+        "Finished": _finished(table, provenance),
     }
     # A command is to be copied, so it stays on one line.
     command = provenance.command or "coopsim.benchmark, called from Python"
@@ -141,9 +141,10 @@ def _statistics(table: ResultTable) -> list[str]:
     return lines
 
 
-def _finished(table: ResultTable) -> list[str]:
-    total, done = table.finished.size, int(table.finished.sum())
-    return [f"{done} of {total} runs; {len(table.failures)} failed, {table.missing} not run"]
+def _finished(table: ResultTable, provenance: Provenance) -> list[str]:
+    # Of a condition or policy that was never run, the results do not know.
+    total, known, done = provenance.cells or table.finished.size, len(table.results), int(table.finished.sum())
+    return [f"{done} of {total} runs; {len(table.failures)} failed, {total - known} not run"]
 
 
 def _listed(numbers: Sequence[int]) -> str:

@@ -31,6 +31,7 @@ class Provenance:
 
     Attributes:
         command: the command without what changes no number; empty for a call from Python.
+        cells: number of cells of the grid; 0 if unknown.
         grid: the attributes of `Grid`, by name.
         software: versions by name: coopsim, Python, and `package_versions`.
         commit: of the repository that coopsim's sources are in, with a word if they differ from it; empty if unknown.
@@ -44,6 +45,7 @@ class Provenance:
     """
 
     command: str = ""
+    cells: int = 0
     grid: Mapping[str, Any] = field(default_factory=dict)
     software: Mapping[str, str] = field(default_factory=dict)
     commit: str = ""
@@ -70,6 +72,7 @@ class Provenance:
                 listening_env(condition.scenario, first, environment_options(cell, grid.options)).close()
         return cls(
             command,
+            len(grid),
             {name: _plain(getattr(grid, name)) for name in ATTRIBUTES},
             {"coopsim": coopsim.__version__, "Python": platform.python_version(), **package_versions()},
             _commit(),

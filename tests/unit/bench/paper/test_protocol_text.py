@@ -79,6 +79,7 @@ def test_places_of_a_training_are_found_among_the_results() -> None:
 def test_results_without_a_known_origin_have_a_protocol_still() -> None:
     text = protocol_text(ResultTable.of(GIVEN[:5]), Provenance(), ["sAMOTA"])
     assert "called from Python" in text and "Software" not in text and "Weights" not in text
+    assert "5 of 18 runs; 0 failed, 13 not run" in protocol_text(ResultTable.of(GIVEN[:5]), Provenance(cells=18), [])
     assert "5 of 6 runs; 0 failed, 1 not run" in text
 
 
