@@ -86,8 +86,9 @@ class PriorEnhancement(nn.Module):
         query = self.query(self.norm(tokens) + self._code(place_m)) + self.age(tokens.new_tensor([age_s]))
         known = self.norm(before.tokens)
         key = self.key(known + self._code(before.place_m))
-        found = functional.scaled_dot_product_attention(*(each[None] for each in (query, key, self.value(known))))
-        enhanced: Tensor = tokens + self.out(self.then(found[0]))
+        asked = (each[None, None] for each in (query, key, self.value(known)))  # four dimensions: the quick way
+        found = functional.scaled_dot_product_attention(*asked)[0, 0]
+        enhanced: Tensor = tokens + self.out(self.then(found))
         return enhanced
 
     def _code(self, place_m: Tensor) -> Tensor:
