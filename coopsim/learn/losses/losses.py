@@ -16,7 +16,7 @@ from coopsim.nn.detector.centre_head import CentreHead, at_cells
 WEIGHTS = {
     "velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3, "teacher": 10.0, "alike": 0.5,
     "unmoved": 0.0, "instance class": 2.0, "instance box": 0.25, "association": 10.0,
-    "detection class": 2.0, "prediction class": 2.0, "xiou": 2.0, "giou": 0.0, "speed": 0.25,
+    "detection class": 2.0, "prediction class": 2.0, "xiou": 2.0, "giou": 0.0, "speed": 0.25, "turn": 0.5,
 }  # fmt: skip
 """Weights of the parts of the loss; those of the others are 1."""
 

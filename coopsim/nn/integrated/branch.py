@@ -7,11 +7,15 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
+from coopsim.nn.fusion.feature_fusion import start_as_zeros
 from coopsim.nn.integrated.deformable_attention import DeformableAttention
 from coopsim.nn.integrated.integrated_encoder import EncodedMap
 from coopsim.nn.queries.instance_attention import AmongInstances
 from coopsim.nn.queries.instance_decoder import BoxEmbedding, InstanceHeads
 from coopsim.nn.queries.instances import Instances
+
+_SELDOM = -3.0
+"""Logit of a fresh branch that a box faces the other way."""
 
 _LEAST_HALF_M = 0.6
 """Of small objects, places are sought within this along and across."""
@@ -45,6 +49,9 @@ class BranchDecoder(nn.Module):
 class Branch(nn.Module):
     """From queries to objects: features, scores of classes, boxes and velocities. It starts with those it is given.
 
+    Where a heading is half a turn off, XIOU is 0 and has no gradient: whether a box is to be turned around is a number
+    of its own.
+
     Args:
         width: channels of a query.
         layers: of the decoder.
@@ -56,10 +63,14 @@ class Branch(nn.Module):
         super().__init__()
         self.embed, self.norm = BoxEmbedding(width), nn.LayerNorm(width)
         self.decoder = BranchDecoder(width, layers, heads, points)
-        self.heads = InstanceHeads(width)
+        self.heads, self.turn = InstanceHeads(width), start_as_zeros(nn.Linear(width, 1))
+        nn.init.constant_(self.turn.bias, _SELDOM)
 
-    def forward(self, asked: Instances, encoded: EncodedMap) -> tuple[Instances, Tensor]:
-        """Return objects with features, boxes and velocities, and the logits of their classes (K, 9).
+    def forward(self, asked: Instances, encoded: EncodedMap) -> tuple[Instances, Tensor, Tensor]:
+        """Return objects with features, boxes and velocities, and two kinds of logits.
+
+        These are of their classes (K, 9), and of facing the other way than they were asked for, (K,): those above 0 are
+        turned around.
 
         Args:
             asked: objects at their reference boxes, with queries as their semantics.
@@ -69,7 +80,9 @@ class Branch(nn.Module):
         feature = self.decoder(self.norm(asked.semantic + known), asked.box, encoded)
         logits = self.heads.logits(asked, feature)
         box, velocity = self.heads.boxes(asked, feature, known)
-        return replace(asked, semantic=feature, box=box, velocity=velocity), logits
+        turn = self.turn(feature).squeeze(1)
+        box = torch.cat([box[:, :6], box[:, 6:] + torch.pi * (turn > 0)[:, None]], dim=1)
+        return replace(asked, semantic=feature, box=box, velocity=velocity), logits, turn
 
 
 def box_axes(box: Tensor) -> Tensor:

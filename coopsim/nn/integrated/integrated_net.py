@@ -64,15 +64,19 @@ class IntegratedStep:
     Attributes:
         detected: objects that the detection branch finds, with s_d as scores; duplicates among them.
         detected_logits: (K, 9) of their classes.
+        detected_turn: (K,) logits of facing the other way than the peak.
         predicted: the objects of the frame before, where the prediction branch finds them now, with s_t as scores.
         predicted_logits: (N, 9) of their classes.
+        predicted_turn: (N,) logits of facing the other way than in the frame before.
         prior: of the map, for the next frame.
     """
 
     detected: Instances
     detected_logits: Tensor
+    detected_turn: Tensor
     predicted: Instances
     predicted_logits: Tensor
+    predicted_turn: Tensor
     prior: PriorMap
 
 
@@ -124,15 +128,15 @@ class IntegratedNet(nn.Module):
             tracks, before = self.nothing(), None
         encoded = self.encoder(fused, grid, before, 0.0 if before is None else dt_s)
         asked = replace(peaks, semantic=self.learned(peaks.label))
-        detected, detected_logits = self.detection(asked, encoded)
+        detected, detected_logits, detected_turn = self.detection(asked, encoded)
         score, label = detected_logits.sigmoid().max(1) if len(peaks) else (peaks.score, peaks.label)
         asked = tracks.advanced(dt_s)
         asked = replace(asked, semantic=asked.semantic + self.elapsed(fused.new_tensor([dt_s])))
-        predicted, predicted_logits = self.prediction(asked, encoded)
+        predicted, predicted_logits, predicted_turn = self.prediction(asked, encoded)
         believed = predicted_logits.sigmoid().amax(1) if len(tracks) else tracks.score
         return IntegratedStep(
-            replace(detected, score=score, label=label), detected_logits,
-            replace(_sound(predicted, asked), score=believed), predicted_logits, encoded.prior,
+            replace(detected, score=score, label=label), detected_logits, detected_turn,
+            replace(_sound(predicted, asked), score=believed), predicted_logits, predicted_turn, encoded.prior,
         )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def test_it_learns_and_looks() -> None:
         parts["loss"].backward()
         adam.step()
     assert losses[-1] < 0.85 * losses[0], losses
-    assert set(parts) == {"loss", "detection class", "prediction class", "xiou", "giou", "speed"}
+    assert set(parts) == {"loss", "detection class", "prediction class", "xiou", "giou", "speed", "turn"}
     values = task.look(task.net, [[sample]])
     assert 0 < values["predicted XIOU"] <= 1 and 0 < values["recall"] <= 1
 
@@ -67,8 +67,19 @@ def test_tracks_are_told_which_objects_they_are_and_who_is_hidden() -> None:
         away = (taught.step.predicted.box[taught.same.rows] - taught.truth.box[taught.same.objects])[:, :2].norm(dim=1)
         assert float(away.max()) < 5.0
     assert not bool(frames[2].truth.shown[0]) and bool(frames[3].truth.shown[0])
-    losses = frame_losses(frames[2])
-    assert all(torch.isfinite(each) for each in losses.values())
+    assert all(torch.isfinite(each) for each in frame_losses(frames[2]).values())
+
+
+def test_boxes_are_to_be_turned_around_where_they_face_the_other_way() -> None:
+    task = IntegratedTask(recipe_of(), 0)
+    (sample,) = task.cut(CLIPS.clip(0), np.random.default_rng(0))
+    with torch.no_grad():
+        *_, taught = taught_frames(task.net, sample, None)
+    around = replace(taught.truth, box=taught.truth.box + torch.pi * (torch.arange(7) == 6))
+    losses = [float(frame_losses(replace(taught, truth=each))["turn"]) for each in (taught.truth, around)]
+    seldom = torch.tensor(3.0)  # minus the logit of a fresh branch: what is right in one of both is wrong in the other
+    each = float(torch.nn.functional.softplus(seldom) + torch.nn.functional.softplus(-seldom))
+    assert sum(losses) == pytest.approx(2 * each, rel=1e-4)
 
 
 def test_numbers_that_are_none_are_no_object() -> None:

@@ -70,6 +70,14 @@ def test_what_branches_find_depends_on_the_map_and_on_the_features_of_the_frame_
     assert not torch.allclose(one.detected.box, elsewhere.detected.box, atol=1e-4)
 
 
+def test_a_box_that_faces_the_other_way_is_turned_around() -> None:
+    net, peaks = some_net(fresh=True), cars([[3.0, 4.0]])
+    net.detection.turn.bias.fill_(1.0)
+    step = net(FUSED, GRID, peaks, peaks, None, 0.1)
+    assert float(step.detected.box[0, 6]) == pytest.approx(torch.pi) and float(step.detected_turn) == pytest.approx(1.0)
+    assert float(step.predicted.box[0, 6]) == pytest.approx(0.0, abs=1e-6) and float(step.predicted_turn) < 0
+
+
 def test_nothing_seen_and_nothing_known_work_and_long_ago_is_forgotten() -> None:
     net = some_net()
     step = net(FUSED, GRID, net.nothing(), net.nothing(), None, 0.0)
