@@ -116,12 +116,16 @@ def test_yaml_is_accepted(page: str, accept: Callable[[Path], Any], tmp_path: Pa
         assert accept(path) is not None
 
 
-def test_commands_parse() -> None:
+def test_commands_parse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of policies, as mine.py:MyTracker, are read for it: they are there."""
+    monkeypatch.chdir(tmp_path)
     shown = [line for page in PAGES for block in blocks(page, "sh") for line in block.replace("\\\n", "").splitlines()]
     shown += [code for text in PAGES.values() for code in re.findall(r"`(coopsim [a-z]+ [^`]*--[^`]*)`", text)]
     commands = [words[1:] for words in (shlex.split(line, comments=True) for line in shown) if words[:1] == ["coopsim"]]
     assert {words[0] for words in commands} >= {"demo", "bench", "compare", "replay", "leaderboard", "record"}
     for words in commands:
+        for file, policy in re.findall(r"(\w+\.py):(\w+)", " ".join(words)):
+            Path(file).write_text(f"from coopsim.agents.ab3dmot_policy import AB3DMOTTracking as {policy}\n")
         make_parser().parse_args(words)
 
 
