@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,13 @@ from typing import Any
 import pettingzoo
 
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.data.recordings.find_format import AUTO, FORMATS, TEXT, find_format, open_folder
+from coopsim.envs.frames import FrameSource
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.replay import Replay
+from coopsim.envs.recorded.recorded_options import RecordedOptions
+from coopsim.envs.recorded.sensor_replay import SensorReplay
+from coopsim.envs.replay import Replay, TextOptions
 from coopsim.envs.scoring import MotaReward, Reward
 from coopsim.envs.simulated.playback import as_recorded
 from coopsim.envs.simulated.scenario_file import load_scenario_file
@@ -20,7 +24,7 @@ from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.gymnasium_ids import register_with_gymnasium
-from coopsim.support.checks import require_frame_time
+from coopsim.support.checks import require_choice
 from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
@@ -115,31 +119,31 @@ def replay_env(
     /,
     *,
     path: str | Path | None = None,
-    detections: Sequence[str] | None = None,
-    dt_s: float = 0.1,
-    odometry: str = "auto",
-    axes: str = "kitti",
+    format: str = AUTO,  # the name that users know
     reward: Reward | None = None,
     **options: Any,
 ) -> CooperativeEnv:
-    """Make an environment from a recording set; see `Replay`.
+    """Make an environment from a folder of recordings: of detections in text files, or with sweeps.
 
     Args:
         name: the environment's id.
-        path: the set's folder; there is no default.
-        detections: names under `detections/`; each is one agent. There is no default.
-        dt_s: time between two frames.
-        odometry: how the recording car's motion is known: "poses" of the set, "estimated" from the detections, "auto"
-            (poses where there are any), or "none": as if it stood still.
-        axes: convention of the files' axes: "kitti", or "v2v4real" for headings that models of driving can use.
+        path: the folder; there is no default.
+        format: of the folder: "text", "opv2v" (V2XSet, too), "v2v4real", "spd" or "kitti"; "auto" finds it.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
-        **options: fields of `CommonOptions`.
+        **options: fields of `CommonOptions` and of `TextOptions` (see `Replay`) or `RecordedOptions`, by the format.
     """
-    require_frame_time(dt_s)
-    named = ["path", "detections", "dt_s", "odometry", "axes", "reward"]
-    (common,) = sort_options(options, CommonOptions, also_accepted=named)
+    require_choice("format", format, FORMATS)
+    found = TEXT if path is None else find_format(path) if format == AUTO else format
+    own = TextOptions if found == TEXT else RecordedOptions
+    common, given = sort_options(options, CommonOptions, own, also_accepted=["path", "format", "reward"])
     shared = CommonOptions(**common)
-    return CooperativeEnv(Replay(name, path, detections, dt_s, odometry, axes), shared, reward)
+    if found == TEXT:
+        text = TextOptions(**given)
+        source: FrameSource = Replay(name, path, text.detections, text.dt_s, text.odometry, text.axes)
+    else:
+        recorded = RecordedOptions(**given)
+        source = SensorReplay(name, open_folder(path, recorded.reading, found), recorded)
+    return CooperativeEnv(source, shared, reward)
 
 
 def _register() -> None:

@@ -174,7 +174,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             raise
         self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
         self._scorer = Scorer(
-            tuple(self.possible_agents),
+            tuple(self._frame.agents),  # of a recording, an episode need not have all possible ones
             self._options.match_iou,
             self._source.region_m,
         )

@@ -9,6 +9,7 @@ where they were, and standing objects stand still in the odometry frame.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from coopsim.data.recording_set import ODOMETRY, Recording, RecordingSet
 from coopsim.envs.frames import AgentFrame, Frame, FrameSource
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
+from coopsim.support.checks import require_choice, require_frame_time
 from coopsim.types import (
     AgentSpec,
     Detections,
@@ -33,6 +34,27 @@ from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 _GREY = (128, 128, 128)
+
+
+@dataclass(frozen=True, slots=True)
+class TextOptions:
+    """Options of a replay of detections in text files.
+
+    Attributes:
+        detections: names under `detections/`; each is one agent. There is no default.
+        dt_s: time between two frames.
+        odometry: how the recording car's motion is known: "poses" of the set, "estimated" from the detections, "auto"
+            (poses where there are any), or "none": as if it stood still.
+        axes: convention of the files' axes: "kitti", or "v2v4real" for headings that models of driving can use.
+    """
+
+    detections: Sequence[str] | None = None
+    dt_s: float = 0.1
+    odometry: str = "auto"
+    axes: str = "kitti"
+
+    def __post_init__(self) -> None:
+        require_frame_time(self.dt_s)
 
 
 class Replay(FrameSource):

@@ -19,6 +19,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
+from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 
 if TYPE_CHECKING:
@@ -128,18 +129,21 @@ def evaluate(
 def evaluate_recordings(
     policy: Policy | str,
     path: str | Path,
-    detections: Sequence[str],
+    detections: Sequence[str] | None = None,
     *,
+    sequences: Sequence[str] | None = None,
     seed: int = 0,
     on_frame: OnFrame | None = None,
     **options: Any,
 ) -> RecordingsEvaluation:
-    """Run a policy over every sequence of a recording set and pool the scores.
+    """Run a policy over the sequences of a folder of recordings and pool the scores.
 
     Args:
         policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
-        path: folder of the set.
-        detections: a name under `detections/`, or several; each is one agent.
+        path: the folder.
+        detections: of recordings in text files, a name under `detections/`, or several; each is one agent. None: of
+            recordings with sweeps, whose agents are their own.
+        sequences: names of those to play; None: all.
         seed: decides losses and delays of the channel.
         on_frame: called after every step.
         **options: of the replay environment, but not `uplink`: the policy says which.
@@ -148,26 +152,38 @@ def evaluate_recordings(
         CoopsimError: a name is unknown, a value is not accepted, or a file is broken.
     """
     policy = _instance(policy)
-    env = listening_env("replay", policy, options | {"path": path, "detections": detections})
+    env = listening_env("replay", policy, replay_keywords(path, detections, options))
     logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
-    sent_bytes = dict.fromkeys(logs, 0.0)
+    sent_bytes, on_air_s = dict.fromkeys(logs, 0.0), dict.fromkeys(logs, 0.0)
     dt_s = next(iter(env.agent_specs.values())).dt_s
-    seconds, simulated_s, frames = 0.0, 0.0, 0
+    seconds, frames = 0.0, 0
     try:
-        for sequence in env.sequences:
+        for sequence in env.sequences if sequences is None else sequences:
+            require_choice("sequence", sequence, env.sequences)
             rewards, spent = run_episode(env, policy, seed=seed, on_frame=on_frame, sequence=sequence)
-            on_air_s = env.time_ns / NS_PER_S + dt_s
-            seconds, simulated_s, frames = seconds + spent, simulated_s + on_air_s, frames + len(rewards)
-            for agent, log in env.logs.items():
+            episode_s = env.time_ns / NS_PER_S + dt_s
+            seconds, frames = seconds + spent, frames + len(rewards)
+            for agent, log in env.logs.items():  # of the sequence's own agents
                 logs[agent].append(log)
-                sent_bytes[agent] += env.bytes_per_s(agent) * on_air_s
+                sent_bytes[agent] += env.bytes_per_s(agent) * episode_s
+                on_air_s[agent] += episode_s
     finally:
         env.close()
     started = time.perf_counter()
-    count = Score.mean({agent: summarize(logs[agent], bytes_per_s=sent_bytes[agent] / simulated_s) for agent in logs})
+    played = [agent for agent in logs if logs[agent]]
+    if not played:
+        raise InvalidValueError("sequences must name at least one, got none")
+    count = Score.mean({each: summarize(logs[each], bytes_per_s=sent_bytes[each] / on_air_s[each]) for each in played})
     ignore = count.ignoring_false_positives()
     seconds += time.perf_counter() - started
     return RecordingsEvaluation(count, ignore, frames, seconds, policy.method)
+
+
+def replay_keywords(
+    path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the options of the replay of a folder, which has detections in text files or not."""
+    return {"path": path, **({} if detections is None else {"detections": detections}), **options}
 
 
 def run_episode(

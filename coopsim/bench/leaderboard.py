@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env
+from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
 from coopsim.bench.report.table import columns, format_value, score_row
@@ -28,7 +28,7 @@ _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ign
 
 
 def evaluate_each(
-    path: str | Path, detections: Sequence[str], policies: Sequence[str], **options: Any
+    path: str | Path, detections: Sequence[str] | None, policies: Sequence[str], **options: Any
 ) -> Iterator[tuple[str, RecordingsEvaluation | Exception]]:
     """Run policies over a set of recordings. Each step of the iterator gives a name, and its evaluation or exception.
 
@@ -36,22 +36,23 @@ def evaluate_each(
 
     Args:
         path: folder of the recordings.
-        detections: names under `detections/`; each is one agent.
+        detections: as of `evaluate_recordings`.
         policies: as `PolicySpec` reads them.
-        **options: of the replay environment, the same for all.
+        **options: as of `evaluate_recordings`, the same for all policies.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted, before any run; or a file is broken, from the
             iterator.
     """
-    replayed = {"path": path, "detections": detections, **options}
+    of_environment = {name: value for name, value in options.items() if name != "sequences"}
+    replayed = replay_keywords(path, detections, of_environment)
     for name in policies:
         listening_env("replay", PolicySpec.parse(name).make(), replayed).close()
     return ((name, _evaluation_or_error(name, path, detections, options)) for name in policies)
 
 
 def _evaluation_or_error(
-    name: str, path: str | Path, detections: Sequence[str], options: Mapping[str, Any]
+    name: str, path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]
 ) -> RecordingsEvaluation | Exception:
     try:
         return evaluate_recordings(name, path, detections, **options)

@@ -66,29 +66,41 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """Declare a set of recordings, its detections, and the latency of messages."""
+    """Declare a folder of recordings, what is detected in them, and the latency of messages."""
     add = parser.add_argument
-    add("path", type=Path, help="folder with labels/ and detections/<name>/")
+    add("path", type=Path, help="folder: of OPV2V, V2XSet, V2V4Real, V2X-Seq-SPD or KITTI, or with labels/*.txt")
     add(
         "--detections",
         type=names,
-        required=True,
         metavar="A,B",
-        help="each name is one agent; boxes are in the frame of the first",
+        help="of text files: each name is one agent; boxes are in the frame of the first",
     )
+    add("--detector", metavar="NAME", help="of recordings with sweeps (default: pillars)")
+    add("--sequences", type=names, metavar="A,B", help="names of sequences (default: all)")
+    add("--frames", type=count, help="of each sequence with sweeps (default: all)")
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
     add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
-    add("--odometry", default="auto", metavar="NAME", help="auto, poses, estimated or none (default: %(default)s)")
-    add("--axes", default="kitti", metavar="NAME", help="of the files: kitti or v2v4real (default: %(default)s)")
+    add("--odometry", metavar="NAME", help="auto, poses, estimated or none (default: auto)")
+    add("--axes", metavar="NAME", help="of text files: kitti or v2v4real (default: kitti)")
+    add_options(parser, "of the environment, as region_x_m=140 or format=opv2v")
 
 
 def replay_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the replay environment that `add_recordings` declares."""
+    """Return what `add_recordings` declares, but path and detections, as keywords of `evaluate_recordings`."""
+    flags = {"detector": "--detector", "max_cycles": "--frames", "latency_s": "--latency-ms"}
+    flags |= {name: f"--{name.replace('_', '-')}" for name in ("path", "detections", "sequences", "match_iou")}
+    given = {
+        "detector": options.detector,
+        "sequences": options.sequences,
+        "max_cycles": options.frames,
+        "odometry": options.odometry,
+        "axes": options.axes,
+    }
     return {
         "latency_s": options.latency_ms / 1000,
         "match_iou": options.match_iou,
-        "odometry": options.odometry,
-        "axes": options.axes,
+        **{name: value for name, value in given.items() if value is not None},
+        **named_options(options, flags),
     }
 
 

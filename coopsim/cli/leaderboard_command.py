@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from coopsim.bench.evaluate import RecordingsEvaluation
     from coopsim.bench.leaderboard import Results
 
-HELP = "rank policies on recorded detections, as tables and a plot"
+HELP = "rank policies on recordings, as tables and a plot"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,6 +71,7 @@ def _report(results: Results, options: argparse.Namespace) -> None:
 
     rows = [({name: row[name] for name in ("policy", "false positives")}, row) for row in rows_of(results)]
     print(format_table(rows))
-    title = f"{options.path.resolve().parent.name}/{options.path.resolve().name}: {', '.join(options.detections)}"
+    found_by = ", ".join(options.detections or (options.detector or "pillars",))
+    title = f"{options.path.resolve().parent.name}/{options.path.resolve().name}: {found_by}"
     for path in write_leaderboard(options.out, results, title):
         print(f"written: {path}")

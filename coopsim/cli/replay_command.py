@@ -8,7 +8,7 @@ from pathlib import Path
 from coopsim.cli.arguments import add_recordings, as_json, policy, replay_options
 from coopsim.support.files import require_writable, write_whole
 
-HELP = "score a policy on recorded detections"
+HELP = "score a policy on recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,16 +1,32 @@
-"""Each agent's perception in a simulated episode: where it believes it is, and the objects that it detects."""
+"""Each agent's perception in an episode: where it believes it is, and the objects that it detects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
-from coopsim.detection.detector import Detector
+from coopsim.detection.detector import Detector, DetectorBase
+from coopsim.detection.embedder import Embedder
 from coopsim.detection.oracle import OracleDetector, Oracles
-from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
-from coopsim.localization.localizer import Localizer
+from coopsim.localization.localizer import LocalizationConfig, Localizer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, CameraImage, Detections, Observation, SensorView, Sweep
+
+
+class PerceptionOptions(Protocol):
+    """What an environment's options say of perception."""
+
+    @property
+    def chosen_detector(self) -> DetectorBase:
+        """The detector."""
+
+    @property
+    def chosen_embedder(self) -> Embedder | None:
+        """The embedder; None: the detector's own embeddings stay."""
+
+    def localization_of(self, agent: str) -> LocalizationConfig:
+        """Return the errors of an agent's localization."""
 
 
 class Perception:
@@ -22,7 +38,7 @@ class Perception:
         seed: the episode's seed.
     """
 
-    def __init__(self, options: SimulationOptions, specs: Mapping[str, AgentSpec], seed: int) -> None:
+    def __init__(self, options: PerceptionOptions, specs: Mapping[str, AgentSpec], seed: int) -> None:
         self._specs = specs
         self._localizers = {
             name: Localizer(options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")

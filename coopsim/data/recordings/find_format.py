@@ -1,0 +1,93 @@
+"""Which format a folder of recordings has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from coopsim.data.recordings.opv2v_folder import Opv2vFolder
+from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder
+from coopsim.data.recordings.stamped_folders import find_scenarios
+from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
+from coopsim.data.recordings.v2v4real_folder import V2v4realFolder
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.support.checks import require_choice
+
+TEXT = "text"
+"""The format without sweeps: `coopsim.data.recording_set`."""
+
+AUTO = "auto"
+
+FOLDERS: Mapping[str, Callable[[Path, ReadingOptions], RecordedFolder]] = {
+    "opv2v": Opv2vFolder,
+    "v2v4real": V2v4realFolder,
+}
+"""Formats with sweeps, by name."""
+
+FORMATS = (AUTO, TEXT, *FOLDERS)
+
+LAYOUTS = (
+    "labels/<sequence>.txt with detections/<name>/ (text)",
+    "<scenario>/<agent id>/<time stamp>.yaml with .pcd (OPV2V, V2XSet, V2V4Real)",
+)
+"""What is looked for, in words."""
+
+
+def find_format(path: str | Path) -> str:
+    """Return the name of a folder's format, found by the names in it and, for OPV2V's layout, by a look at one frame.
+
+    Raises:
+        InvalidValueError: `path` is no path.
+        RecordingError: there is no such folder, or it has no known format; says what was looked for.
+    """
+    if not isinstance(path, (str, Path)):
+        raise InvalidValueError(f"path must be the folder of a recording set, got {path!r}; one has {_any_layout()}")
+    folder = Path(path)
+    try:
+        return _find(folder)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def open_folder(path: str | Path, options: ReadingOptions | None = None, name: str = AUTO) -> RecordedFolder:
+    """Return a folder with sweeps, as its format reads it; no frame is read but one to tell formats apart.
+
+    Args:
+        path: the folder.
+        options: what its files leave open.
+        name: of the format; "auto" finds it.
+
+    Raises:
+        UnknownNameError: there is no such format.
+        RecordingError: the folder is none of this format, or has no sequence.
+    """
+    require_choice("format", name, (AUTO, *FOLDERS))
+    found = find_format(path) if name == AUTO else name
+    if found == TEXT:
+        raise RecordingError(f"{path} has detections in text files, and no sweeps; needed: {'; or '.join(LAYOUTS[1:])}")
+    try:
+        folder = FOLDERS[found](Path(path), options or ReadingOptions())
+        sequences = folder.sequences
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+    if not sequences:
+        raise RecordingError(f"{path} has no recordings of format {found!r}; looked for: {_any_layout()}")
+    return folder
+
+
+def _find(path: Path) -> str:
+    if not path.is_dir():
+        raise RecordingError(f"no folder {path}: a recording set has {_any_layout()}")
+    if (path / "labels").is_dir() or (path / "detections").is_dir():
+        return TEXT
+    scenarios = find_scenarios(path)
+    if scenarios:
+        scenario = next(iter(scenarios.values()))
+        cars, masts = scenario.agents
+        pose = read_tagged_yaml(scenario.file((*cars, *masts)[0], scenario.stamps[0], ".yaml"))
+        return "v2v4real" if pose.numbers("lidar_pose", (6,), (4, 4)).ndim == 2 else "opv2v"
+    raise RecordingError(f"{path} has no recordings; looked for: {_any_layout()}")
+
+
+def _any_layout() -> str:
+    return "; or ".join(LAYOUTS)

@@ -1,0 +1,116 @@
+"""Folders of V2V4Real: OPV2V's layout with two cars, and poses and boxes of another kind.
+
+| field of a frame's YAML | read as |
+|---|---|
+| `lidar_pose` | 4 x 4, pose of the LiDAR in the world (an array of NumPy, see `tagged_yaml`) |
+| `vehicles.<id>` | in the LiDAR's own frame: `location` + `center`, `extent` (half), `angle` (roll, yaw, pitch; degrees,
+  to the left); `obj_type`; `ass_id`, the identity for both cars |
+
+Axes are right-handed, as ours. An object without `ass_id`, or with -1, is known to one car only: its identity is its id
+and 100 for each car before, as the data set's own code has it. All ids are one larger than there, so that none is 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from coopsim.data.recordings.file_fields import Fields, as_id
+from coopsim.data.recordings.labelled_rows import LabelledRows, join_objects
+from coopsim.data.recordings.level_frames import base_under
+from coopsim.data.recordings.object_types import class_of
+from coopsim.data.recordings.opv2v_folder import read_grey_sweep
+from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence, name_agents
+from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame, RecordedName, RecordedObjects
+from coopsim.data.recordings.stamped_folders import StampedScenario, find_scenarios
+from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
+from coopsim.support.checks import require_choice
+from coopsim.types import seconds_to_ns
+
+HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
+"""Usual heights of LiDARs over the ground, which the files do not say."""
+
+_OF_ONE_CAR = 100  # ids that each car has for itself
+_NOBODY = -1
+
+
+@dataclass(frozen=True)
+class V2v4realFolder(RecordedFolder):
+    """A folder of V2V4Real: a scenario, a split, or all of it."""
+
+    usual_height_m = HEIGHT_M
+
+    @cached_property
+    def scenarios(self) -> dict[str, StampedScenario]:
+        """The scenarios by name."""
+        return find_scenarios(self.path)
+
+    @property
+    def sequences(self) -> tuple[str, ...]:
+        return tuple(self.scenarios)
+
+    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
+        return name_agents(*self.scenarios[sequence].agents)
+
+    def open(self, sequence: str) -> V2v4realSequence:
+        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+        scenario = self.scenarios[sequence]
+        return V2v4realSequence(sequence, self.agents(sequence), self.frame_s, scenario, self.options)
+
+
+@dataclass(frozen=True)
+class V2v4realSequence(RecordedSequence):
+    """A scenario of V2V4Real.
+
+    Attributes:
+        scenario: its files.
+        options: what these leave open.
+    """
+
+    scenario: StampedScenario
+    options: ReadingOptions
+
+    @property
+    def frames(self) -> int:
+        return len(self.scenario.stamps)
+
+    def frame(self, number: int) -> RecordedFrame:
+        stamp = self.scenario.stamps[number]
+        agents: dict[str, RecordedAgent] = {}
+        listed: list[RecordedObjects] = []
+        for place, (name, agent) in enumerate(self.agents.items()):
+            fields = read_tagged_yaml(self.scenario.file(agent.recorded, stamp, ".yaml"))
+            agents[name], objects = self._agent(agent, place, stamp, fields)
+            listed.append(objects)
+        return RecordedFrame(seconds_to_ns(number * self.frame_s), agents, join_objects(listed))
+
+    def _agent(
+        self, name: RecordedName, place: int, stamp: str, fields: Fields
+    ) -> tuple[RecordedAgent, RecordedObjects]:
+        world_SE3_lidar = fields.transform("lidar_pose")
+        world_SE3_base = base_under(world_SE3_lidar, self.options.height_m(name.kind, HEIGHT_M))
+        base_SE3_lidar = world_SE3_base.inverse().compose(world_SE3_lidar)
+        cloud = self.scenario.file(name.recorded, stamp, ".pcd")
+        agent = RecordedAgent(world_SE3_base, base_SE3_lidar, partial(read_grey_sweep, cloud, base_SE3_lidar))
+        return agent, _rows(fields, place).objects(world_SE3_lidar)
+
+
+def _rows(fields: Fields, place: int) -> LabelledRows:
+    """Return what one car lists, in its LiDAR's frame; `place` is the car's among all."""
+    rows = LabelledRows()
+    for key, about in fields.section("vehicles").sections():
+        label = class_of(about, "obj_type", "Car")
+        if label is None:
+            continue
+        identity = as_id(about.value("ass_id"), fields.file, f"vehicles.{key}.ass_id") if "ass_id" in about else _NOBODY
+        if identity == _NOBODY:
+            identity = as_id(key, fields.file, "vehicles") + _OF_ONE_CAR * place
+        if identity < 0:
+            raise fields.error("vehicles", f"must have ids >= 0, got {identity}")
+        middle = about.numbers("location", (3,)) + about.numbers("center", (3,))
+        yaw_rad = float(np.radians(about.numbers("angle", (3,))[1]))
+        rows.add(identity + 1, middle, 2 * about.sizes("extent", (3,)), yaw_rad, label)
+    return rows
