@@ -51,7 +51,7 @@ EXTRA_NUMBER = 900_000
 """From this number on, agents of coopsim's exports are no cars: further roadside units, and drones."""
 
 _CAMERAS = tuple(f"camera{k}" for k in range(4))
-_UNDER_M = (0.5, 30.0)  # a position of the agent is on the ground if the LiDAR is so far above it
+_UNDER_M = (0.5, 300.0)  # a position of the agent is on the ground if the LiDAR is so far above it
 _BESIDE_M = 5.0  # and so near
 
 
@@ -127,12 +127,12 @@ class Opv2vSequence(RecordedSequence):
                 raise files[name].error("time_ns", f"must be that of {first}, {times_ns[first]}, got {times_ns[name]}")
         if times_ns[first] is None:
             return seconds_to_ns(number * self.frame_s)
-        begun_ns = _time_ns(files[first] if not number else self._fields(self.agents[first].recorded, self._start))
-        return times_ns[first] - (begun_ns or 0)
+        return times_ns[first] - self._begun_ns
 
-    @property
-    def _start(self) -> str:
-        return self.scenario.stamps[0]
+    @cached_property
+    def _begun_ns(self) -> int:
+        first = next(iter(self.agents.values()))
+        return _time_ns(self._fields(first.recorded, self.scenario.stamps[0])) or 0
 
     def _fields(self, agent: str, stamp: str) -> Fields:
         return read_tagged_yaml(self.scenario.file(agent, stamp, ".yaml"))
@@ -145,7 +145,7 @@ class Opv2vSequence(RecordedSequence):
         return RecordedAgent(
             world_SE3_base,
             base_SE3_lidar,
-            partial(read_grey_sweep, cloud, base_SE3_lidar),
+            partial(_read_sweep, cloud, base_SE3_lidar),
             partial(self._pictures, name, stamp, fields, world_SE3_base, base_SE3_lidar),
             int(name.recorded) if name.kind == "cav" else None,
         )
@@ -212,7 +212,6 @@ def as_object_id(key: object, fields: Fields) -> int:
     return number
 
 
-def read_grey_sweep(path: Path, base_SE3_lidar: SE3) -> Sweep:
-    """Read a cloud whose intensities are in [0, 1], as a colour's red is."""
+def _read_sweep(path: Path, base_SE3_lidar: SE3) -> Sweep:
     cloud = read_pcd(path)
-    return sweep_in_base(base_SE3_lidar, cloud.points, cloud.intensity)
+    return sweep_in_base(base_SE3_lidar, mirror(cloud.points), cloud.intensity)

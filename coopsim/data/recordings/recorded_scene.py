@@ -14,8 +14,11 @@ from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import look_up
-from coopsim.types import NS_PER_S, Ints, Sweep
+from coopsim.types import NS_PER_S, Ints, Mask, Sweep
 from coopsim.world.snapshot import Actors, AgentBody
+
+MARGIN_M = 0.1
+"""By which a point may be outside of a box on which it counts."""
 
 _GREY = (128, 128, 128)
 
@@ -48,12 +51,15 @@ class RecordedScenes:
         return self._read[number]
 
     def actors(self, number: int) -> Actors:
-        """Return the objects of a frame as actors, whose velocity is that since the frame before, in the first until
-        the next one; 0 for those that were not there.
+        """Return the objects of a frame as actors. Their velocities are those since the frame before; of objects that
+        were not there, until the next one; 0 of those that are in neither.
         """
-        now, other = self.frame(number), number - 1 if number else number + 1
-        before = self.frame(other) if other < len(self) else now
-        return as_actors(now.objects, _velocities(now, before))
+        now = self.frame(number)
+        velocity, known = np.zeros((len(now.objects), 2)), np.zeros(len(now.objects), np.bool_)
+        for other in (number - 1, number + 1):
+            if 0 <= other < len(self) and not known.all():
+                _fill_velocities(velocity, known, now, self.frame(other))
+        return as_actors(now.objects, velocity)
 
     def bodies(self, number: int) -> dict[str, AgentBody]:
         """Return the agents' bodies. A car's own object is the one of its id, or the one that covers its position."""
@@ -78,10 +84,15 @@ def as_actors(objects: RecordedObjects, velocity: Floats) -> Actors:
 
 
 def count_returns_in(boxes: Boxes3D, sweeps: Sequence[Sweep]) -> Ints:
-    """Return the number of points (N,) in each of N boxes, of all sweeps; boxes and points are in one frame."""
-    counts = np.zeros(len(boxes), np.int64)
+    """Return the number of points (N,) in each of N boxes, of all sweeps; boxes and points are in one frame.
+
+    Points are on surfaces and err, and labels are tight: boxes are taken `MARGIN_M` larger, but not towards the ground.
+    """
+    counts, rows = np.zeros(len(boxes), np.int64), boxes.array
+    rows[:, 3:6] += [2 * MARGIN_M, 2 * MARGIN_M, MARGIN_M]
+    rows[:, 2] += MARGIN_M / 2
     for sweep in sweeps:
-        counts += _points_within(boxes.array, sweep.points)
+        counts += _points_within(rows, sweep.points)
     return counts
 
 
@@ -110,17 +121,15 @@ def _own_object(frame: RecordedFrame, name: str, kind: str) -> int | None:
     return int(over[0]) if len(over) else None
 
 
-def _velocities(now: RecordedFrame, other: RecordedFrame) -> Floats:
-    """Return the velocities (N, 2) m/s of objects by where they are in another frame, before or after."""
-    velocity = np.zeros((len(now.objects), 2))
+def _fill_velocities(velocity: Floats, known: Mask, now: RecordedFrame, other: RecordedFrame) -> None:
+    """Set the velocities (N, 2) m/s that are not known (N,) of objects that are in another frame, too."""
     span_s = (now.time_ns - other.time_ns) / NS_PER_S
-    if span_s == 0 or not len(other.objects):
-        return velocity
     order = np.argsort(other.objects.id)
-    place, known = look_up(other.objects.id[order], now.objects.id)
-    there = other.objects.boxes.center[order[place[known]], :2]
-    velocity[known] = (now.objects.boxes.center[known, :2] - there) / span_s
-    return velocity
+    place, there = look_up(other.objects.id[order], now.objects.id)
+    new = there & ~known
+    if span_s and new.any():
+        moved = now.objects.boxes.center[new, :2] - other.objects.boxes.center[order[place[new]], :2]
+        velocity[new], known[new] = moved / span_s, True
 
 
 @njit(cache=True, nogil=True)

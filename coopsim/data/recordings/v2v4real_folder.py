@@ -15,20 +15,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 
+from coopsim.data.files.pcd import read_pcd
 from coopsim.data.recordings.file_fields import Fields, as_id
 from coopsim.data.recordings.labelled_rows import LabelledRows, join_objects
-from coopsim.data.recordings.level_frames import base_under
+from coopsim.data.recordings.level_frames import base_under, sweep_in_base
 from coopsim.data.recordings.object_types import class_of
-from coopsim.data.recordings.opv2v_folder import read_grey_sweep
 from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence, name_agents
 from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame, RecordedName, RecordedObjects
 from coopsim.data.recordings.stamped_folders import StampedScenario, find_scenarios
 from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
+from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
-from coopsim.types import seconds_to_ns
+from coopsim.types import Sweep, seconds_to_ns
 
 HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
 """Usual heights of LiDARs over the ground, which the files do not say."""
@@ -94,7 +96,7 @@ class V2v4realSequence(RecordedSequence):
         world_SE3_base = base_under(world_SE3_lidar, self.options.height_m(name.kind, HEIGHT_M))
         base_SE3_lidar = world_SE3_base.inverse().compose(world_SE3_lidar)
         cloud = self.scenario.file(name.recorded, stamp, ".pcd")
-        agent = RecordedAgent(world_SE3_base, base_SE3_lidar, partial(read_grey_sweep, cloud, base_SE3_lidar))
+        agent = RecordedAgent(world_SE3_base, base_SE3_lidar, partial(_read_sweep, cloud, base_SE3_lidar))
         return agent, _rows(fields, place).objects(world_SE3_lidar)
 
 
@@ -114,3 +116,11 @@ def _rows(fields: Fields, place: int) -> LabelledRows:
         yaw_rad = float(np.radians(about.numbers("angle", (3,))[1]))
         rows.add(identity + 1, middle, 2 * about.sizes("extent", (3,)), yaw_rad, label)
     return rows
+
+
+def _read_sweep(path: Path, base_SE3_lidar: SE3) -> Sweep:
+    """Read a cloud whose intensities are a colour's red, in [0, 1], or a field, up to 255."""
+    cloud = read_pcd(path)
+    bright = cloud.intensity
+    full_scale = 255.0 if bright is not None and bright.max(initial=0.0) > 1.0 else 1.0
+    return sweep_in_base(base_SE3_lidar, cloud.points, bright, full_scale)
