@@ -119,7 +119,7 @@ def replay_env(
     /,
     *,
     path: str | Path | None = None,
-    format: str = AUTO,  # the name that users know
+    format: str = AUTO,  # noqa: A002  (the word for it)
     reward: Reward | None = None,
     **options: Any,
 ) -> CooperativeEnv:

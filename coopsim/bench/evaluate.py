@@ -179,9 +179,7 @@ def evaluate_recordings(
     return RecordingsEvaluation(count, ignore, frames, seconds, policy.method)
 
 
-def replay_keywords(
-    path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]
-) -> dict[str, Any]:
+def replay_keywords(path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of the replay of a folder, which has detections in text files or not."""
     return {"path": path, **({} if detections is None else {"detections": detections}), **options}
 

@@ -71,7 +71,7 @@ class SensorReplay(FrameSource):
         self.specs = self._usual_specs()
         self.format = ObservationFormat(
             agents=tuple(self.specs),
-            lidars={agent: (LIDAR,) for agent in self.specs},
+            lidars=dict.fromkeys(self.specs, (LIDAR,)),
             cameras={
                 agent: {camera: calibration.size for camera, calibration in spec.cameras.items()}
                 for agent, spec in self.specs.items()
@@ -104,7 +104,8 @@ class SensorReplay(FrameSource):
         sequence = self._folder.open(name)
         scenes = RecordedScenes(sequence, self._every)
         specs = self.specs | {
-            agent: self._spec(agent, sequence.agents[agent].kind, seen) for agent, seen in scenes.frame(0).agents.items()
+            agent: self._spec(agent, sequence.agents[agent].kind, seen)
+            for agent, seen in scenes.frame(0).agents.items()
         }
         self._sequence, self._scenes, self.specs = sequence, scenes, specs
         self._perception = Perception(self._options, {agent: specs[agent] for agent in sequence.agents}, seed)
@@ -132,9 +133,7 @@ class SensorReplay(FrameSource):
                 f"are accepted, got {len(actors)}"
             )
         time_ns = frame.time_ns + (seconds_to_ns(self._dt_s) if over else 0)
-        sweeps = {
-            name: {LIDAR: Sweep.empty() if over else agent.read_sweep()} for name, agent in frame.agents.items()
-        }
+        sweeps = {name: {LIDAR: Sweep.empty() if over else agent.read_sweep()} for name, agent in frame.agents.items()}
         images = {name: self._images(name, agent, over=over) for name, agent in frame.agents.items()}
         around = Surroundings.of(bodies, actors, returns_of(actors, bodies, sweeps))
         observations = self._perception.observe(time_ns, around.oracles, sweeps, images, sensed=not over)

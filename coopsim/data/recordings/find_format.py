@@ -82,10 +82,8 @@ def _find(path: Path) -> str:
         return TEXT
     scenarios = find_scenarios(path)
     if scenarios:
-        scenario = next(iter(scenarios.values()))
-        cars, masts = scenario.agents
-        pose = read_tagged_yaml(scenario.file((*cars, *masts)[0], scenario.stamps[0], ".yaml"))
-        return "v2v4real" if pose.numbers("lidar_pose", (6,), (4, 4)).ndim == 2 else "opv2v"
+        frame = read_tagged_yaml(next(iter(scenarios.values())).first_frame())
+        return "v2v4real" if frame.numbers("lidar_pose", (6,), (4, 4)).ndim == 2 else "opv2v"
     raise RecordingError(f"{path} has no recordings; looked for: {_any_layout()}")
 
 

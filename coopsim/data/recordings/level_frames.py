@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import SE3
 from coopsim.types import Sweep
 
+
 def base_under(world_SE3_sensor: SE3, height_m: float) -> SE3:
     """Return the upright frame on the ground under a sensor that is so high above it, x along the sensor's heading."""
     return SE3.from_xyz_yaw(world_SE3_sensor.translation - [0.0, 0.0, height_m], world_SE3_sensor.yaw)

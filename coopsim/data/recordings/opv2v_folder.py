@@ -3,16 +3,16 @@
 | field of a frame's YAML | read as |
 |---|---|
 | `lidar_pose` | x, y, z m, roll, yaw, pitch degrees of the LiDAR in CARLA's world |
-| `true_ego_pos` | the same of the car, on the ground: the base frame; where it is missing, or not under the LiDAR, the
-  base frame lies `lidar_height_m` under the LiDAR |
-| `vehicles.<id>` | what the agent's LiDAR hit: `location` + `center` (m, world axes), `extent` (half length, width and
-  height), `angle` (roll, yaw, pitch); `obj_type` if it is there, else a car |
+| `true_ego_pos` | the same of the car, on the ground: the base frame |
+| `vehicles.<id>` | what the agent's LiDAR hit: `location` + `center` (m, world axes), `extent` (half), `angle` |
 | `camera<k>` | `cords` (pose in the world) or `extrinsic` (camera in the LiDAR's frame), and `intrinsic` |
 
-Files that coopsim exported have a few fields more: `agent`, `time_ns`, `others` (objects that are no vehicles), and of a
-camera `name` and `distortion`.
+Files that coopsim exported have a few fields more: `agent`, `time_ns`, `others` (objects that are no vehicles), and of
+a camera `name` and `distortion`.
 
-The objects of a frame are the union of what its agents list. The id of a car's folder is its own id among the objects.
+Angles are roll, yaw, pitch, degrees. Where `true_ego_pos` is missing or not under the LiDAR, the base frame lies
+`lidar_height_m` under it. An object is a car unless it has an `obj_type`. The objects of a frame are the union of what
+its agents list. The id of a car's folder is its own id among the objects.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Opv2vFolder(RecordedFolder):
         return tuple(self.scenarios)
 
     @cached_property
-    def frame_s(self) -> float:  # type: ignore[override]  # a property, too
+    def frame_s(self) -> float:
         if self.options.frame_s is not None:
             return float(self.options.frame_s)
         scenario = next(iter(self.scenarios.values()))
@@ -125,9 +125,8 @@ class Opv2vSequence(RecordedSequence):
         for name in others:
             if times_ns[name] != times_ns[first]:
                 raise files[name].error("time_ns", f"must be that of {first}, {times_ns[first]}, got {times_ns[name]}")
-        if times_ns[first] is None:
-            return seconds_to_ns(number * self.frame_s)
-        return times_ns[first] - self._begun_ns
+        time_ns = times_ns[first]
+        return seconds_to_ns(number * self.frame_s) if time_ns is None else time_ns - self._begun_ns
 
     @cached_property
     def _begun_ns(self) -> int:
@@ -198,9 +197,7 @@ def _objects(fields: Fields) -> RecordedObjects:
             continue
         middle = about.numbers("location", (3,)) + about.numbers("center", (3,))
         heading_rad = from_carla_pose(np.append(middle, about.numbers("angle", (3,)))).yaw
-        rows.add(
-            as_object_id(key, fields), mirror(middle), 2 * about.sizes("extent", (3,)), heading_rad, label
-        )
+        rows.add(as_object_id(key, fields), mirror(middle), 2 * about.sizes("extent", (3,)), heading_rad, label)
     return rows.objects()
 
 

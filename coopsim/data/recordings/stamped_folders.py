@@ -58,6 +58,12 @@ class StampedScenario:
                 )
         return stamps
 
+    def first_frame(self) -> Path:
+        """Return the YAML file of the first agent's first frame; the other agents need not have the same frames."""
+        cars, masts = self.agents
+        agent = (*cars, *masts)[0]
+        return self.file(agent, _stamps(self.path / agent)[0], ".yaml")
+
     def file(self, agent: str, stamp: str, ending: str) -> Path:
         """Return the path of an agent's file, as with the ending ".yaml" or "_camera0.png"."""
         return self.path / agent / f"{stamp}{ending}"

@@ -31,7 +31,7 @@ def read_tagged_yaml(path: Path) -> Fields:
             and, where known, the line.
     """
     try:
-        content = yaml.load(path.read_bytes(), Loader=_Loader)  # noqa: S506  (a safe loader with a few tags more)
+        content = yaml.load(path.read_bytes(), Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
@@ -74,7 +74,7 @@ def _dtype(loader: Any, node: yaml.Node) -> Any:
     name = arguments[0] if arguments else None
     if not (isinstance(name, str) and _NUMBERS.fullmatch(name)):
         raise _refused(node, f"an array must be of plain numbers, got type {name!r}")
-    order = "="
+    order: Any = "="
     if isinstance(node, yaml.MappingNode):
         state = _part(loader, node, "state")
         order = state[1] if isinstance(state, tuple) and len(state) > 1 else None

@@ -3,8 +3,8 @@
 | field of a frame's YAML | read as |
 |---|---|
 | `lidar_pose` | 4 x 4, pose of the LiDAR in the world (an array of NumPy, see `tagged_yaml`) |
-| `vehicles.<id>` | in the LiDAR's own frame: `location` + `center`, `extent` (half), `angle` (roll, yaw, pitch; degrees,
-  to the left); `obj_type`; `ass_id`, the identity for both cars |
+| `vehicles.<id>` | in the LiDAR's own frame: `location` + `center`, `extent` (half), `angle` (roll, yaw, pitch) |
+| `vehicles.<id>.obj_type`, `.ass_id` | the class, and the identity for both cars |
 
 Axes are right-handed, as ours. An object without `ass_id`, or with -1, is known to one car only: its identity is its id
 and 100 for each car before, as the data set's own code has it. All ids are one larger than there, so that none is 0.
