@@ -40,6 +40,7 @@ class RecordedOptions:
         frame_s: time between two recorded frames where the files have no time stamps; None: the format's, 0.1 s.
         lidar_height_m: height of LiDARs over the ground where the files do not say it; a number, or one by kind.
         odometry: "poses" or "auto" (of the files), or "none" (for one agent alone, as if it stood still).
+        points: of KITTI, "picture" (points in the picture, as only these are labelled) or "all".
         cameras: whether the observations have the recorded pictures; the name of a rig, as policies say what they need,
             means the same: a recording has the cameras that it has.
         detector: a `Detector` or `OracleDetector`, or the name of one; None is `LEARNED`. Simulated ones are given the
@@ -63,6 +64,7 @@ class RecordedOptions:
     frame_s: float | None = None
     lidar_height_m: float | Mapping[str, float] | None = None
     odometry: str = "auto"
+    points: str = "picture"
     cameras: bool | str = False
     detector: DetectorBase | str | None = None
     embedder: Embedder | str | None = None
@@ -108,7 +110,7 @@ class RecordedOptions:
     @property
     def reading(self) -> ReadingOptions:
         """What the files leave open."""
-        return ReadingOptions(self.frame_s, self.lidar_height_m, self.odometry)
+        return ReadingOptions(self.frame_s, self.lidar_height_m, self.odometry, self.points)
 
     @property
     def region_m(self) -> tuple[float, float]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from coopsim.data.recordings.kitti_tracking_folder import KittiTrackingFolder
 from coopsim.data.recordings.opv2v_folder import Opv2vFolder
 from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder
+from coopsim.data.recordings.spd_folder import SpdFolder
 from coopsim.data.recordings.stamped_folders import find_scenarios
 from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
 from coopsim.data.recordings.v2v4real_folder import V2v4realFolder
@@ -21,6 +23,8 @@ AUTO = "auto"
 FOLDERS: Mapping[str, Callable[[Path, ReadingOptions], RecordedFolder]] = {
     "opv2v": Opv2vFolder,
     "v2v4real": V2v4realFolder,
+    "spd": SpdFolder,
+    "kitti": KittiTrackingFolder,
 }
 """Formats with sweeps, by name."""
 
@@ -29,6 +33,8 @@ FORMATS = (AUTO, TEXT, *FOLDERS)
 LAYOUTS = (
     "labels/<sequence>.txt with detections/<name>/ (text)",
     "<scenario>/<agent id>/<time stamp>.yaml with .pcd (OPV2V, V2XSet, V2V4Real)",
+    "cooperative/data_info.json with vehicle-side/ and infrastructure-side/ (V2X-Seq-SPD)",
+    "velodyne/<sequence>/<frame>.bin with label_02/ (KITTI tracking)",
 )
 """What is looked for, in words."""
 
@@ -78,6 +84,10 @@ def open_folder(path: str | Path, options: ReadingOptions | None = None, name: s
 def _find(path: Path) -> str:
     if not path.is_dir():
         raise RecordingError(f"no folder {path}: a recording set has {_any_layout()}")
+    if (path / "cooperative" / "data_info.json").is_file():
+        return "spd"
+    if any((path / inner / "velodyne").is_dir() and (path / inner / "label_02").is_dir() for inner in ("", "training")):
+        return "kitti"
     if (path / "labels").is_dir() or (path / "detections").is_dir():
         return TEXT
     scenarios = find_scenarios(path)

@@ -16,6 +16,11 @@ from coopsim.types.messages import AGENT_KINDS
 POSE_SOURCES = ("auto", "poses", "none")
 """Sources of the agents' motion."""
 
+IN_PICTURE = "picture"
+
+POINTS = (IN_PICTURE, "all")
+"""Which points of a cloud are kept, of which a part is labelled."""
+
 
 @dataclass(frozen=True, slots=True)
 class ReadingOptions:
@@ -25,6 +30,7 @@ class ReadingOptions:
         frame_s: time between two recorded frames where they have no time stamps; None: the format's, 0.1 s.
         lidar_height_m: height of LiDARs over the ground where it is not in the files; a number for all agents, or one
             by kind ("cav", "rsu", "drone"); None: the format's.
+        points: "picture" keeps, of KITTI's clouds, what is in the picture, as only that is labelled; "all" keeps all.
         odometry: how the agents' motion is known: "poses", of the files; "auto", the same; "none", for a single agent
             whose labels are in its own frame: as if it stood still.
 
@@ -35,9 +41,11 @@ class ReadingOptions:
     frame_s: float | None = None
     lidar_height_m: float | Mapping[str, float] | None = None
     odometry: str = "auto"
+    points: str = "picture"
 
     def __post_init__(self) -> None:
         require_choice("odometry", self.odometry, POSE_SOURCES, "in a folder with sweeps")
+        require_choice("points", self.points, POINTS)
         if self.frame_s is not None:
             require_frame_time(self.frame_s)
         heights = self.lidar_height_m if isinstance(self.lidar_height_m, Mapping) else {"": self.lidar_height_m}

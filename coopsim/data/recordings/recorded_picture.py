@@ -35,8 +35,9 @@ class RecordedPicture:
         try:
             with Image.open(self.path) as picture:
                 pixels = np.asarray(picture.convert("RGB"))
-        except (OSError, SyntaxError, ValueError) as error:
-            raise RecordingError(f"{self.path}: this is no picture: {error}") from error
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise RecordingError(f"{self.path}: this is no picture: {why}") from error
         if pixels.shape[:2] != self.calibration.size:
             height, width = self.calibration.size
             raise RecordingError(
@@ -59,13 +60,22 @@ def find_picture(path: Path, matrix: Floats, base_SE3_camera: SE3, distortion: F
         RecordingError: the file is missing or no picture, or the matrix is none of a camera.
     """
     try:
-        with Image.open(path) as picture:
-            width, height = picture.size
-    except (OSError, SyntaxError, ValueError) as error:
-        raise RecordingError(f"{path}: this is no picture: {error}") from error
-    try:
         lens = np.zeros(5) if distortion is None else distortion
-        calibration = CameraCalibration((height, width), matrix, lens, base_SE3_camera)
+        calibration = CameraCalibration(picture_size(path), matrix, lens, base_SE3_camera)
     except InvalidValueError as error:
         raise RecordingError(f"{path}: its camera's {error}") from error
     return RecordedPicture(path, calibration)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Return height and width of the picture of a file.
+
+    Raises:
+        RecordingError: the file is missing or no picture.
+    """
+    try:
+        with Image.open(path) as picture:
+            width, height = picture.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise RecordingError(f"{path}: this is no picture: {getattr(error, 'strerror', None) or error}") from error
+    return height, width

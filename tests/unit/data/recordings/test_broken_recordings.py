@@ -82,7 +82,78 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
 def test_a_broken_file_is_named_in_one_line(broken: str, tmp_path: Path) -> None:
     folder = tiny.write_opv2v(tmp_path)
     play(folder)
-    change, problem = BROKEN[broken]
+    _expect(folder, *BROKEN[broken])
+
+
+def in_json(file: str, old: str, new: str) -> Callable[[Path], object]:
+    return lambda folder: (folder / file).write_text(re.sub(old, new, (folder / file).read_text(), count=1))
+
+
+_TO_WORLD = "infrastructure-side/calib/virtuallidar_to_world/000501.json"
+
+SPD_BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a cut list": (in_json("cooperative/data_info.json", "}\\]", ""), r"data_info\.json, line 1: this is no JSON"),
+    "a frame that is not there": (
+        in_json("cooperative/data_info.json", '"000010"', '"000099"'),
+        r"cooperative/data_info\.json: \[0\]\.vehicle_frame must be a frame in vehicle-side",
+    ),
+    "an identity that is no number": (
+        in_json("cooperative/label/000011.json", '"000006"', '"six"'),
+        r"000011\.json: the id of \[0\]\.track_id must be an integer, got 'six'",
+    ),
+    "a missing key": (
+        in_json("vehicle-side/calib/novatel_to_world/000011.json", "translation", "transl"),
+        r"novatel_to_world/000011\.json: translation is missing",
+    ),
+    "a pose that is not finite": (
+        in_json(_TO_WORLD, r'"translation": \[\[[^]]*', '"translation": [[NaN'),
+        r"virtuallidar_to_world/000501\.json: translation must be finite",
+    ),
+    "a turn that is none": (
+        in_json(_TO_WORLD, r'"rotation": \[\[[^,]*', '"rotation": [[7.0'),
+        r"virtuallidar_to_world/000501\.json: rotation must have a rotation",
+    ),
+    "a path out of the folder": (
+        in_json("vehicle-side/data_info.json", "velodyne/000011.pcd", "../../secret.pcd"),
+        r"vehicle-side/data_info\.json: pointcloud_path must be a path in the folder",
+    ),
+    "a missing label file": (lambda folder: (folder / "cooperative/label/000011.json").unlink(), r"000011\.json"),
+}
+
+KITTI_BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a cut cloud": (
+        lambda folder: (folder / "training/velodyne/0002/000001.bin").write_bytes(b"123"),
+        r"000001\.bin: a row is 4 float32",
+    ),
+    "a missing key": (in_json("training/calib/0002.txt", "Tr_velo_cam", "Tr"), r"0002\.txt: Tr_velo_cam is missing"),
+    "a broken calibration": (
+        in_json("training/calib/0002.txt", "P2: 300.0", "P2: x"),
+        r"0002\.txt: P2 must be 12 numbers",
+    ),
+    "a pose that is not finite": (in_json("training/oxts/0002.txt", "8.4", "nan"), r"oxts/0002\.txt, line 1: latitude"),
+    "too few poses": (
+        lambda folder: (folder / "training/oxts/0002.txt").write_text("49.0 8.4 110.0 0 0 0\n"),
+        r"oxts/0002\.txt: a line for each of 3 frames is needed, got 1",
+    ),
+    "a label of another kind": (in_json("training/label_02/0002.txt", "Car", "Dragon"), r"label_02/0002\.txt, line 1"),
+    "a cloud without a number": (
+        lambda folder: (folder / "training/velodyne/0002/000001.bin").rename(folder / "training/velodyne/0002/one.bin"),
+        r"one\.bin: the name of a cloud must be the frame's number",
+    ),
+}
+
+
+@pytest.mark.parametrize("broken", SPD_BROKEN)
+def test_a_broken_file_of_spd_is_named(broken: str, tmp_path: Path) -> None:
+    _expect(tiny.write_spd(tmp_path), *SPD_BROKEN[broken])
+
+
+@pytest.mark.parametrize("broken", KITTI_BROKEN)
+def test_a_broken_file_of_kitti_is_named(broken: str, tmp_path: Path) -> None:
+    _expect(tiny.write_kitti(tmp_path), *KITTI_BROKEN[broken])
+
+
+def _expect(folder: Path, change: Callable[[Path], object], problem: str) -> None:
     change(folder)
     with pytest.raises(RecordingError, match=problem) as raised:
         play(folder)
