@@ -52,8 +52,8 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """Make the environment called `name`.
 
     Args:
-        name: `crossing` (its newest version), `crossing-v1`, the PettingZoo id `coopsim/crossing-v1`, or the path of a
-            scenario file (`.yaml`).
+        name: `crossing` (its newest version), `crossing-v1`, the PettingZoo id `coopsim/crossing-v1`, the path of a
+            scenario file (`.yaml`), or that of a folder of recordings.
         **options: of every environment (`coopsim.envs.options`), of simulated ones (`coopsim.envs.simulated.
             simulation_options`), of the population (`coopsim.world.population`), and of drawn towns
             (`coopsim.world.towns`: `place_seeds`, `town_options`).
@@ -63,6 +63,8 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         InvalidValueError: an option's value is not accepted.
         ScenarioFileError: a scenario file is missing or broken.
     """
+    if is_recordings_folder(name):
+        return ENVIRONMENTS.get(newest("replay"))(path=name, **options)
     if isinstance(name, Path) or is_scenario_file(name):
         return ENVIRONMENTS.get(newest("file"))(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
@@ -97,8 +99,17 @@ def single_env(
 
 
 def is_scenario_file(name: object) -> bool:
-    """Return whether `name` is the path of a scenario file, and not the name of an environment."""
+    """Return whether `name` is the path of a scenario file, and not the name of an environment, nor a folder."""
+    if isinstance(name, Path) and name.is_dir():
+        return False
     return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
+
+
+def is_recordings_folder(name: object) -> bool:
+    """Return whether `name` is the path of a folder, as recordings are, and not the name of an environment."""
+    if isinstance(name, str) and newest(name.removeprefix(f"{NAMESPACE}/")) in ENVIRONMENTS:
+        return False
+    return isinstance(name, (str, Path)) and Path(name).is_dir()
 
 
 def scenario_file_options(path: str | Path) -> Mapping[str, Any]:

@@ -133,7 +133,11 @@ def replay_env(
         **options: fields of `CommonOptions` and of `TextOptions` (see `Replay`) or `RecordedOptions`, by the format.
     """
     require_choice("format", format, FORMATS)
-    found = TEXT if path is None else find_format(path) if format == AUTO else format
+    found = format
+    if path is None:  # said by what asks for a path
+        found = TEXT
+    elif format == AUTO:
+        found = find_format(path)
     own = TextOptions if found == TEXT else RecordedOptions
     common, given = sort_options(options, CommonOptions, own, also_accepted=["path", "format", "reward"])
     shared = CommonOptions(**common)
@@ -142,7 +146,7 @@ def replay_env(
         source: FrameSource = Replay(name, path, text.detections, text.dt_s, text.odometry, text.axes)
     else:
         recorded = RecordedOptions(**given)
-        source = SensorReplay(name, open_folder(path, recorded.reading, found), recorded)
+        source = SensorReplay(name, open_folder(str(path), recorded.reading, found), recorded)
     return CooperativeEnv(source, shared, reward)
 
 

@@ -46,7 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
     add("--policies", type=policies, default=("no_fusion", "late_fusion"), metavar="A,B(x=1)", help="as in `bench`")
-    add("--environments", type=names, default=("crossing",), metavar="A,B.yaml", help="names, or scenario files")
+    add(
+        "--environments",
+        type=names,
+        default=("crossing",),
+        metavar="A,B.yaml",
+        help="names, scenario files, recordings",
+    )
     add("--seeds", type=seeds, default=(0, 1), metavar="0-1", help="one episode each (default: 0-1)")
     add("--frames", type=count, default=20, help="measured in each episode (default: %(default)s)")
     add("--every-s", type=float, default=0.5, help="least time between measured frames (default: %(default)s)")

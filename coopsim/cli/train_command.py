@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--workers", type=_workers, default=1, help="processes that make clips ahead, or ray (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
     add("--device", help="cpu or cuda (default: a GPU if there is one)")
-    add_options(parser, "of the recipe, as lr=0.001 or world.rain_share=0.5")
+    add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,26 +1,49 @@
-"""The clips of a training: from the simulator as it runs or from a folder, and made ahead by other processes."""
+"""The clips of a training: from the simulator as it runs, from recordings or from a folder, and made ahead by other processes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
+from coopsim.catalog import is_recordings_folder
 from coopsim.config.load import load
+from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.clip_store import CachedClips, ClipSource
 from coopsim.learn.clips.clip_stream import ClipStream
 from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.recorded.recorded_clips import MixedClips, RecordedClips
 from coopsim.learn.rollout.rollout import SimulatedClips
 from coopsim.learn.rollout.world_recipe import WorldRecipe
 
 _LATER = 10**9
 
 
-def simulated_clips(recipe: TrainingRecipe, seed: int, cache: Path | None = None) -> ClipSource:
-    """Return the clips of a recipe's world; with a folder `cache`, each is made once and kept there."""
-    clips = SimulatedClips(load(WorldRecipe, recipe.world, "world"), seed)
+def clips_of_recipe(recipe: TrainingRecipe, seed: int, cache: Path | None = None) -> ClipSource:
+    """Return the clips of a recipe's world, simulated or of recordings; with a folder `cache`, each is made once.
+
+    Raises:
+        InvalidValueError: a value of the recipe's world is not accepted.
+    """
+    clips = _clips_of(load(WorldRecipe, recipe.world, "world"), seed)
     return clips if cache is None else CachedClips(clips, cache)
+
+
+def _clips_of(world: WorldRecipe, seed: int) -> ClipSource:
+    folders = tuple(each for each in world.environments if is_recordings_folder(each))
+    if not folders:
+        return SimulatedClips(world, seed)
+    if world.cameras:
+        raise InvalidValueError(
+            "cameras must be left out where environments has recordings: their pictures have no depths to learn from"
+        )
+    recorded = RecordedClips(folders, world.frames, tuple(world.dt_s), seed)
+    others = tuple(each for each in world.environments if each not in folders)
+    if not others:
+        return recorded
+    simulated = SimulatedClips(replace(world, environments=others), seed)
+    return MixedClips(recorded, simulated, len(folders) / len(world.environments), seed)
 
 
 def held_out_clips(recipe: TrainingRecipe, cache: Path | None = None) -> ClipSource:

@@ -14,7 +14,7 @@ from torch import nn
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
+from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, clips_of_recipe, held_out_clips
 from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.learn.clips.clips_on_ray import ClipsOnRay
 from coopsim.learn.loop.checkpoint import load_checkpoint, read_state
@@ -169,7 +169,7 @@ def _clips(
             "pictures"
         )
     own: Any = source or task.source(seed)
-    clips: Any = own or simulated_clips(recipe, seed, cache)
+    clips: Any = own or clips_of_recipe(recipe, seed, cache)
     if ranks.ranks > 1:
         clips = ClipsOfRank(clips, recipe.block, ranks.rank, ranks.ranks)
     if workers == "ray":

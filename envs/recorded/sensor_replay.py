@@ -103,10 +103,9 @@ class SensorReplay(FrameSource):
         require_choice("sequence", name, self.sequences)
         sequence = self._folder.open(name)
         scenes = RecordedScenes(sequence, self._every)
-        specs = self.specs | {
-            agent: self._spec(agent, sequence.agents[agent].kind, seen)
-            for agent, seen in scenes.frame(0).agents.items()
-        }
+        specs = dict(self.specs)
+        for agent, seen in scenes.frame(0).agents.items():
+            specs[agent] = self._spec(agent, sequence.agents[agent].kind, seen)
         self._sequence, self._scenes, self.specs = sequence, scenes, specs
         self._perception = Perception(self._options, {agent: specs[agent] for agent in sequence.agents}, seed)
         self._cycle = 0

@@ -245,3 +245,26 @@ def test_a_large_folder_opens_at_once(tmp_path: Path) -> None:
     env = coopsim.parallel_env("replay", path=tmp_path / "train", detector="none")
     env.reset(seed=0)
     assert time.process_time() - started < 2.0
+
+
+def test_detect_takes_a_folder_for_an_environment(varied: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = varied / "rows.json"
+    command = [
+        "detect",
+        "--environments",
+        str(varied),
+        "--policies",
+        "no_fusion,late_fusion",
+        "--detector",
+        "simulated",
+    ]
+    assert main([*command, "--frames", "5", "--every-s", "0.1", "--jobs", "1", "--json", str(rows)]) == 0
+    measured = json.loads(rows.read_text())
+    assert [row["policy"] for row in measured] == ["no_fusion", "late_fusion"]
+    assert all(row["frames"] == 2 * (tiny.FRAMES - 1) for row in measured), "two sequences, without their first frames"
+
+
+def test_bench_and_evaluate_take_a_folder_for_an_environment(opv2v: Path) -> None:
+    by_path = coopsim.evaluate("late_fusion", str(opv2v), detector="simulated", seed=0)
+    by_name = coopsim.evaluate("late_fusion", "replay", path=opv2v, detector="simulated", seed=0)
+    assert by_path.score.all_tracks == by_name.score.all_tracks

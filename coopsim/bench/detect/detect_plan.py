@@ -18,6 +18,7 @@ from coopsim.bench.detect.protocols.protocol import PROTOCOLS
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.conditions import scenario_options
 from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import is_recordings_folder
 from coopsim.support.checks import require_choice, require_count, require_non_negative, require_positive
 
 LEARNED_DETECTOR = "pillars"
@@ -29,7 +30,7 @@ class DetectPlan:
 
     Attributes:
         policies: as `PolicySpec` reads them.
-        environments: names, or paths of scenario files.
+        environments: names, or paths of scenario files or of folders of recordings with sweeps.
         seeds: one episode each.
         frames: measured frames of an episode.
         noises: (m, degrees) of all agents' poses, a row each; empty: the environment's own.
@@ -128,7 +129,8 @@ class DetectPlan:
             given["detector"] = self.box_detector
         fixed_s = {**scenario_options(environment), **given}.get("dt_s")
         step_s, pace = pace_of(self.frames, self.every_s, (disturbance.delay_ms or 0.0) / 1000, fixed_s)
-        return {"threads": 1, **given, "dt_s": step_s}, pace
+        one_thread = {} if is_recordings_folder(environment) else {"threads": 1}
+        return {**one_thread, **given, "dt_s": step_s}, pace
 
 
 def detects_itself(spec: PolicySpec) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from coopsim.bench.grid.cell import Cell
-from coopsim.catalog import is_scenario_file, scenario_file_options
+from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
 from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
 
@@ -41,7 +41,8 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
         "position_noise_m": condition.position_noise_m,
         "heading_noise_rad": math.radians(condition.heading_noise_deg),
     }
-    return {**_ONE_THREAD, **made, **on_air, **noise, "max_cycles": cell.frames}
+    one_thread = {} if is_recordings_folder(condition.scenario) else _ONE_THREAD
+    return {**one_thread, **made, **on_air, **noise, "max_cycles": cell.frames}
 
 
 def scenario_options(scenario: str) -> Mapping[str, Any]:

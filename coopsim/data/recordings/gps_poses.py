@@ -18,8 +18,8 @@ _FIELDS = 6  # of those that are used: latitude, longitude, altitude, roll, pitc
 def read_gps_poses(path: Path) -> list[SE3]:
     """Read `world_SE3_imu` of every frame; the world's x points east, y north, its origin is the first position.
 
-    A line is a frame: latitude and longitude (degrees), altitude m, roll, pitch, yaw rad (x forward, y left, z up; yaw 0
-    is east), and more. Positions are those of the Mercator projection, scaled by the cosine of the first latitude, as
+    A line is a frame: latitude and longitude (degrees), altitude m, roll, pitch, yaw rad (x forward, y left, z up; 0 is
+    east), and more. Positions are those of the Mercator projection, scaled by the cosine of the first latitude, as
     KITTI's own development kit has them:
 
         x = s R longitude,   y = s R log tan(pi/4 + latitude/2),   s = cos(first latitude).

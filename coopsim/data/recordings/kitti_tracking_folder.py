@@ -36,7 +36,7 @@ from coopsim.data.recordings.recorded_picture import RecordedPicture, find_pictu
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_choice
-from coopsim.types import Sweep, seconds_to_ns
+from coopsim.types import Ints, Sweep, seconds_to_ns
 
 HEIGHT_M = {"cav": 1.73}
 """Height of KITTI's LiDAR over the ground."""
@@ -99,12 +99,12 @@ class KittiCalibration:
     @cached_property
     def camera(self) -> tuple[Floats, SE3]:
         """The camera's K (3, 3), and its pose in the LiDAR's frame: the projection is K R [1 | -place]."""
-        scaled, turn = rq(self.projection[:, :3])
+        scaled, turn = (np.asarray(part, np.float64) for part in rq(self.projection[:, :3]))
         signs = np.sign(np.diag(scaled))
         scaled, turn = scaled * signs, signs[:, None] * turn
         matrix = scaled / scaled[2, 2]
         matrix[0, 1] = 0.0  # what rounding leaves
-        place = -np.linalg.solve(self.projection[:, :3], self.projection[:, 3])
+        place = np.asarray(-np.linalg.solve(self.projection[:, :3], self.projection[:, 3]), np.float64)
         return matrix, self.rectified_SE3_lidar.inverse().compose(SE3(turn.T, place))
 
     def shows(self, points: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:
@@ -175,7 +175,7 @@ class KittiTrackingSequence(RecordedSequence):
         return [base_SE3_world.compose(pose) for pose in poses]
 
     @cached_property
-    def _labels(self) -> tuple[Floats, RecordedObjects]:
+    def _labels(self) -> tuple[Ints, RecordedObjects]:
         """The frames (N,) of all labels, and the labels in our axes of the rectified camera's frame."""
         path = self.root / "label_02" / f"{self.name}.txt"
         if not path.is_file():

@@ -1,1 +1,1 @@
-"""Trainings on recordings: windows of them, the tracks in a window, the losses of a filter on these."""
+"""Trainings on recordings: clips of sweeps; windows of detections, their tracks, and the losses of a filter."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopsim.catalog import is_scenario_file, scenario_files
+from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_files
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.patterns import PATTERNS
 from coopsim.support.checks import require_between, require_choice, require_count, require_positive
@@ -17,12 +17,14 @@ _TEST_LIDARS = ("VLP-16", "OS1-128")
 
 
 def require_training_place(name: object, *, allowed: bool) -> None:
-    """Refuse what is neither towns nor a scenario file, and test places unless they are `allowed`.
+    """Refuse what is no towns, scenario file or folder of recordings, and test places unless they are `allowed`.
 
     A file that is not shipped may still start from a test place, which is seen when it is read.
     """
     if not isinstance(name, str):
-        raise InvalidValueError(f"environments must be names or paths of scenario files, got {name!r}")
+        raise InvalidValueError(f"environments must be names, or paths of scenario files or recordings, got {name!r}")
+    if is_recordings_folder(name):
+        return
     is_file = is_scenario_file(name)
     if not is_file:
         require_choice("environment", name, (TOWN, *SCENARIOS))

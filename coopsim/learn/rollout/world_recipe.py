@@ -50,8 +50,8 @@ class WorldRecipe:
     it says otherwise.
 
     Attributes:
-        environments: "town" or paths of scenario files, of which each clip takes one. Paths are relative to the working
-            directory.
+        environments: "town", or paths of scenario files or of folders of recordings with sweeps, of which each clip
+            takes one. Paths are relative to the working directory. Of recordings, `frames` and `dt_s` alone are asked.
         first_place: seed of the first town: clips are in the towns of `first_place` to `first_place + places - 1`.
         places: number of towns.
         junctions: number of places where streets meet, of all towns; None: drawn for each, as are the next two.

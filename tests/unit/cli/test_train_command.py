@@ -25,7 +25,7 @@ RECIPE = {
 
 @pytest.fixture
 def recipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(train_module, "simulated_clips", lambda *_: SyntheticClips())
+    monkeypatch.setattr(train_module, "clips_of_recipe", lambda *_: SyntheticClips())
     path = tmp_path / "mine.yaml"
     path.write_text(json.dumps(RECIPE))
     return str(path)
@@ -62,7 +62,7 @@ def test_ctrl_c_before_the_first_step_promises_nothing(
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(train_module, "simulated_clips", interrupted)
+    monkeypatch.setattr(train_module, "clips_of_recipe", interrupted)
     assert main(["train", recipe, "--out", str(tmp_path / "out")]) == INTERRUPTED
     assert "interrupted; there is no state yet" in capsys.readouterr().err
 

@@ -7,7 +7,7 @@ import pytest
 from synthetic_clips import SyntheticClips
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, held_out_clips, simulated_clips
+from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, clips_of_recipe, held_out_clips
 from coopsim.learn.recipe import TrainingRecipe
 
 
@@ -26,7 +26,7 @@ def test_clips_made_ahead_are_the_same_from_anywhere() -> None:
 
 def test_places_of_training_and_of_looks_differ_and_the_test_places_are_in_neither(tmp_path: Path) -> None:
     recipe = TrainingRecipe("x", world={"rain_share": 0.0})
-    training, looks = simulated_clips(recipe, 3), held_out_clips(recipe)
+    training, looks = clips_of_recipe(recipe, 3), held_out_clips(recipe)
     assert "first_place=100000" in repr(training) and "first_place=1000," in repr(looks)
     assert LaterClips(SyntheticClips()).clip(0).key == "synthetic 1000000000"
     assert "cameras={}" in repr(looks)
@@ -36,4 +36,4 @@ def test_places_of_training_and_of_looks_differ_and_the_test_places_are_in_neith
     for kind in ("cooperative", "point_identity"):  # frames close in time
         assert "dt_s=(0.2,)" in repr(held_out_clips(TrainingRecipe("x", kind)))
     with pytest.raises(InvalidValueError, match="environments must not be 'crossing'"):
-        simulated_clips(TrainingRecipe("x", world={"environments": ["crossing"]}), 0)
+        clips_of_recipe(TrainingRecipe("x", world={"environments": ["crossing"]}), 0)

@@ -46,7 +46,7 @@ def perceive_episode(
 
     Args:
         policy: the policy.
-        environment: name of the environment, or path of a scenario file.
+        environment: name of the environment, or path of a scenario file or a folder of recordings.
         seed: decides everything in the episode.
         options: of the environment.
         pace: the frames that are measured.
@@ -66,21 +66,28 @@ def perceive_episode(
         policy.reset(env.agent_specs, seed=seed)
         found: list[Detections] = []
         truth: list[GroundTruth] = []
+        measured = 0
         for frame in range(pace.cycles):
             clock.running = frame >= max(pace.warm_up, 1)
             with clock.part("policy"):
                 actions = policy.act(observations)
             if pace.measures(frame):
-                for name in (each for each in names if observations[each].get("sensed", 1)):
+                measured += 1
+                there = [name for name in names if name in observations]  # a recording need not have all
+                for name in (each for each in there if observations[each].get("sensed", 1)):
                     seen = _detections(policy, name, actions[name], boxes)
                     found.append(_without_itself(seen) if env.agent_specs[name].is_object else seen)
                     truth.append(_truth(infos[name]["ground_truth"]))
             with clock.part("environment"):
                 observations, _, _, _, infos = env.step(actions)
             clock.tick()
+            if not env.agents:
+                break
+        if not measured:
+            raise InvalidValueError(f"{environment} has an episode of {frame + 1} frames, too short to be measured")
         messages, sent_bytes = _broadcasts(env)
         return Perceived.of(
-            found, truth, env.region_m, frames=pace.frames, messages=messages, sent_bytes=sent_bytes, ms=clock.ms
+            found, truth, env.region_m, frames=measured, messages=messages, sent_bytes=sent_bytes, ms=clock.ms
         )
     finally:
         env.close()
