@@ -1,4 +1,4 @@
-"""The clips of a training: from the simulator as it runs, from recordings or from a folder, and made ahead by other processes."""
+"""The clips of a training: from the simulator as it runs, from recordings or a folder, and made ahead by processes."""
 
 from __future__ import annotations
 

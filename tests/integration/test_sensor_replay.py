@@ -264,7 +264,7 @@ def test_detect_takes_a_folder_for_an_environment(varied: Path, capsys: pytest.C
     assert all(row["frames"] == 2 * (tiny.FRAMES - 1) for row in measured), "two sequences, without their first frames"
 
 
-def test_bench_and_evaluate_take_a_folder_for_an_environment(opv2v: Path) -> None:
+def test_evaluate_takes_a_folder_for_an_environment(opv2v: Path) -> None:
     by_path = coopsim.evaluate("late_fusion", str(opv2v), detector="simulated", seed=0)
     by_name = coopsim.evaluate("late_fusion", "replay", path=opv2v, detector="simulated", seed=0)
     assert by_path.score.all_tracks == by_name.score.all_tracks
