@@ -21,7 +21,7 @@
 | `in_region` | (N,) whether the object is in the evaluation region |
 | `counts` | (N,) whether the object counts in the score |
 
-A recording has no `velocity`, `returns`, `seen_by` and `visible_to`.
+A recording of detections in text files has no `velocity`, `returns`, `seen_by` and `visible_to`.
 """
 
 from __future__ import annotations
