@@ -21,7 +21,6 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
-from coopsim.learn.weights_watch import note_weights
 from coopsim.nn.camera.lift_splat import LiftSplatConfig
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig
@@ -33,6 +32,7 @@ from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, Pict
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet
+from coopsim.support.weights_watch import note_weights
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"

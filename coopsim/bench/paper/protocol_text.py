@@ -9,9 +9,9 @@ from typing import Any
 
 from coopsim.bench.grid.axes import AXES
 from coopsim.bench.paper.provenance import Provenance
+from coopsim.bench.paper.training_places import TrainingPlaces
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL
-from coopsim.learn.training_places import TrainingPlaces
 from coopsim.metrics.built_in import all_metrics
 
 _WIDTH = 100
@@ -115,7 +115,7 @@ def _weights(table: ResultTable, provenance: Provenance) -> list[str]:
         trained = TrainingPlaces(**(dict(data) | {"scenarios": tuple(data.get("scenarios", ()))}))
         seen = sum(trained.include(*place) for place in places)
         met = f"{seen} of the {len(places)} places here may be among them" if seen else "none of the places here"
-        lines.append(f"{name}: {digest}, {trained.text}{f' ({met})' if trained.scenarios else ''}")
+        lines.append(f"{name}: {digest}, {trained.text}{f' ({met})' if trained.simulated else ''}")
     return lines
 
 

@@ -19,7 +19,7 @@ from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import package_versions, sources_digest
 from coopsim.errors import StoreError
-from coopsim.learn.weights_watch import watch_weights
+from coopsim.support.weights_watch import watch_weights
 
 _INFINITE = "inf"
 """Infinity in JSON, which has no number for it."""
@@ -118,7 +118,7 @@ def _described(names: set[str]) -> dict[str, dict[str, Any]]:
     """Return `digests` and `training` of weights."""
     if not names:
         return {}
-    from coopsim.learn.training_places import training_places
+    from coopsim.bench.paper.training_places import training_places
     from coopsim.learn.weights import digest
 
     ordered = sorted(names)

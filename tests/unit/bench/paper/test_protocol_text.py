@@ -20,7 +20,7 @@ from coopsim.errors import StoreError
 
 GIVEN = [replace(each, place_seed=2000 + each.cell.seed) for each in results({"good": 60.0, "bad": 30.0})]
 TABLE = ResultTable.of(GIVEN)
-TOWNS = {"known": True, "scenarios": ["town"], "first_town": 100_000, "last_town": 1_099_999}
+TOWNS = {"known": True, "scenarios": [], "first_town": 100_000, "last_town": 1_099_999}
 PROVENANCE = Provenance(
     command="coopsim bench --preset paper",
     grid={"options": {"detector": "pillars"}, "vary": "one_by_one"},

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from coopsim.config.load import load
-from coopsim.learn.rollout.world_recipe import WorldRecipe
-from coopsim.world.towns.town_scenarios import TOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +14,9 @@ class TrainingPlaces:
 
     Attributes:
         known: whether a card says how the weights were made.
-        scenarios: names and paths of what the simulator drew clips from; none where the training was on recordings.
-        first_town: seed of the first town among them.
-        last_town: seed of the last one; below the first if there is none.
+        scenarios: names and paths of the scenarios, besides towns.
+        first_town: seed of the first town.
+        last_town: seed of the last one; below the first if the training was in no town.
     """
 
     known: bool = False
@@ -27,13 +25,17 @@ class TrainingPlaces:
     last_town: int = -1
 
     @property
+    def simulated(self) -> bool:
+        """Whether the training was in places of the simulator, and not on recordings."""
+        return bool(self.scenarios) or self.last_town >= self.first_town
+
+    @property
     def text(self) -> str:
         """The places in words."""
         if not self.known:
             return "places unknown: there is no card beside the weights"
-        others = [each for each in self.scenarios if each != TOWN]
         towns = [f"towns {self.first_town} to {self.last_town}"] * (self.last_town >= self.first_town)
-        return "trained " + (f"in {', '.join([*towns, *others])}" if towns or others else "on recordings")
+        return "trained " + (f"in {', '.join([*towns, *self.scenarios])}" if self.simulated else "on recordings")
 
     def include(self, scenario: str, place_seed: int | None) -> bool:
         """Return whether a place may be among them; a drawn town is known by its seed alone."""
@@ -49,7 +51,10 @@ def training_places(name_or_path: str) -> TrainingPlaces:
         UnknownNameError: there are no such weights.
         InvalidValueError: the card names what no recipe has.
     """
-    from coopsim.learn.weights import card  # needs torch
+    # What trains is loaded only where there are weights: it needs torch.
+    from coopsim.learn.rollout.world_recipe import WorldRecipe
+    from coopsim.learn.weights import card
+    from coopsim.world.towns.town_scenarios import TOWN
 
     recipe: dict[str, Any] = card(name_or_path).get("recipe", {})
     if not recipe:
@@ -58,6 +63,6 @@ def training_places(name_or_path: str) -> TrainingPlaces:
         return TrainingPlaces(known=True)
     world = load(WorldRecipe, recipe.get("world", {}), "world")
     assert isinstance(world, WorldRecipe)
-    scenarios = tuple(map(str, world.environments))
-    last = world.first_place + world.places - 1 if TOWN in scenarios else -1
-    return TrainingPlaces(True, scenarios, world.first_place, last)
+    others = tuple(str(each) for each in world.environments if each != TOWN)
+    last = world.first_place + world.places - 1 if TOWN in world.environments else -1
+    return TrainingPlaces(True, others, world.first_place, last)
