@@ -2,6 +2,7 @@
 
     python scripts/measure_integrated.py --out results --weights runs/vic/vic_integrated.safetensors
         [--fusion ff_tracking] [--giou runs/giou/vic_integrated.safetensors] [--frames 60] [--seeds 0-2]
+        [--detection-score 0.5]
 
 All rows see the same fused maps: --fusion are the weights that the integrated network was trained on, in use tracked by
 detection. With --giou, weights whose boxes were taught by GIoU, there are two rows more. Episodes are kept in the
@@ -50,12 +51,15 @@ def main() -> None:
     parser.add_argument("--weights", default="vic_integrated", help="of the integrated network, by name or path")
     parser.add_argument("--fusion", default="ff_tracking", help="of the cooperative network, by name or path")
     parser.add_argument("--giou", help="of an integrated network taught by GIoU")
+    parser.add_argument("--detection-score", type=float, default=0.5, help="m_d of all rows but AB3DMOT's")
+    parser.add_argument("--track-score", type=float, default=0.4, help="m_t of these rows")
     parser.add_argument("--frames", type=int, default=60, help="of each place and seed")
     parser.add_argument("--seeds", type=seeds, default=(0, 1, 2))
     parser.add_argument("--latency-s", type=float, default=0.0, help="of all messages; the paper's table has none")
     parser.add_argument("--places", type=names, default=PLACES)
     given = parser.parse_args()
-    cases = policies(given.weights, given.fusion, given.giou)
+    sure = f"detection_score={given.detection_score:g}, track_score={given.track_score:g}"
+    cases = policies(given.weights, given.fusion, given.giou, sure)
     found = {name: [_episode(name, policy, place, seed, given) for place in given.places for seed in given.seeds]
              for name, policy in cases.items()}  # fmt: skip
     text = f"{_scores(found)}\n\n{_directions(found)}\n"
@@ -63,35 +67,39 @@ def main() -> None:
     print(text)
 
 
-def policies(weights: str, fusion: str, giou: str | None) -> dict[str, str]:
+def policies(weights: str, fusion: str, giou: str | None, sure: str) -> dict[str, str]:
     """Return the specs of the policies to compare, by what they are.
 
     Args:
         weights: of the integrated network.
         fusion: of the cooperative network.
         giou: of an integrated network taught by GIoU; None: there is none.
+        sure: parameters of the four stages: from which scores on detections and tracks are sure.
     """
     policy = read_config(fusion)["fusion"]
     ours, detector = f"vic_integrated(weights='{weights}'", f"{policy}(weights='{fusion}'"
+    stages = f"tracker='vic_fscm_association({sure})'"
     cases = {
         "by detection, AB3DMOT": f"{detector})",
-        "by detection, XIOU, four stages": f"{detector}, tracker=vic_fscm_association)",
-        "detection branch, XIOU, four stages": f"{ours}, tracker=vic_fscm_association)",
-        "integrated, GIoU, four stages": f"{ours}, affinity=giou)",
-        "integrated, XIOU, one stage": f"{ours}, stages=1)",
-        "integrated, XIOU, four stages": f"{ours})",
+        "by detection, XIOU, four stages": f"{detector}, {stages})",
+        "detection branch, XIOU, four stages": f"{ours}, {stages})",
+        "integrated, GIoU, four stages": f"{ours}, {sure}, affinity=giou)",
+        "integrated, XIOU, one stage": f"{ours}, {sure}, stages=1)",
+        "integrated, XIOU, four stages": f"{ours}, {sure})",
     }
     if giou is not None:
         taught = f"vic_integrated(weights='{giou}'"
-        cases["taught by GIoU, XIOU, four stages"] = f"{taught})"
-        cases["taught by GIoU, GIoU, four stages"] = f"{taught}, affinity=giou)"
+        cases["taught by GIoU, XIOU, four stages"] = f"{taught}, {sure})"
+        cases["taught by GIoU, GIoU, four stages"] = f"{taught}, {sure}, affinity=giou)"
     return cases
 
 
 def _episode(name: str, policy: str, place: str, seed: int, given: argparse.Namespace) -> dict[str, float]:
     """Return the scores of an episode, from the folder if they are there."""
-    networks = "-".join(digest(each)[:8] for each in (given.weights, given.fusion, given.giou) if each)
-    key = f"{coopsim.__version__} {name} {place} {seed} {given.frames} {given.latency_s:g} {networks}"
+    used = [each for each in (given.weights, given.fusion, given.giou) if each and each in policy]
+    networks = "-".join(digest(each)[:8] for each in used)
+    key = f"{coopsim.__version__} {name} {place} {seed} {given.frames} {given.latency_s:g} "
+    key += f"{given.detection_score:g} {given.track_score:g} {networks}"
     kept = given.out / "episodes" / f"{key}.json"
     if not kept.exists():
         made = coopsim.evaluate(
