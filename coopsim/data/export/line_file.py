@@ -12,7 +12,7 @@ from coopsim.errors import InvalidValueError
 class LineFile:
     """A text file of which lines are appended; it gets its name when it is closed.
 
-    Until then it is called `<name>.part`. What an interrupted writer left under that name is overwritten.
+    Until then it is called `<name>.tmp`. What an interrupted writer left under that name is overwritten.
 
     Args:
         path: the file, in an existing folder.
@@ -22,7 +22,7 @@ class LineFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._part = path, path.with_name(f"{path.name}.part")
+        self._path, self._part = path, path.with_name(f"{path.name}.tmp")
         self._write("w", ())
 
     def append(self, *lines: str) -> None:

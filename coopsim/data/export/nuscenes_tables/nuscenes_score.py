@@ -64,6 +64,22 @@ def score_results(export: str | Path, tracking: str | Path) -> dict[str, NearSwe
     return found
 
 
+def as_table(found: Mapping[str, NearSweep]) -> str:
+    """Return scores as lines of text: a class each, and the means of AMOTA and AMOTP, as the official tools rank by."""
+    lines = [f"{'class':12}{'AMOTA':>7}{'AMOTP':>7}{'MOTA':>7}{'TP':>7}{'FP':>7}{'FN':>7}{'IDS':>6}"]
+    for name, sweep in found.items():
+        best, line = sweep.best, f"{name:12}{sweep.amota:7.3f}{sweep.amotp:7.3f}"
+        if best is not None:
+            counts = f"{best.tp - best.ids:7}{best.fp:7}{best.fn:7}{best.ids:6}"
+            line += f"{max(best.mota, 0.0):7.3f}{counts}"
+        lines.append(line)
+    means = [float(np.mean([getattr(sweep, name) for sweep in found.values()] or [np.nan])) for name in _AVERAGES]
+    return "\n".join([*lines, f"{'mean':12}{means[0]:7.3f}{means[1]:7.3f}"])
+
+
+_AVERAGES = ("amota", "amotp")
+
+
 def _scenes(export: Path, tracking: Path) -> Iterator[tuple[Frames, Frames]]:
     """Yield the objects and the tracks of each scene, filtered and without holes."""
     results = _load(tracking).get("results", {})

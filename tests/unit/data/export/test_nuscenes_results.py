@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 import pytest
 
+from coopsim.cli.entry import main
 from coopsim.data.export.export_run import export
 from coopsim.data.export.nuscenes_tables.nuscenes_names import SPLIT, VERSION
 from coopsim.data.export.nuscenes_tables.nuscenes_results import DETECTION, TRACKING, write_results
@@ -156,3 +157,13 @@ def test_the_official_tools_agree(run, tmp_path):
             "ml": best.mostly_lost,
         }
         assert ours == pytest.approx({metric: theirs[metric] for metric in ours}, abs=1e-6)
+
+
+def test_the_command_writes_results_and_prints_the_score(run, tmp_path, capsys):
+    assert main(["export-results", str(run / "export"), "--policy", "no_fusion", "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert load(tmp_path / "out" / TRACKING) == load(run / "results" / TRACKING)
+    car = score_results(run / "export", run / "results" / TRACKING)["car"]
+    assert f"car         {car.amota:7.3f}{car.amotp:7.3f}" in told
+    assert main(["export-results", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "export.json cannot be read" in capsys.readouterr().err
