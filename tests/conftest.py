@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from short_episode import folder_bytes, short_episode  # noqa: F401  (fixtures)
 
 import coopsim
 from coopsim.comms.channel import channel

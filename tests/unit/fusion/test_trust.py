@@ -76,10 +76,10 @@ def test_never_less_likely_on_the_object_than_either_of_the_two(
     kept = trust_likelier([own, other], gate=-0.5, doubt=odds).detections
 
     def chance_of(boxes: Boxes3D) -> float:
-        reached = [iou_3d(boxes.array, each.boxes.array)[0, 0] >= 0.25 for each in (own, other)]
-        return float(np.dot([1 - share, share], reached))
+        overlap = np.array([iou_3d(boxes.array, each.boxes.array)[0, 0] for each in (own, other)])
+        return float(np.dot([1 - share, share], 1 / (1 + np.exp((0.25 - overlap) / 0.03))))
 
-    # A hundredth, as what just reaches it is worth a little less than what clearly does.
+    # A hundredth, as what overlaps more is worth a little more.
     assert chance_of(kept.boxes) >= max(chance_of(own.boxes), chance_of(other.boxes)) - 0.01
 
 
