@@ -88,6 +88,9 @@ AXES = {
 }
 """Conventions by name, see the module."""
 
+AXES_SE3_CAMERA = SE3(AXES["kitti"].base_from_file, np.zeros(3))
+"""From a camera's axes (x right, y down, z forward) to ours (x forward, y left, z up)."""
+
 
 def read_poses(path: Path, frames: int, axes: str = "kitti") -> list[SE3]:
     """Read `world_SE3_base` of every frame from a file of KITTI's odometry benchmark.

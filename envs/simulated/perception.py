@@ -3,30 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
 
-from coopsim.detection.detector import Detector, DetectorBase
-from coopsim.detection.embedder import Embedder
+from coopsim.detection.detector import Detector
 from coopsim.detection.oracle import OracleDetector, Oracles
+from coopsim.envs.perception_options import PerceptionOptions
 from coopsim.errors import InvalidValueError
-from coopsim.localization.localizer import LocalizationConfig, Localizer
+from coopsim.localization.localizer import Localizer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, CameraImage, Detections, Observation, SensorView, Sweep
-
-
-class PerceptionOptions(Protocol):
-    """What an environment's options say of perception."""
-
-    @property
-    def chosen_detector(self) -> DetectorBase:
-        """The detector."""
-
-    @property
-    def chosen_embedder(self) -> Embedder | None:
-        """The embedder; None: the detector's own embeddings stay."""
-
-    def localization_of(self, agent: str) -> LocalizationConfig:
-        """Return the errors of an agent's localization."""
 
 
 class Perception:

@@ -9,15 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from coopsim.config.load import load
-from coopsim.detection.detector import Detector, DetectorBase
-from coopsim.detection.embedder import Embedder, make_embedder
-from coopsim.detection.oracle import OracleDetector
-from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
-from coopsim.envs.options import refuse_overridden
+from coopsim.detection.presets import DEFAULT_DETECTOR
+from coopsim.envs.perception_options import PerceptionOptions
 from coopsim.envs.simulated.lidar_options import LidarOption, checked_lidar_agents, lidar_configs
 from coopsim.errors import InvalidValueError
-from coopsim.localization.localizer import LocalizationConfig, localization_config
-from coopsim.localization.pose_noise import PoseNoise
+from coopsim.localization.localizer import LocalizationConfig
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
 from coopsim.sensors.camera.picture import require_modes
 from coopsim.sensors.camera.renderers.choice import RENDERERS
@@ -29,18 +25,14 @@ from coopsim.support.checks import (
     require_choice,
     require_count,
     require_frame_time,
-    require_instance,
-    require_positive,
 )
 from coopsim.support.files import require_writable
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.scenario import DETAILS
 
-_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
-
 
 @dataclass(frozen=True, slots=True)
-class SimulationOptions:
+class SimulationOptions(PerceptionOptions):
     """Options of a simulated environment (next to its scenario's own numbers).
 
     Attributes:
@@ -104,18 +96,11 @@ class SimulationOptions:
     cameras: RigOption = False
     camera_modes: Sequence[str] = OBSERVED_MODES
     renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
-    position_noise_m: float = 0.0
-    heading_noise_rad: float = 0.0
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
-    localization: LocalizationConfig | Mapping[str, Any] | str | Path | None = None
-    detector: DetectorBase | str | None = None
-    embedder: Embedder | str | None = None
     traffic: Literal["arrays", "highway-env"] = "arrays"
     control: Literal["traffic", "policy"] = "traffic"
     ground_truth: Literal["visible", "all"] = "visible"
-    region_x_m: float = 100.0
-    region_y_m: float = 40.0
     record: str | Path | None = None
     playback: str | Path | None = None
 
@@ -124,10 +109,9 @@ class SimulationOptions:
             require_choice("detail", self.detail, DETAILS)
         require_choice("traffic", self.traffic, ("arrays", "highway-env"))
         require_choice("control", self.control, ("traffic", "policy"))
-        require_choice("ground_truth", self.ground_truth, ("visible", "all"))
+        self.check_scored()
         require_choice("renderer", self.renderer, RENDERERS)
         require_frame_time(self.dt_s)
-        require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
         require_between(0, math.pi / 2, drone_pitch_rad=self.drone_pitch_rad)
         require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
         check_rig(self.cameras)
@@ -141,22 +125,7 @@ class SimulationOptions:
         lidars = self.lidars
         object.__setattr__(self, "lidar_agents", checked_lidar_agents(self.lidar_agents, self.lidar))
         self.illumination  # noqa: B018  (its own checks run now)
-        self._check_localization()
-        self._check_detection(lidar=bool(lidars))
-
-    def _check_detection(self, *, lidar: bool) -> None:
-        detector = DEFAULT_DETECTOR if self.detector is None else self.detector
-        if isinstance(detector, str):
-            object.__setattr__(self, "detector", make_detector(detector))
-        if isinstance(self.embedder, str):
-            object.__setattr__(self, "embedder", make_embedder(self.embedder))
-        if not isinstance(self.detector, OracleDetector):
-            require_instance(Detector, detector=self.detector)
-        require_instance(Embedder, embedder=self.embedder)
-        cameras = bool(self.cameras)
-        self.chosen_detector.needs.require("detector", self.detector, lidar=lidar, cameras=cameras)
-        if self.chosen_embedder is not None:
-            self.chosen_embedder.needs.require("embedder", self.embedder, lidar=lidar, cameras=cameras)
+        self.check_perception(DEFAULT_DETECTOR, lidar=bool(lidars), cameras=bool(self.cameras))
 
     def _check_files(self) -> None:
         for name in ("record", "playback"):
@@ -193,27 +162,6 @@ class SimulationOptions:
         return 1 if any(config.backend == "embree" for config in self.lidars.values()) else self.threads
 
     @property
-    def region_m(self) -> tuple[float, float]:
-        """Half the length and width of the evaluation region."""
-        return self.region_x_m, self.region_y_m
-
-    @property
-    def chosen_detector(self) -> DetectorBase:
-        """The detector as an object."""
-        assert isinstance(self.detector, DetectorBase)
-        return self.detector
-
-    @property
-    def chosen_embedder(self) -> Embedder | None:
-        """The embedder as an object; None: the detector's own embeddings stay."""
-        return self.embedder if isinstance(self.embedder, Embedder) else None
-
-    @property
-    def embedding_dim(self) -> int:
-        """Length of the embeddings of detections; 0: they have none."""
-        return self.chosen_detector.embedding_dim if self.chosen_embedder is None else self.chosen_embedder.dim
-
-    @property
     def illumination(self) -> Illumination:
         """The light for cameras."""
         return Illumination(as_daylight(self.time_of_day), self.chosen_weather)
@@ -222,23 +170,3 @@ class SimulationOptions:
     def chosen_weather(self) -> Weather | None:
         """The weather as an object; None is dry and clear."""
         return self.weather if isinstance(self.weather, Weather) else None
-
-    def localization_of(self, agent: str) -> LocalizationConfig:
-        """Return an agent's localization."""
-        if isinstance(self.localization, LocalizationConfig):
-            return self.localization
-        if isinstance(self.localization, Mapping) and agent in self.localization:
-            config: LocalizationConfig = self.localization[agent]
-            return config
-        return LocalizationConfig(
-            PoseNoise(self.position_noise_m, self.heading_noise_rad),
-            self.odometry_noise_m,
-            self.odometry_heading_noise_rad,
-        )
-
-    def _check_localization(self) -> None:
-        if self.localization is not None:
-            object.__setattr__(self, "localization", localization_config(self.localization))
-            if isinstance(self.localization, LocalizationConfig):
-                refuse_overridden(self, _LOCALIZATION_OPTIONS, "localization")
-        self.localization_of("")  # its own checks run now, not at the first episode

@@ -11,6 +11,8 @@ from coopsim.config.spec import instantiate, parse_spec
 from coopsim.data.export.export_frame import ExportFrame
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.problem import Problem
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
 from coopsim.types import AgentSpec
 
@@ -61,6 +63,14 @@ class ExportFormat(ABC):
     @abstractmethod
     def check(self, folder: Path) -> Iterator[Problem]:
         """Yield what is wrong in a folder of this format, which need not be one that coopsim wrote."""
+
+
+def require_lidar(name: str, spec: AgentSpec, lidar: str | None = None) -> None:
+    """Raise `InvalidValueError` if an agent has no LiDAR, or none of that name."""
+    if not spec.lidars:
+        raise InvalidValueError(f"every agent needs a LiDAR in this format, {name} has none")
+    if lidar is not None:
+        require_choice("lidar", lidar, spec.lidars, f"of {name}")
 
 
 def make_export_format(spec: str) -> ExportFormat:

@@ -71,6 +71,10 @@ class ExportAgent:
         """As `cav_0`, `rsu_0` or `drone_0`."""
         return self.spec.name
 
+    def scan(self, lidar: str | None) -> LidarScan:
+        """Return the revolution of the LiDAR of that name; None: of the first."""
+        return self.lidars[lidar or next(iter(self.lidars))]
+
     @property
     def world_SE3_base(self) -> SE3:
         """The true pose."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame
+from coopsim.data.files.pictures import encode_png
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import Actors, RoadMap
 
@@ -33,9 +32,7 @@ def frame_picture(frame: ExportFrame, road_map: RoadMap) -> bytes:
     picture = renderer.draw(BevFrame(frame.time_ns, actors, bodies, all_points, {}))
     renderer.close()
     strips = [_strip(agent, picture.shape[1]) for agent in frame.agents if agent.cameras]
-    content = io.BytesIO()
-    Image.fromarray(np.concatenate([picture, *strips[:1]])).save(content, "PNG")
-    return content.getvalue()
+    return encode_png(np.concatenate([picture, *strips[:1]]))
 
 
 def _strip(agent: ExportAgent, width: int) -> NDArray[np.uint8]:

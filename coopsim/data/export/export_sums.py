@@ -12,8 +12,6 @@ from coopsim.support.files import write_whole
 
 SUMS = "SHA256SUMS"
 
-_BLOCK = 2**20
-
 
 def write_sums(folder: Path, unlisted: Collection[str]) -> tuple[int, int]:
     """Write the checksums of all files but the unlisted ones. Return their number and size in bytes."""
@@ -55,8 +53,5 @@ def files_below(folder: Path) -> Iterator[Path]:
 
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
     with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()

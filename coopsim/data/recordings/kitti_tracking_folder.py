@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import rq
 
 from coopsim.data.files.float_points import read_float_points
-from coopsim.data.kitti import read_labels
+from coopsim.data.kitti import AXES_SE3_CAMERA, read_labels
 from coopsim.data.recordings.file_fields import Fields
 from coopsim.data.recordings.gps_poses import read_gps_poses
 from coopsim.data.recordings.labelled_rows import LabelledRows
@@ -45,7 +45,6 @@ CAMERA = "image_02"
 CAR = "car"
 
 _USUAL_SIZE = 375, 1242  # of a picture, where there is none
-_BASE_SE3_FILE_AXES = SE3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -191,8 +190,7 @@ class KittiTrackingSequence(RecordedSequence):
         for row in np.flatnonzero(frame == number).tolist():
             center, size, yaw = every.boxes.center[row], every.boxes.size[row], float(every.boxes.yaw[row])
             rows.add(int(every.id[row]), center, size, yaw, int(every.label[row]))
-        rectified_SE3_axes = _BASE_SE3_FILE_AXES.inverse()
-        lidar_SE3_axes = self._calibration.rectified_SE3_lidar.inverse().compose(rectified_SE3_axes)
+        lidar_SE3_axes = self._calibration.rectified_SE3_lidar.inverse().compose(AXES_SE3_CAMERA.inverse())
         return rows.objects(world_SE3_lidar.compose(lidar_SE3_axes))
 
     def _sweep(self, number: int, base_SE3_lidar: SE3) -> Sweep:

@@ -48,7 +48,8 @@ HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
 """Usual heights of LiDARs over the ground: on a car's roof, and on a mast of 14 feet."""
 
 EXTRA_NUMBER = 900_000
-"""From this number on, agents of coopsim's exports are no cars: further roadside units, and drones."""
+"""From this number on, agents of coopsim's exports are no cars: all roadside units but the first, and drones. So they
+sort after the cars."""
 
 _CAMERAS = tuple(f"camera{k}" for k in range(4))
 _UNDER_M = (0.5, 300.0)  # a position of the agent is on the ground if the LiDAR is so far above it

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from coopsim.data.recordings.recorded_picture import RecordedPicture
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
@@ -40,12 +38,6 @@ class RecordedObjects:
     id: Ints
     boxes: Boxes3D
     label: Ints
-
-    @classmethod
-    def empty(cls) -> RecordedObjects:
-        """Return no objects."""
-        none = np.zeros(0, np.int64)
-        return cls(none, Boxes3D.empty(), none)
 
     def __len__(self) -> int:
         return len(self.id)

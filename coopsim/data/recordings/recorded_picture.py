@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from coopsim.data.files.pictures import opened_picture
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import CameraCalibration
@@ -32,12 +32,8 @@ class RecordedPicture:
         Raises:
             RecordingError: the file is missing, broken, or of another size than the camera's pictures.
         """
-        try:
-            with Image.open(self.path) as picture:
-                pixels = np.asarray(picture.convert("RGB"))
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise RecordingError(f"{self.path}: this is no picture: {why}") from error
+        with opened_picture(self.path) as picture:
+            pixels = np.asarray(picture.convert("RGB"))
         if pixels.shape[:2] != self.calibration.size:
             height, width = self.calibration.size
             raise RecordingError(
@@ -73,9 +69,6 @@ def picture_size(path: Path) -> tuple[int, int]:
     Raises:
         RecordingError: the file is missing or no picture.
     """
-    try:
-        with Image.open(path) as picture:
-            width, height = picture.size
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise RecordingError(f"{path}: this is no picture: {getattr(error, 'strerror', None) or error}") from error
+    with opened_picture(path) as picture:
+        width, height = picture.size
     return height, width

@@ -45,10 +45,6 @@ class PriorMap:
         shift = self.place_m.new_tensor(dst_SE3_src.translation[:2].tolist())
         return PriorMap(self.tokens, self.place_m @ turn.T + shift)
 
-    def detached(self) -> PriorMap:
-        """Return it without gradients."""
-        return PriorMap(self.tokens.detach(), self.place_m)
-
 
 class PriorEnhancement(nn.Module):
     """Add to the tokens of a map what they find in the map before.

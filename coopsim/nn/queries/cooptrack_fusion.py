@@ -110,11 +110,14 @@ class CoopTrackFusion(nn.Module):
             others = aligned_boxes(each.instances, each.receiver_SE3_sender, each.delay_s)
             if self.align is not None:
                 others = self.align(others, each.receiver_SE3_sender, each.delay_s)
-            pairs = pairs_by_rule(fold.known, others, RULE_M if least <= 1 else -1.0)
+            logits = None
             if self.associate is not None:
                 logits = self.associate(self._compared(fold.known), self._compared(others))
                 compared.append(ComparedInstances(fold.known, others, logits))
-                pairs = pairs if by_rule else sure_pairs(logits, least)
+            if logits is None or by_rule:
+                pairs = pairs_by_rule(fold.known, others, RULE_M if least <= 1 else -1.0)
+            else:
+                pairs = sure_pairs(logits, least)
             self._fold(fold, others, pairs, each.delay_s)
         return fold.instances(most), compared
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from coopsim.data.export.kitti_tracking.oxts_lines import OXTS_FIELDS
+from coopsim.data.export.picture_checks import check_picture
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.float_points import read_float_points
 from coopsim.data.kitti import read_labels
@@ -44,12 +44,8 @@ def _check_sequence(root: Path, sequence: str) -> Iterator[Problem]:
             yield Problem(name, "", _without(error, scan))
     pictures = root / "image_02" / sequence
     for number in range(len(scans)) if pictures.is_dir() else ():
-        try:
-            with Image.open(pictures / f"{number:06d}.png") as picture:
-                picture.load()
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            name = f"image_02/{sequence}/{number:06d}.png"
-            yield Problem(name, "", f"is no picture: {getattr(error, 'strerror', None) or error}")
+        name = f"image_02/{sequence}/{number:06d}.png"
+        yield from check_picture(root / name, name)
     yield from _check_calibration(root, f"calib/{sequence}.txt")
     yield from _check_oxts(root, f"oxts/{sequence}.txt", len(scans))
     yield from _check_labels(root, f"label_02/{sequence}.txt", len(scans))

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-
-from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat
+from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, require_lidar
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.kitti_tracking.kitti_checks import check_kitti
@@ -19,6 +15,7 @@ from coopsim.data.export.kitti_tracking.oxts_lines import OxtsLines
 from coopsim.data.export.line_file import LineFile
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.float_points import encode_float_points
+from coopsim.data.files.pictures import encode_png
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
@@ -68,10 +65,7 @@ class KittiFormat(ExportFormat):
             require_choice("agent", self._agent, agents)
         self._kinds = {name: each.kind for name, each in agents.items() if self._agent in (None, name)}
         for name in self._kinds:
-            if not agents[name].lidars:
-                raise InvalidValueError(f"every agent needs a LiDAR in this format, {name} has none")
-            if self._lidar is not None:
-                require_choice("lidar", self._lidar, agents[name].lidars, f"of {name}")
+            require_lidar(name, agents[name], self._lidar)
             if self._camera is not None:
                 require_choice("camera", self._camera, agents[name].cameras, f"of {name}")
             for camera, calibration in agents[name].cameras.items():
@@ -123,7 +117,7 @@ class KittiFormat(ExportFormat):
         return {pair: f"{number:04d}" for number, pair in enumerate(pairs)}
 
     def _write_agent(self, frame: ExportFrame, agent: ExportAgent, sequence: _Sequence) -> None:
-        scan = agent.lidars[self._lidar or next(iter(agent.lidars))]
+        scan = agent.scan(self._lidar)
         camera = front_camera(agent, self._camera)
         shot = None if camera is None else agent.cameras[camera]
         labels = LabelFrame.of(scan, None if shot is None else shot.calibration)
@@ -134,9 +128,7 @@ class KittiFormat(ExportFormat):
         if shot is not None and shot.image.rgb is not None:
             folder = self._root / "image_02" / sequence.name
             make_folder(folder)
-            content = io.BytesIO()
-            Image.fromarray(np.asarray(shot.image.rgb)).save(content, "PNG")
-            write_whole_bytes(folder / f"{frame.index:06d}.png", content.getvalue())
+            write_whole_bytes(folder / f"{frame.index:06d}.png", encode_png(shot.image.rgb))
         sequence.oxts_file.append(sequence.oxts.line(frame))
         lines = label_lines(frame, sequence.column, labels, only_in_picture=self._labels == "picture")
         if not lines and frame.index == self._plan.frames - 1:

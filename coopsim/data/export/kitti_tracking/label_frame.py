@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.data.export.export_frame import ExportAgent, LidarScan
+from coopsim.data.kitti import AXES_SE3_CAMERA
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import CameraCalibration
-
-AXES_SE3_CAMERA = SE3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
-"""From a camera's axes (x right, y down, z forward) to ours (x forward, y left, z up)."""
 
 _SIZE, _FOCAL_PX, _MIDDLE_PX = (375, 1242), 721.5377, (609.5593, 172.854)
 _UPRIGHT = 1e-6

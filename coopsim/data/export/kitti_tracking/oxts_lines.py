@@ -9,11 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.data.export.export_frame import ExportFrame
+from coopsim.data.recordings.gps_poses import EARTH_M
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S
-
-EARTH_M = 6_378_137.0
-"""Radius of the earth in KITTI's development kit."""
 
 GRAVITY = 9.81
 """m/s^2, which an accelerometer at rest feels upwards."""

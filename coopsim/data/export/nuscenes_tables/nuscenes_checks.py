@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from coopsim.data.export.json_checks import (
     Fields,
@@ -18,6 +17,7 @@ from coopsim.data.export.json_checks import (
     read_list,
     sizes,
 )
+from coopsim.data.export.picture_checks import check_picture
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.float_points import read_float_points
 from coopsim.errors import RecordingError
@@ -151,8 +151,4 @@ def _check_file(folder: Path, name: str) -> Iterator[Problem]:
         except RecordingError as error:
             yield Problem(name, "", str(error).replace(f"{path}: ", "").replace(f"{path}", "the file"))
         return
-    try:
-        with Image.open(path) as picture:
-            picture.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        yield Problem(name, "", f"is no picture: {getattr(error, 'strerror', None) or error}")
+    yield from check_picture(path, name)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from PIL import Image
+import numpy as np
 
-from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat
+from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, require_lidar
 from coopsim.data.export.export_frame import ExportFrame
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.nuscenes_tables.annotation_records import Records
@@ -25,6 +24,7 @@ from coopsim.data.export.nuscenes_tables.nuscenes_names import (
 from coopsim.data.export.nuscenes_tables.scene_records import SceneRecords
 from coopsim.data.export.problem import Problem
 from coopsim.data.export.record_parts import RecordParts, as_line, token
+from coopsim.data.files.pictures import encode_png
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_positive
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
@@ -60,8 +60,7 @@ class NuscenesFormat(ExportFormat):
             require_choice("agent", self._agent, agents)
         self._specs = {name: each for name, each in agents.items() if self._agent in (None, name)}
         for name, each in self._specs.items():
-            if not each.lidars:
-                raise InvalidValueError(f"every agent needs a LiDAR in this format, {name} has none")
+            require_lidar(name, each)
             for camera, calibration in each.cameras.items():
                 if calibration.distortion.any():
                     raise InvalidValueError(f"lenses must not distort in this format, {camera} of {name} does")
@@ -117,9 +116,7 @@ class NuscenesFormat(ExportFormat):
             write_whole(folder / f"{name}.json", "[\n" + ",\n".join(map(as_line, records)) + "\n]\n")
         write_whole(folder / "splits.json", json.dumps({SPLIT: scenes}, indent=0) + "\n")
         make_folder((self._root / NO_MAP).parent)
-        pixel = io.BytesIO()
-        Image.new("L", (1, 1)).save(pixel, "PNG")
-        write_whole_bytes(self._root / NO_MAP, pixel.getvalue())
+        write_whole_bytes(self._root / NO_MAP, encode_png(np.zeros((1, 1), np.uint8)))
         self._tables.join(episodes)
 
     def check(self, folder: Path) -> Iterator[Problem]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.data.export.export_card import read_card
+from coopsim.data.export.export_card import DONE, read_card
 from coopsim.data.export.export_format import make_export_format
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.line_file import LineFile
@@ -36,8 +36,6 @@ TRACKING, DETECTION = "tracking.json", "detection.json"
 
 MOST_BOXES = 500
 """The official tools refuse more in one sample; the surest are kept."""
-
-_OF_EXPORT = ("uplink", "sense_every")
 
 
 def write_results(
@@ -63,8 +61,7 @@ def write_results(
     plan, writer = read_plan(Path(export))
     make_folder(Path(folder))
     steps = {} if "playback" in plan.options else {"max_cycles": max(plan.frames - 1, 1)}
-    exported = {name: value for name, value in plan.options.items() if name not in _OF_EXPORT}
-    given = {**steps, **exported, **options, "expose_ground_truth": True}
+    given = {**steps, **plan.options, **options, "expose_ground_truth": True}
     runner = PolicySpec.parse(policy).make()
     env = listening_env(plan.environment, runner, given)
     tracking, detection = _ResultFile(Path(folder) / TRACKING, env), _ResultFile(Path(folder) / DETECTION, env)
@@ -107,7 +104,7 @@ def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:
     writer = make_export_format(card["format"])
     if not isinstance(writer, NuscenesFormat):
         raise InvalidValueError(f"{export} must be an export as nuscenes, got one as {card['format']}")
-    if card["state"] != "done":
+    if card["state"] != DONE:
         raise InvalidValueError(f"{export} must be a finished export: run the command that made it again")
     return ExportPlan(
         card["format"], card["environment"], tuple(card["seeds"]), card["frames"], card["options"]

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
-import numpy as np
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame
@@ -14,10 +11,10 @@ from coopsim.data.export.nuscenes_tables.annotation_records import AnnotationRec
 from coopsim.data.export.nuscenes_tables.nuscenes_names import camera_channel, lidar_channel, sample_token
 from coopsim.data.export.record_parts import FIRST_US, token
 from coopsim.data.files.float_points import encode_float_points
+from coopsim.data.files.pictures import encode_jpeg
 from coopsim.geometry.se3 import SE3
 
 _BRIGHTEST = 255.0
-_QUALITY = 95
 
 
 class SceneRecords:
@@ -137,9 +134,7 @@ def _sensor_data(agent: ExportAgent) -> list[tuple[str, bytes, tuple[int, int] |
         found.append((lidar_channel(name, position), content, None))
     for name, shot in agent.cameras.items():
         if shot.image.rgb is not None:
-            picture = io.BytesIO()
-            Image.fromarray(np.asarray(shot.image.rgb)).save(picture, "JPEG", quality=_QUALITY)
-            found.append((camera_channel(name), picture.getvalue(), shot.calibration.size))
+            found.append((camera_channel(name), encode_jpeg(shot.image.rgb), shot.calibration.size))
     return found
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from PIL import Image
 
+from coopsim.data.export.json_checks import is_number
+from coopsim.data.export.picture_checks import check_picture
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.pcd import read_pcd
 from coopsim.errors import RecordingError
@@ -70,15 +70,8 @@ def _check_frame(scenario: Path, file: str) -> Iterator[Problem]:
         yield Problem(f"{file}.yaml", field, reason)
     for key in content:
         if isinstance(key, str) and key.startswith("camera") and key[6:].isdecimal():
-            yield from _check_picture(scenario, f"{file}_{key}.png")
-
-
-def _check_picture(scenario: Path, file: str) -> Iterator[Problem]:
-    try:
-        with Image.open(scenario / file) as picture:
-            picture.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        yield Problem(file, "", f"is no picture: {getattr(error, 'strerror', None) or error}")
+            picture = f"{file}_{key}.png"
+            yield from check_picture(scenario / picture, picture)
 
 
 def _wrong_fields(content: Mapping[Any, Any]) -> Iterator[tuple[str, str]]:
@@ -86,7 +79,7 @@ def _wrong_fields(content: Mapping[Any, Any]) -> Iterator[tuple[str, str]]:
     for pose in POSES:
         if not _are_numbers(content.get(pose), 6):
             yield pose, f"must be x, y, z (m), roll, yaw, pitch (degrees), got {content.get(pose)!r}"
-    if not _is_number(content.get("ego_speed")):
+    if not is_number(content.get("ego_speed")):
         yield "ego_speed", f"must be a number of km/h, got {content.get('ego_speed')!r}"
     for key in ("vehicles", "others") if "others" in content else ("vehicles",):
         objects = content.get(key)
@@ -111,7 +104,7 @@ def _wrong_object(number: object, content: object) -> Iterator[tuple[str, str]]:
             yield f".{field}", f"must be three numbers, got {content.get(field)!r}"
         elif field == "extent" and min(content[field]) <= 0:
             yield ".extent", f"half length, width and height must be > 0 m, got {content[field]!r}"
-    if not _is_number(content.get("speed")):
+    if not is_number(content.get("speed")):
         yield ".speed", f"must be a number of km/h, got {content.get('speed')!r}"
 
 
@@ -128,8 +121,4 @@ def _wrong_camera(camera: object) -> Iterator[tuple[str, str]]:
 def _are_numbers(value: object, count: int) -> bool:
     if isinstance(value, str) or not isinstance(value, Sequence):
         return False
-    return len(value) == count and all(_is_number(each) for each in value)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return len(value) == count and all(is_number(each) for each in value)

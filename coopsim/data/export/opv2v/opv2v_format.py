@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat
+from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, require_lidar
 from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, LidarScan
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.opv2v.opv2v_checks import check_opv2v
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.carla_axes import CAMERA_SE3_BODY, mirror, mirror_transform, to_carla_pose
 from coopsim.data.files.pcd import encode_rgb_pcd
-from coopsim.errors import InvalidValueError
+from coopsim.data.files.pictures import encode_png
+from coopsim.data.recordings.opv2v_folder import EXTRA_NUMBER
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.tally import count_instances
-from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import CLASS_NAMES, AgentSpec, ObjectClass
 from coopsim.types.taxonomy import Superclass
 
 OBJECT_NUMBER = 100_000
 """Added to an object's id, so that all numbers have six digits: readers sort the folders of agents as texts."""
-
-EXTRA_NUMBER = 900_000
-"""Added to the position of drones and of all roadside units but the first: they sort after the cars."""
 
 TICKS_PER_FRAME = 2
 """By which the names of frames count, as in OPV2V."""
@@ -52,10 +47,7 @@ class Opv2vFormat(ExportFormat):
 
     def require(self, agents: Mapping[str, AgentSpec]) -> None:
         for name, spec in agents.items():
-            if not spec.lidars:
-                raise InvalidValueError(f"every agent needs a LiDAR in this format, {name} has none")
-            if self._lidar is not None:
-                require_choice("lidar", self._lidar, spec.lidars, f"of {name}")
+            require_lidar(name, spec, self._lidar)
 
     def begin(self, folder: Path, plan: ExportPlan) -> None:
         self._folder, self._plan = folder, plan
@@ -70,12 +62,12 @@ class Opv2vFormat(ExportFormat):
             folder = self._episode / str(numbers[agent.name])
             make_folder(folder)
             stem = f"{frame.index * TICKS_PER_FRAME:06d}"
-            scan = agent.lidars[self._lidar or next(iter(agent.lidars))]
+            scan = agent.scan(self._lidar)
             cameras = _in_order(agent.cameras)
             write_whole_bytes(folder / f"{stem}.pcd", encode_rgb_pcd(mirror(scan.points), scan.intensity))
             for number, (_, shot) in enumerate(cameras):
                 if shot.image.rgb is not None:
-                    write_whole_bytes(folder / f"{stem}_camera{number}.png", _png(shot))
+                    write_whole_bytes(folder / f"{stem}_camera{number}.png", encode_png(shot.image.rgb))
             seen = count_instances(scan.instance, frame.objects.id) > 0
             lines = _agent_lines(frame, agent, scan, cameras)
             lines += _listed("vehicles", objects, seen & is_vehicle) + _listed("others", objects, seen & ~is_vehicle)
@@ -110,12 +102,6 @@ def _in_order(cameras: Mapping[str, CameraShot]) -> list[tuple[str, CameraShot]]
         return round(abs(yaw), 6), yaw > 0
 
     return sorted(cameras.items(), key=lambda item: angle(item[1]))
-
-
-def _png(shot: CameraShot) -> bytes:
-    content = io.BytesIO()
-    Image.fromarray(np.asarray(shot.image.rgb)).save(content, "PNG")
-    return content.getvalue()
 
 
 def _agent_lines(

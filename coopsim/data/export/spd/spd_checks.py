@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-
 from coopsim.data.export.json_checks import (
     Fields,
     check_fields,
@@ -21,6 +19,7 @@ from coopsim.data.export.json_checks import (
     read_json,
     read_list,
 )
+from coopsim.data.export.picture_checks import check_picture
 from coopsim.data.export.problem import Problem
 from coopsim.data.files.pcd import read_pcd
 from coopsim.errors import RecordingError
@@ -112,7 +111,7 @@ def _check_frame(
             except RecordingError as error:
                 yield Problem(file, "", str(error).removeprefix(f"{folder / file}: "))
         elif key == "image_path":
-            yield from _check_picture(folder, file)
+            yield from check_picture(folder / file, file)
         elif key.startswith("label_"):
             yield from _check_labels(folder, file, _LABEL)
         elif key.startswith("calib_"):
@@ -150,11 +149,3 @@ def _check_labels(folder: Path, file: str, fields: Fields) -> Iterator[Problem]:
         if isinstance(name, str) and name in seen:
             yield Problem(file, f"[{number}].track_id", f"must stand once in a frame, got {name} again")
         seen.add(name if isinstance(name, str) else None)
-
-
-def _check_picture(folder: Path, file: str) -> Iterator[Problem]:
-    try:
-        with Image.open(folder / file) as picture:
-            picture.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        yield Problem(file, "", f"is no picture: {getattr(error, 'strerror', None) or error}")

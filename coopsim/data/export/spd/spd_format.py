@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from PIL import Image
 
 from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame
@@ -19,6 +17,7 @@ from coopsim.data.export.record_parts import FIRST_US, RecordParts, as_line, tok
 from coopsim.data.export.spd.spd_checks import check_spd
 from coopsim.data.export.spd.spd_side import SpdSide, box_fields, rigid
 from coopsim.data.files.pcd import encode_intensity_pcd
+from coopsim.data.files.pictures import encode_jpeg
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
@@ -28,7 +27,6 @@ _FOLDERS = {"veh": "vehicle-side", "inf": "infrastructure-side"}
 _LIDARS = {"veh": "lidar", "inf": "virtuallidar"}
 _NO_LABEL = "-1"
 _BRIGHTEST = 255.0
-_QUALITY = 95
 
 
 @EXPORT_FORMATS.register("v2x-seq", alias="spd")
@@ -98,7 +96,7 @@ class SpdFormat(ExportFormat):
         column = next(n for n, agent in enumerate(frame.agents) if agent.name == self._names[side])
         agent: ExportAgent = frame.agents[column]
         camera = front_camera(agent, self._camera)
-        scan = agent.lidars[self._lidar or next(iter(agent.lidars))]
+        scan = agent.scan(self._lidar)
         return SpdSide(side, column, agent, scan, None if camera is None else agent.cameras[camera])
 
     def _write_side(self, side: SpdSide, frame: ExportFrame, number: str) -> dict[int, dict[str, Any]]:
@@ -107,9 +105,7 @@ class SpdFormat(ExportFormat):
         points = encode_intensity_pcd(side.points(), side.scan.intensity * np.float32(_BRIGHTEST))
         self._write_bytes(f"{root}/velodyne/{number}.pcd", points)
         if side.shot is not None and side.shot.image.rgb is not None:
-            content = io.BytesIO()
-            Image.fromarray(np.asarray(side.shot.image.rgb)).save(content, "JPEG", quality=_QUALITY)
-            self._write_bytes(f"{root}/image/{number}.jpg", content.getvalue())
+            self._write_bytes(f"{root}/image/{number}.jpg", encode_jpeg(side.shot.image.rgb))
         files: dict[str, Any] = {f"calib/{name}": content for name, content in _calibrations(side).items()}
         hit = np.flatnonzero(frame.returns[:, side.column] > 0)
         labels = side.labels(frame, hit)
@@ -123,8 +119,8 @@ class SpdFormat(ExportFormat):
     def _information(self, side: SpdSide, frame: ExportFrame, number: str, folders: list[str]) -> dict[str, Any]:
         first = self._sequence * self._plan.frames
         stamp, pictured = _stamp(frame), side.shot is not None
-        names = {f"calib/{name}": f"calib_{name}_path" for name in _calibrations(side)}
-        names |= {f"label/{_LIDARS[side.name]}": "label_lidar_std_path", "label/camera": "label_camera_std_path"}
+        names = {f"label/{_LIDARS[side.name]}": "label_lidar_std_path", "label/camera": "label_camera_std_path"}
+        names |= {each: f"{each.replace('/', '_')}_path" for each in folders if each.startswith("calib/")}
         return {
             "image_path": f"image/{number}.jpg" if pictured else "",
             "pointcloud_path": f"velodyne/{number}.pcd",
