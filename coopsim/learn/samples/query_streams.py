@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.inference.perceiver import way_to_world_cells
 from coopsim.nn.queries.query_net import SeenMap
+from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 from coopsim.types.units import Ints, Mask
 
@@ -167,6 +169,44 @@ def draw_stream(clip: WatchedClip, rng: np.random.Generator, settings: SampleSet
     return QueryStream(
         clip, tuple(members.tolist()), tuple(receivers.tolist()), late, rng.normal(size=(agents, 3)) * noise
     )
+
+
+class StreamCutter:
+    """Cuts streams out of clips, for training and for a look. A clip of a block is watched once for all its passes.
+
+    Args:
+        settings: of samples.
+        seed: of the training.
+        most: clips that are kept, those of a block.
+        detector: with encoder and head, frozen.
+        see: tells what an agent sees on its map.
+    """
+
+    def __init__(self, settings: SampleSettings, seed: int, most: int, detector: DetectorNet, see: See) -> None:
+        self._settings, self._seed, self._most = settings, seed, most
+        self._detector, self._see = detector, see
+        self._watched: OrderedDict[str, WatchedClip] = OrderedDict()
+
+    def cut(self, clip: Clip, rng: np.random.Generator) -> list[QueryStream]:
+        """Draw a use of a clip; none is possible."""
+        return _as_list(draw_stream(self._watch(clip), rng, self._settings))
+
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator, settings: SampleSettings) -> list[QueryStream]:
+        """Draw a use of a held-out clip with other settings, without what is there only to make training harder."""
+        plain = replace(settings, thinned=0.0, mirrored=0.0, dropout=0.0)
+        return _as_list(draw_stream(watch(clip, rng, plain, self._detector, self._see), rng, plain))
+
+    def _watch(self, clip: Clip) -> WatchedClip:
+        if clip.key not in self._watched:
+            rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
+            self._watched[clip.key] = watch(clip, rng, self._settings, self._detector, self._see)
+            while len(self._watched) > self._most:
+                self._watched.popitem(last=False)
+        return self._watched[clip.key]
+
+
+def _as_list(drawn: QueryStream | None) -> list[QueryStream]:
+    return [] if drawn is None else [drawn]
 
 
 def true_objects(sample: QueryStream, number: int, agent: int, *, alone: bool) -> TrueObjects:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -23,7 +22,7 @@ from coopsim.learn.losses.query_losses import LabelledInstances, TrueObjects, la
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_views import FusedView, fused_view
-from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, true_objects, watch
+from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, true_objects
 from coopsim.learn.tasks.integrated_look import IntegratedLook
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_integrated, read_config
@@ -33,7 +32,6 @@ from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.integrated.track_update import updated_tracks
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.nn.queries.query_net import SeenMap, kept_instances
-from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 
 _LONGEST_MISSED = 10
@@ -69,8 +67,7 @@ class IntegratedTask(TrainingTask):
         self.net.cooperative.load_state_dict(cooperative.state_dict())
         self.net.cooperative.requires_grad_(False)
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
-        self._seed, self._most = seed, recipe.block
-        self._watched: OrderedDict[str, WatchedClip] = OrderedDict()
+        self._streams = StreamCutter(self._settings, seed, recipe.block, self.detector, self._see)
         self._metadata = {
             "kind": "integrated",
             "config": asdict(self.net.config),
@@ -85,22 +82,10 @@ class IntegratedTask(TrainingTask):
         return self
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
-        drawn = draw_stream(self._watch(clip), rng, self._settings)
-        return [] if drawn is None else [drawn]
+        return self._streams.cut(clip, rng)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
-        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0)
-        drawn = draw_stream(watch(clip, rng, settings, self.detector, self._see), rng, settings)
-        return [] if drawn is None else [drawn]
-
-    def _watch(self, clip: Clip) -> WatchedClip:
-        """Return a clip as its agents see it; those of a block are kept, as each is asked for in every pass."""
-        if clip.key not in self._watched:
-            rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
-            self._watched[clip.key] = watch(clip, rng, self._settings, self.detector, self._see)
-            while len(self._watched) > self._most:
-                self._watched.popitem(last=False)
-        return self._watched[clip.key]
+        return self._streams.cut_held_out(clip, rng, self._settings)
 
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return SeenMap(features[0], grid, self.net.nothing())  # of the fused map alone peaks are asked for

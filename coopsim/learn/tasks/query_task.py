@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from coopsim.learn.losses.losses import sum_of
 from coopsim.learn.losses.query_losses import TrueObjects, association_loss, instance_losses, labelled
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.query_streams import QueryStream, WatchedClip, draw_stream, true_objects, watch
+from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, true_objects
 from coopsim.learn.tasks.query_look import QueryLook
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
 from coopsim.learn.weights import encoder_digest, load_detector, load_queries, make_queries
@@ -29,7 +28,6 @@ from coopsim.nn.inference.query_perceiver import seen_map
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
-from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 
 _LEAST_SHARED = 0.2
@@ -72,8 +70,7 @@ class QueryTask(TrainingTask):
         if recipe.start is not None:
             self._start(load_queries(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
-        self._seed, self._most = seed, recipe.block
-        self._watched: OrderedDict[str, WatchedClip] = OrderedDict()
+        self._streams = StreamCutter(self._settings, seed, recipe.block, self.detector, self._see)
         self._metadata = {
             "kind": "queries",
             "config": asdict(self.net.config),
@@ -93,25 +90,13 @@ class QueryTask(TrainingTask):
         self.net.agent.load_state_dict(start.agent.state_dict())
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
-        drawn = draw_stream(self._watch(clip, self._settings), rng, self._settings)
-        return [] if drawn is None else [drawn]
+        return self._streams.cut(clip, rng)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
-        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
-        drawn = draw_stream(watch(clip, rng, settings, self.detector, self._see), rng, settings)
-        return [] if drawn is None else [drawn]
+        return self._streams.cut_held_out(clip, rng, replace(self._settings, receivers=None))
 
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return seen_map(self.net, self.detector.head, features, grid)
-
-    def _watch(self, clip: Clip, settings: SampleSettings) -> WatchedClip:
-        """Return a clip as its agents see it; those of a block are kept, as each is asked for in every pass."""
-        if clip.key not in self._watched:
-            rng = stream(self._seed, "training.watch", clip.key)  # the same after an interruption
-            self._watched[clip.key] = watch(clip, rng, settings, self.detector, self._see)
-            while len(self._watched) > self._most:
-                self._watched.popitem(last=False)
-        return self._watched[clip.key]
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         return []
