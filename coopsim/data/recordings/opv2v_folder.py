@@ -30,7 +30,7 @@ from coopsim.data.recordings.file_fields import Fields, as_id
 from coopsim.data.recordings.labelled_rows import LabelledRows, join_objects
 from coopsim.data.recordings.level_frames import base_under, sweep_in_base
 from coopsim.data.recordings.object_types import class_of
-from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence, name_agents
+from coopsim.data.recordings.recorded_folder import name_agents
 from coopsim.data.recordings.recorded_frame import (
     RecordedAgent,
     RecordedFrame,
@@ -38,14 +38,10 @@ from coopsim.data.recordings.recorded_frame import (
     RecordedObjects,
 )
 from coopsim.data.recordings.recorded_picture import RecordedPicture, find_picture
-from coopsim.data.recordings.stamped_folders import StampedScenario, find_scenarios
+from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedScenario, StampedSequence
 from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, Sweep, seconds_to_ns
-
-HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
-"""Usual heights of LiDARs over the ground: on a car's roof, and on a mast of 14 feet."""
 
 EXTRA_NUMBER = 900_000
 """From this number on, agents of coopsim's exports are no cars: all roadside units but the first, and drones. So they
@@ -57,19 +53,8 @@ _BESIDE_M = 5.0  # and so near
 
 
 @dataclass(frozen=True)
-class Opv2vFolder(RecordedFolder):
+class Opv2vFolder(StampedFolder):
     """A folder of OPV2V: a scenario, a split, or all of it."""
-
-    usual_height_m = HEIGHT_M
-
-    @cached_property
-    def scenarios(self) -> dict[str, StampedScenario]:
-        """The scenarios by name."""
-        return find_scenarios(self.path)
-
-    @property
-    def sequences(self) -> tuple[str, ...]:
-        return tuple(self.scenarios)
 
     @cached_property
     def frame_s(self) -> float:
@@ -92,26 +77,13 @@ class Opv2vFolder(RecordedFolder):
         return name_agents(cars, masts + more, drones)
 
     def open(self, sequence: str) -> Opv2vSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
-        scenario = self.scenarios[sequence]
+        scenario = self.scenario(sequence)
         return Opv2vSequence(sequence, self.agents(sequence), self.frame_s, scenario, self.options)
 
 
 @dataclass(frozen=True)
-class Opv2vSequence(RecordedSequence):
-    """A scenario of OPV2V.
-
-    Attributes:
-        scenario: its files.
-        options: what these leave open.
-    """
-
-    scenario: StampedScenario
-    options: ReadingOptions
-
-    @property
-    def frames(self) -> int:
-        return len(self.scenario.stamps)
+class Opv2vSequence(StampedSequence):
+    """A scenario of OPV2V."""
 
     def frame(self, number: int) -> RecordedFrame:
         stamp = self.scenario.stamps[number]

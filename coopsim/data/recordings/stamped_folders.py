@@ -13,7 +13,12 @@ from functools import cached_property
 from pathlib import Path
 
 from coopsim.data.recordings.file_fields import as_id
+from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence
 from coopsim.errors import RecordingError
+from coopsim.support.checks import require_choice
+
+HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
+"""Usual heights of LiDARs over the ground: on a car's roof, and on a mast of 14 feet."""
 
 _DEEPEST = 2  # folders between the one that is given and a scenario, as in root/train/scenario
 _LOOKED_AT = 2000  # entries of a folder, until it is clear that it has no frame
@@ -67,6 +72,44 @@ class StampedScenario:
     def file(self, agent: str, stamp: str, ending: str) -> Path:
         """Return the path of an agent's file, as with the ending ".yaml" or "_camera0.png"."""
         return self.path / agent / f"{stamp}{ending}"
+
+
+@dataclass(frozen=True)
+class StampedFolder(RecordedFolder):
+    """A folder of this layout: a scenario, a split, or all of it."""
+
+    usual_height_m = HEIGHT_M
+
+    @cached_property
+    def scenarios(self) -> dict[str, StampedScenario]:
+        """The scenarios by name."""
+        return find_scenarios(self.path)
+
+    @property
+    def sequences(self) -> tuple[str, ...]:
+        return tuple(self.scenarios)
+
+    def scenario(self, sequence: str) -> StampedScenario:
+        """Return a scenario; raises `UnknownNameError` if there is none of that name."""
+        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+        return self.scenarios[sequence]
+
+
+@dataclass(frozen=True)
+class StampedSequence(RecordedSequence):
+    """A scenario of this layout as a sequence.
+
+    Attributes:
+        scenario: its files.
+        options: what these leave open.
+    """
+
+    scenario: StampedScenario
+    options: ReadingOptions
+
+    @property
+    def frames(self) -> int:
+        return len(self.scenario.stamps)
 
 
 def find_scenarios(path: Path) -> dict[str, StampedScenario]:

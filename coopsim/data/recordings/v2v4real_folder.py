@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,60 +24,32 @@ from coopsim.data.recordings.file_fields import Fields, as_id
 from coopsim.data.recordings.labelled_rows import LabelledRows, join_objects
 from coopsim.data.recordings.level_frames import base_under, sweep_in_base
 from coopsim.data.recordings.object_types import class_of
-from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence, name_agents
+from coopsim.data.recordings.recorded_folder import name_agents
 from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame, RecordedName, RecordedObjects
-from coopsim.data.recordings.stamped_folders import StampedScenario, find_scenarios
+from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedSequence
 from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
 from coopsim.types import Sweep, seconds_to_ns
-
-HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
-"""Usual heights of LiDARs over the ground, which the files do not say."""
 
 _OF_ONE_CAR = 100  # ids that each car has for itself
 _NOBODY = -1
 
 
 @dataclass(frozen=True)
-class V2v4realFolder(RecordedFolder):
+class V2v4realFolder(StampedFolder):
     """A folder of V2V4Real: a scenario, a split, or all of it."""
-
-    usual_height_m = HEIGHT_M
-
-    @cached_property
-    def scenarios(self) -> dict[str, StampedScenario]:
-        """The scenarios by name."""
-        return find_scenarios(self.path)
-
-    @property
-    def sequences(self) -> tuple[str, ...]:
-        return tuple(self.scenarios)
 
     def agents(self, sequence: str) -> Mapping[str, RecordedName]:
         return name_agents(*self.scenarios[sequence].agents)
 
     def open(self, sequence: str) -> V2v4realSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
-        scenario = self.scenarios[sequence]
+        scenario = self.scenario(sequence)
         return V2v4realSequence(sequence, self.agents(sequence), self.frame_s, scenario, self.options)
 
 
 @dataclass(frozen=True)
-class V2v4realSequence(RecordedSequence):
-    """A scenario of V2V4Real.
-
-    Attributes:
-        scenario: its files.
-        options: what these leave open.
-    """
-
-    scenario: StampedScenario
-    options: ReadingOptions
-
-    @property
-    def frames(self) -> int:
-        return len(self.scenario.stamps)
+class V2v4realSequence(StampedSequence):
+    """A scenario of V2V4Real."""
 
     def frame(self, number: int) -> RecordedFrame:
         stamp = self.scenario.stamps[number]
