@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -68,6 +68,9 @@ class PerceivingPolicy(TrackingPolicy):
         threads: agents' networks are computed side by side on so many threads; the results are the same for any number.
     """
 
+    own_tracker: ClassVar[str | None] = None
+    """The name of `tracker` for which the network itself tracks; None: there is none."""
+
     weights: str = "pillars"
     tracker: str = "ab3dmot"
     least_score: float = 0.1
@@ -115,13 +118,13 @@ class PerceivingPolicy(TrackingPolicy):
         """Return what a sender with this heading saw, as its message alone shows it, in its base frame."""
 
     def tracking_policy(self) -> TrackingPolicy:
-        """Return the policy whose tracker is used.
+        """Return the policy whose tracker is used; with the `own_tracker`, one that is never asked to track.
 
         Raises:
             UnknownNameError: there is none of that name.
             InvalidValueError: it does not track boxes.
         """
-        name, parameters = parse_spec("tracker", self.tracker)
+        name, parameters = parse_spec("tracker", "ab3dmot" if self.tracker == self.own_tracker else self.tracker)
         if not _tracks_boxes(name):
             accepted = ", ".join(each for each in POLICIES.names() if _tracks_boxes(each))
             raise InvalidValueError(f"tracker must be a policy that tracks boxes ({accepted}), got {self.tracker!r}")
@@ -178,6 +181,10 @@ class PerceivingPolicy(TrackingPolicy):
         if not before_ns:
             return now_m
         return np.concatenate([now_m, frame.odom_SE3_base.inverse().apply(frame.positions_at(before_ns))[:, :2]])
+
+    def odom_SE3_compass(self, agent: str, observation: Observation) -> SE3:
+        """Return the agent's compass frame now, in its odometry frame."""
+        return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))
 
     def compass_SE3_sender(self, agent: str, observation: Observation, heard: Heard) -> SE3:
         """Return the sender's base frame at capture, in the receiver's compass frame now."""

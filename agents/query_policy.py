@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from coopsim.agents.frame_chain import FrameChain
 from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy, base_SE3_compass
 from coopsim.agents.policy import Needs
-from coopsim.agents.tracking_policy import TrackingPolicy
-from coopsim.catalog import make_policy
 from coopsim.comms.envelope import decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
 from coopsim.comms.uplinks.share_instances import ShareInstances
@@ -41,14 +40,6 @@ class _OwnChain:
     memory: QueryMemory | None = None
 
 
-@dataclass
-class _FusedChain:
-    """What an agent knows with the help of others: after the frame before this one, and after this one."""
-
-    before: QueryMemory | None = None
-    now: QueryMemory | None = None
-
-
 @dataclass(kw_only=True, eq=False)
 class QueryPolicy(PerceivingPolicy):
     """A policy whose agents keep instances in mind and send them. Further parameters: `PerceivingPolicy`.
@@ -71,6 +62,7 @@ class QueryPolicy(PerceivingPolicy):
     needs = Needs(uplink="queries", lidar=True)
     fusion: ClassVar[str]
     codec: ClassVar[str] = "queries"
+    own_tracker = BY_QUERIES
 
     tracker: str = BY_QUERIES
     detector_weights: str = "pillars"
@@ -82,13 +74,6 @@ class QueryPolicy(PerceivingPolicy):
         require_probability(least_reported=self.least_reported, least_shared=self.least_shared)
         require_between(0, 2, least_affinity=self.least_affinity)
         super().__post_init__()
-
-    def tracking_policy(self) -> TrackingPolicy:
-        if self.tracker != BY_QUERIES:
-            return super().tracking_policy()
-        made = make_policy("ab3dmot")  # is never asked to track
-        assert isinstance(made, TrackingPolicy)
-        return made
 
     def load(self) -> None:
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
@@ -104,7 +89,7 @@ class QueryPolicy(PerceivingPolicy):
         self._own: dict[str, StepOnce[_OwnChain, Instances]] = {}
         self._uplink: ShareInstances | None = None
         self._sending: dict[str, AgentSpec] = {}
-        self._chains: dict[str, _FusedChain] = {}
+        self._chains: dict[str, FrameChain[QueryMemory]] = {}  # of what agents know with the help of others
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._uplink is None or spec.name in self._sending:  # an episode begins
@@ -116,7 +101,7 @@ class QueryPolicy(PerceivingPolicy):
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
         self._alone(spec.name).begin(spec.name)
-        self._chains[spec.name] = _FusedChain()
+        self._chains[spec.name] = FrameChain()
 
     def prepare(self, observations: Mapping[str, Observation]) -> None:
         sensed = {agent: each for agent, each in observations.items() if each.sensed}
@@ -130,13 +115,12 @@ class QueryPolicy(PerceivingPolicy):
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
         chain, now_ns = self._chains[agent], observation.time_ns
-        if chain.now is not None and chain.now.time_ns != now_ns:
-            chain.before = chain.now if chain.now.time_ns < now_ns else None
+        before = chain.begin(now_ns)
         region = self._region(observation)
         placed = [self._placed(agent, observation, each, region) for each in heard]
         placed.sort(key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
         chain.now = self._perceiver.step(
-            chain.before, now_ns, self._odom_SE3_compass(agent, observation),
+            before, now_ns, self.odom_SE3_compass(agent, observation),
             self._see(observation.view(self.specs[agent])), placed, self.least_affinity,
         )  # fmt: skip
         return self._reported(chain.now.instances, region)
@@ -154,7 +138,7 @@ class QueryPolicy(PerceivingPolicy):
         if chain.now is not None:
             known = chain.now.instances
         if chain.now is not None and not observation.sensed:
-            known = self._perceiver.carried(chain.now, now_ns, self._odom_SE3_compass(agent, observation))
+            known = self._perceiver.carried(chain.now, now_ns, self.odom_SE3_compass(agent, observation))
             placed = self._reported(known, self._region(observation)).transform(to_base)
             found = self._less_itself(agent, now_ns, [], placed)
         own = drop_unreportable(found)
@@ -183,9 +167,6 @@ class QueryPolicy(PerceivingPolicy):
     def _region(self, observation: Observation) -> BevGrid:
         pose = observation.pose.xyz_yaw
         return self._perceiver.region(self.region_m, float(pose[3]), pose[:2])
-
-    def _odom_SE3_compass(self, agent: str, observation: Observation) -> SE3:
-        return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))
 
     def _placed(self, agent: str, observation: Observation, heard: Heard, region: BevGrid) -> ReceivedInstances:
         """Return what a sender sent, in its compass frame, and the place of that in the receiver's."""

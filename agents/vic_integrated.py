@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from coopsim.agents.frame_chain import FrameChain
 from coopsim.agents.learned_fusion import LearnedFusion
 from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
-from coopsim.agents.tracking_policy import TrackingPolicy
-from coopsim.catalog import POLICIES, make_policy
+from coopsim.catalog import POLICIES
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
 from coopsim.tracking.affinity import Affinity, half_giou, xiou
 from coopsim.tracking.cascade import Cascade, Stage
@@ -35,14 +34,6 @@ INTEGRATED = "integrated"
 """The tracker for which the prediction branch says where tracks are."""
 
 _AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "giou": half_giou}
-
-
-@dataclass
-class _Chain:
-    """What an agent knows: after the frame before this one, and after this one."""
-
-    before: IntegratedMemory | None = None
-    now: IntegratedMemory | None = None
 
 
 @POLICIES.register("vic_integrated")
@@ -68,6 +59,8 @@ class VicIntegrated(LearnedFusion):
 
     method = "Hu et al.'s integrated detection and tracking (eq. 5-27), on LiDARs, for any number of agents"
 
+    own_tracker = INTEGRATED
+
     weights: str = "vic_integrated"
     tracker: str = INTEGRATED
     stages: int = 4
@@ -87,13 +80,6 @@ class VicIntegrated(LearnedFusion):
         require_count(1, keep=self.keep, hits=self.hits)
         super().__post_init__()
 
-    def tracking_policy(self) -> TrackingPolicy:
-        if self.tracker != INTEGRATED:
-            return super().tracking_policy()
-        made = make_policy("ab3dmot")  # is never asked to track
-        assert isinstance(made, TrackingPolicy)
-        return made
-
     def load_net(self, detector: DetectorNet) -> CooperativeNet:
         from coopsim.learn.weights import load_integrated
         from coopsim.nn.inference.integrated_perceiver import IntegratedPerceiver
@@ -101,22 +87,21 @@ class VicIntegrated(LearnedFusion):
         net = load_integrated(self.weights, detector)
         rules = self._rules(net.config.places) if self.tracker == INTEGRATED else None
         self._integrated, self._track_rules = IntegratedPerceiver(net, rules), rules
-        self._chains: dict[str, _Chain] = {}
+        self._chains: dict[str, FrameChain[IntegratedMemory]] = {}
         return net.cooperative
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
-        self._chains[spec.name] = _Chain()
+        self._chains[spec.name] = FrameChain()
 
     def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
         from coopsim.nn.inference.query_perceiver import detections_of
 
         chain, now_ns = self._chains[agent], observation.time_ns
-        if chain.now is not None and chain.now.time_ns != now_ns:
-            chain.before = chain.now if chain.now.time_ns < now_ns else None
+        before = chain.begin(now_ns)
         fused, region = self.fused(agent, observation, heard)
-        odom_SE3_compass = self._odom_SE3_compass(agent, observation)
-        chain.now = self._integrated.step(chain.before, now_ns, odom_SE3_compass, fused, region)
+        odom_SE3_compass = self.odom_SE3_compass(agent, observation)
+        chain.now = self._integrated.step(before, now_ns, odom_SE3_compass, fused, region)
         found = detections_of(chain.now.detected)
         return found[found.score >= self.least_score]
 
@@ -134,7 +119,7 @@ class VicIntegrated(LearnedFusion):
         from coopsim.nn.inference.query_perceiver import detections_of
 
         to_base = base_SE3_compass(observation)
-        tracks = memory.at(observation.time_ns, self._odom_SE3_compass(agent, observation))
+        tracks = memory.at(observation.time_ns, self.odom_SE3_compass(agent, observation))
         rows = np.flatnonzero(rules.reported(tracks, memory.frame))
         shown = detections_of(tracks)[rows]
         numbered = replace(shown, embedding=rows[:, None].astype(np.float64)).transform(to_base)
@@ -156,6 +141,3 @@ class VicIntegrated(LearnedFusion):
         else:
             association = Cascade([Stage(affinity, hungarian, self.gate)])
         return TrackRules(association, HitsAndAge(self.hits, self.keep, coast=1), self.detection_score, most)
-
-    def _odom_SE3_compass(self, agent: str, observation: Observation) -> SE3:
-        return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))

@@ -17,6 +17,7 @@ from coopsim.data.export.export_sums import SUMS, check_sums, files_below, write
 from coopsim.data.export.problem import Problem
 from coopsim.errors import ExportError, InvalidValueError
 from coopsim.support.files import make_folder, write_whole
+from coopsim.support.integers import runs_of
 
 CARD, PAGE, PICTURE = "export.json", "README.md", "picture.png"
 
@@ -190,10 +191,4 @@ def _remove_unfinished(folder: Path) -> None:
 
 def _ranges(seeds: list[int]) -> str:
     """Return seeds as a user gives them, as "0-4, 7"."""
-    parts: list[list[int]] = []
-    for seed in seeds:
-        if parts and seed == parts[-1][-1] + 1:
-            parts[-1].append(seed)
-        else:
-            parts.append([seed])
-    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs_of(seeds))
