@@ -13,6 +13,7 @@ from coopsim.bench.paper.training_places import TrainingPlaces
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL
 from coopsim.metrics.built_in import all_metrics
+from coopsim.support.integers import runs_of
 
 _WIDTH = 100
 
@@ -149,13 +150,8 @@ def _finished(table: ResultTable, provenance: Provenance) -> list[str]:
 
 def _listed(numbers: Sequence[int]) -> str:
     """Write integers in order, runs of three and more as "0-4"."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs)
+    parts = [f"{run[0]}-{run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs_of(sorted(numbers))]
+    return ", ".join(parts)
 
 
 def _short(value: Any) -> str:
