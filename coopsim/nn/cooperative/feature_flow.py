@@ -79,5 +79,9 @@ def moved_on(values: Tensor, change: Tensor, delay_s: Tensor) -> Tensor:
 
 
 def _conv(before: int, after: int, stride: int = 1) -> nn.Sequential:
-    """Return a 3 x 3 convolution with ReLU. No normalisation: its statistics would be of few maps."""
-    return nn.Sequential(nn.Conv2d(before, after, 3, stride, 1), nn.ReLU())
+    """Return a 3 x 3 convolution with ReLU, normalised over each map by itself.
+
+    Messages change while the network learns them. Without normalisation all units fall below zero on the way, and no
+    gradient brings them back.
+    """
+    return nn.Sequential(nn.Conv2d(before, after, 3, stride, 1), nn.GroupNorm(1, after), nn.ReLU())
