@@ -42,6 +42,8 @@ class SampleSettings:
         sparse: share of fused samples of which only the surest cells arrive.
         receivers: most agents of a fused sample whose view is taught, drawn anew for each; None: every agent. The
             others send: a costly fusion is trained on as many scenes in less time.
+        quickest: how many times as fast clips of queries and integrated tracking are played at most, drawn anew for
+            each use, with at least 0.1 s between two scenes: the traffic of towns is then as fast as that of motorways.
     """
 
     reach_m: float = REACH_M
@@ -56,6 +58,7 @@ class SampleSettings:
     late: float = 0.5
     sparse: float = 0.0
     receivers: int | None = None
+    quickest: float = 1.0
 
     def __post_init__(self) -> None:
         require_positive(reach_m=self.reach_m)
@@ -64,6 +67,7 @@ class SampleSettings:
         if self.receivers is not None:
             require_count(1, receivers=self.receivers)
         require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
+        require_between(1, 10, quickest=self.quickest)
         require_probability(
             merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, noisy=self.noisy, dropout=self.dropout,
             late=self.late, sparse=self.sparse,

@@ -25,6 +25,9 @@ from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 from coopsim.types.units import Ints, Mask
 
+_SHORTEST_S = 0.1
+"""Least time between two scenes of a clip that is played quicker."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WatchedScene:
@@ -65,6 +68,11 @@ class WatchedClip:
     def agents(self) -> int:
         """Number of agents."""
         return len(self.scenes[0].seen)
+
+    def quicker(self, factor: float) -> WatchedClip:
+        """Return the same scenes in less time, with everything so many times as fast."""
+        scenes = tuple(replace(scene, velocity=factor * scene.velocity) for scene in self.scenes)
+        return WatchedClip(self.dt_s / factor, scenes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,9 +162,11 @@ def draw_stream(clip: WatchedClip, rng: np.random.Generator, settings: SampleSet
     Args:
         clip: what is seen.
         rng: decides it.
-        settings: of samples; `dropout`, `receivers`, `late`, `noisy`, `noise_m` and `noise_deg` matter.
+        settings: of samples; `dropout`, `receivers`, `late`, `noisy`, `noise_m`, `noise_deg` and `quickest` matter.
     """
-    agents = clip.agents
+    agents, quickest = clip.agents, max(1.0, min(settings.quickest, clip.dt_s / _SHORTEST_S))
+    if quickest > 1:
+        clip = clip.quicker(quickest ** rng.random())
     members = np.flatnonzero(rng.random(agents) >= settings.dropout)
     if not len(members):
         return None

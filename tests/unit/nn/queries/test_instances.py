@@ -93,6 +93,21 @@ def test_what_is_too_far_or_of_another_kind_is_another_object(far_m: float, labe
     assert (len(now) == 1) == same
 
 
+def test_cars_of_a_motorway_keep_their_numbers_and_learn_their_speed() -> None:
+    start_m, speed_m_s = torch.tensor([[0.0, 0.0], [12.0, 0.0], [3.0, 4.0]]), torch.tensor([33.0, 28.0, -33.0])
+    known = at(start_m.tolist(), number=torch.tensor([0, 1, 2]))
+    for frame in range(1, 6):
+        place_m = start_m + torch.stack([0.1 * frame * speed_m_s, torch.zeros(3)], dim=1)
+        known = met(known.advanced(0.1), at(place_m.tolist()), 0.1)
+    assert sorted(known.number.tolist()) == [0, 1, 2]
+    assert torch.allclose(known.velocity[torch.argsort(known.number), 0], speed_m_s, atol=2.0)
+
+
+def test_what_is_far_aside_is_no_fast_car() -> None:
+    now = met(at([[0, 0]], number=torch.tensor([3])), at([[0.0, 3.5]]), 0.1)
+    assert sorted(now.number.tolist()) == [-1, 3]
+
+
 def test_nothing_meets_nothing() -> None:
     none = Instances.none(WIDTH, FRAMES)
     assert len(met(none, none, 0.1)) == 0
