@@ -17,16 +17,22 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.flow_samples import FlowSample, flow_samples
 from coopsim.learn.tasks.cooperative_task import CooperativeTask, find_in
 from coopsim.learn.tasks.flow_loss import flow_losses, late_changes, moved_to_now
-from coopsim.learn.tasks.fused_loss import message_losses, views_losses
+from coopsim.learn.tasks.fused_loss import copy_loss, message_losses, views_losses
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, mean_losses
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
+
+
+_MESSAGES_FIRST = 0.5
+"""Share of the steps, at the beginning, in which messages are learned, and not yet how they change."""
 
 
 class FlowTask(CooperativeTask):
     """The training of a `CooperativeNet` with flow, whose encoder and head are the detector's and stay so.
 
-    The flow learns without labels, from what late senders see now; the rest by the losses of a fusion, on late maps
-    that are moved by the flow of the moment. Gradients of neither reach the other.
+    In the first half messages and fusion are learned as those of any fusion. From then on messages stay as they are,
+    because a flow that follows changing messages learns next to nothing. It learns without labels, from what late
+    senders see now; the fusion goes on, on late maps that are moved by the flow of the moment. Gradients of neither
+    reach the other.
 
     Args:
         recipe: of the kind "flow".
@@ -72,12 +78,23 @@ class FlowTask(CooperativeTask):
         return mean_losses([self._losses(sample) for sample in batch])
 
     def _losses(self, sample: FlowSample) -> dict[str, Tensor]:
+        return self._message_step(sample) if self.progress < _MESSAGES_FIRST else self._flow_step(sample)
+
+    def _message_step(self, sample: FlowSample) -> dict[str, Tensor]:
+        with torch.no_grad():
+            features = self.detector.encoder(sample.scene.pillars)
+        values, sure = self.net.message(features)
+        parts = message_losses(self.net, features, values, sample.scene)
+        parts |= views_losses(self.net, features, values, sure, sample.scene, self.teacher)
+        return {LOSS: sum_of(parts), **parts}
+
+    def _flow_step(self, sample: FlowSample) -> dict[str, Tensor]:
         net = self.net
         assert net.flow is not None
         with torch.no_grad():
             features = self.detector.encoder(sample.scene.pillars)
-        values, sure = net.message(features)
-        parts = message_losses(net, features, values, sample.scene)
+            values, sure = net.message(features)
+        parts = {"copy": copy_loss(net, features, values)}
         if sample.late.late:
             changes = late_changes(net.flow, values, sample)
             parts |= flow_losses(net, features, values, changes, sample)

@@ -86,16 +86,28 @@ def test_labels_do_not_teach_flow_and_flow_teaches_nothing_else() -> None:
     task.train()
     torch.nn.init.normal_(task.net.flow.last.weight)  # type: ignore[union-attr]
     parts = task([late_sample(task)])
-    assert set(parts) >= {"loss", "copy", "sure", "flow", "unmoved", "heat"}
+    assert set(parts) >= {"loss", "copy", "flow", "unmoved", "heat"} and "sure" not in parts
     of_flow = {f"flow.{name}" for name, _ in task.net.flow.named_parameters()}  # type: ignore[union-attr]
     for name, taught in (("flow", of_flow), ("heat", None), ("copy", None)):
         task.zero_grad()
         parts[name].backward(retain_graph=True)
         reached = {key for key, each in task.net.named_parameters() if each.grad is not None and each.grad.any()}
         assert reached and (reached == taught if taught else not reached & of_flow)
-        assert not any(key.startswith("head") for key in reached)
+        assert not any(key.startswith(("head", "compress", "sure")) for key in reached)
     assert not parts["unmoved"].requires_grad
     assert all(each.grad is None for each in task.detector.parameters())
+
+
+def test_messages_are_learned_before_the_flow_that_changes_them() -> None:
+    task = FlowTask(recipe(), 0)
+    task.train()
+    task.progress = 0.49
+    parts = task([late_sample(task)])
+    assert set(parts) >= {"loss", "copy", "sure", "heat"} and "flow" not in parts
+    parts["loss"].backward()
+    reached = {key for key, each in task.net.named_parameters() if each.grad is not None and each.grad.any()}
+    assert any(key.startswith("compress") for key in reached)
+    assert not any(key.startswith(("head", "flow")) for key in reached)
 
 
 def test_a_few_steps_lower_the_loss_and_leave_the_head_as_it_was() -> None:
