@@ -21,7 +21,6 @@ from coopsim.learn.tasks.fused_loss import copy_loss, message_losses, views_loss
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, mean_losses
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 
-
 _MESSAGES_FIRST = 0.5
 """Share of the steps, at the beginning, in which messages are learned, and not yet how they change."""
 
