@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.geometry.assignment import Pairs, hungarian
+from coopsim.nn.fusion.feature_fusion import start_as_zeros
 from coopsim.nn.queries.instance_attention import mlp
 from coopsim.nn.queries.instances import Instances
 
@@ -31,7 +32,8 @@ class GraphAssociation(nn.Module):
         A = sigmoid(FFN(q k^T / sqrt(D) + E W))
 
     where the product, one number, is added to all D channels of the edge. Whose nodes are which side's is all that
-    tells the agents apart, so any number of senders is compared in turn.
+    tells the agents apart, so any number of senders is compared in turn. Affinities start as those of the rule: one
+    half at `RULE_M`, more for what is nearer; FFN learns what differs from it.
 
     Args:
         width: D, channels of an instance.
@@ -43,6 +45,7 @@ class GraphAssociation(nn.Module):
         self.query, self.key = nn.Linear(width, width, bias=False), nn.Linear(width, width, bias=False)
         self.edge, self.mix = mlp(3, width, width), nn.Linear(width, width, bias=False)
         self.judge = mlp(width, width, 1)
+        start_as_zeros(self.judge[-1])
 
     def forward(self, own: Instances, others: Instances) -> Tensor:
         """Return logits (N, M) of N own and M aligned instances of a sender to be the same object."""
@@ -52,7 +55,8 @@ class GraphAssociation(nn.Module):
         apart = own.box[:, None, :3] - others.box[None, :, :3]
         rows, columns = torch.nonzero(apart.norm(dim=-1) <= REACH_M, as_tuple=True)
         edges = self.mix(self.edge(apart[rows, columns] / _EDGE_M))
-        near = self.judge(alike[rows, columns][:, None] + edges)[:, 0]
+        by_rule = RULE_M - apart[rows, columns, :2].norm(dim=-1)
+        near = by_rule + self.judge(alike[rows, columns][:, None] + edges)[:, 0]
         return torch.full_like(alike, IMPOSSIBLE).index_put((rows, columns), near)
 
 

@@ -130,7 +130,16 @@ def test_the_graph_compares_pairs_within_reach_alone() -> None:
     query = net.query(net.own(torch.cat([own.semantic, own.motion], 1)))[1]
     key = net.key(net.others(torch.cat([others.semantic, others.motion], 1)))[0]
     edge = net.mix(net.edge((own.box[1, :3] - others.box[0, :3]) / 5.0))
-    assert float(logits[1, 0]) == pytest.approx(float(net.judge(query @ key / WIDTH**0.5 + edge)), abs=1e-4)
+    learned = float(net.judge(query @ key / WIDTH**0.5 + edge))
+    assert float(logits[1, 0]) == pytest.approx(3.5 - 10.0**0.5 + learned, abs=1e-4)
+
+
+def test_the_graph_starts_as_the_rule() -> None:
+    own, others = some_instances(6, 1), some_instances(6, 2)
+    others = replace(others, box=own.box + torch.linspace(-4.0, 4.0, 6)[:, None] * torch.eye(7)[0])
+    found = sure_pairs(GraphAssociation(WIDTH)(own, others), 0.5)
+    assert all(np.array_equal(*each) for each in zip(found, pairs_by_rule(own, others), strict=True))
+    assert 0 < len(found[0]) < 6
 
 
 def test_the_threshold_closes() -> None:
