@@ -17,7 +17,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.flow_samples import FlowSample, flow_samples
 from coopsim.learn.tasks.cooperative_task import CooperativeTask, find_in
 from coopsim.learn.tasks.flow_loss import flow_losses, late_changes, moved_to_now
-from coopsim.learn.tasks.fused_loss import copy_loss, message_losses, views_losses
+from coopsim.learn.tasks.fused_loss import cooperative_loss, copy_loss, views_losses
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, mean_losses
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 
@@ -77,15 +77,9 @@ class FlowTask(CooperativeTask):
         return mean_losses([self._losses(sample) for sample in batch])
 
     def _losses(self, sample: FlowSample) -> dict[str, Tensor]:
-        return self._message_step(sample) if self.progress < _MESSAGES_FIRST else self._flow_step(sample)
-
-    def _message_step(self, sample: FlowSample) -> dict[str, Tensor]:
-        with torch.no_grad():
-            features = self.detector.encoder(sample.scene.pillars)
-        values, sure = self.net.message(features)
-        parts = message_losses(self.net, features, values, sample.scene)
-        parts |= views_losses(self.net, features, values, sure, sample.scene, self.teacher)
-        return {LOSS: sum_of(parts), **parts}
+        if self.progress < _MESSAGES_FIRST:
+            return cooperative_loss(self.detector, self.net, sample.scene, teacher=self.teacher)
+        return self._flow_step(sample)
 
     def _flow_step(self, sample: FlowSample) -> dict[str, Tensor]:
         net = self.net

@@ -54,40 +54,45 @@ def met(prior: Instances, seen: Instances, dt_s: float) -> Instances:
         seen: by the agent alone, now.
         dt_s: time since the frame before.
     """
-    rows, columns = _pairs(prior, seen, dt_s)
+    usual, fast = _pairs(prior, seen, dt_s)
     device = seen.box.device
-    old, new = (torch.from_numpy(each).to(device) for each in (rows, columns))
+    old, new = (torch.from_numpy(np.concatenate(each)).to(device) for each in zip(usual, fast, strict=True))
     fresh = torch.ones(len(seen), dtype=torch.bool, device=device)
     fresh[new] = False
     known, now = prior[old], seen[new]
+    velocity = corrected_velocity(known, now, dt_s)
+    if count := len(fast[0]):  # has moved so far that errors of places are small beside it
+        beside = now.box[-count:, :2] - known.box[-count:, :2]
+        velocity[-count:] = (known.velocity[-count:] + beside / dt_s).clamp(-_MOST_M_S, _MOST_M_S)
     left = prior[_others(old, len(prior))]
     paired = replace(
-        known, box=now.box, velocity=corrected_velocity(known, now, dt_s), score=now.score, label=now.label,
+        known, box=now.box, velocity=velocity, score=now.score, label=now.label,
         hits=known.hits + 1, missed=torch.zeros_like(known.missed),
     )  # fmt: skip
     faded = replace(left, score=torch.sigmoid(logit(left.score) - _FADE), missed=left.missed + 1)
     return Instances.joined([paired, faded, seen[fresh]])
 
 
-def _pairs(prior: Instances, seen: Instances, dt_s: float) -> Pairs:
+def _pairs(prior: Instances, seen: Instances, dt_s: float) -> tuple[Pairs, Pairs]:
+    """Return the pairs of usual speed, and those of what is left over that are fast."""
     alike = _GROUPS[prior.label.cpu().numpy()][:, None] == _GROUPS[seen.label.cpu().numpy()]
     away_m = torch.cdist(prior.box[:, :2].detach().double(), seen.box[:, :2].detach().double()).cpu().numpy()
-    near = alike & (away_m <= _reach_m(prior, dt_s).cpu().numpy()[:, None])
+    near = alike & (away_m <= _reach_m(prior, dt_s)[:, None])
     rows, columns = _nearest(near, away_m)
     fast = alike & _fast(prior, seen, dt_s)
     fast[rows], fast[:, columns] = False, False
-    more_rows, more_columns = _nearest(fast, away_m)
-    return np.concatenate([rows, more_rows]), np.concatenate([columns, more_columns])
+    return (rows, columns), _nearest(fast, away_m)
 
 
 def _nearest(possible: Mask, away_m: Floats) -> Pairs:
     return hungarian(np.where(possible, -away_m, -np.inf), -np.inf)
 
 
-def _reach_m(prior: Instances, dt_s: float) -> Tensor:
+def _reach_m(prior: Instances, dt_s: float) -> Floats:
     """Return how far from its prediction each object of usual speed may be, (K,) m."""
-    fastest = torch.from_numpy(_FASTEST).to(prior.box)[prior.label]
-    return _LEAST_REACH_M + dt_s * torch.where(prior.hits == 1, fastest, _CHANGE_M_S)
+    unknown, fastest = prior.hits.cpu().numpy() == 1, _FASTEST[prior.label.cpu().numpy()]
+    reach_m: Floats = _LEAST_REACH_M + dt_s * np.where(unknown, fastest, _CHANGE_M_S)
+    return reach_m
 
 
 def _fast(prior: Instances, seen: Instances, dt_s: float) -> Mask:
@@ -104,13 +109,9 @@ def _fast(prior: Instances, seen: Instances, dt_s: float) -> Mask:
 
 
 def corrected_velocity(known: Instances, now: Instances, dt_s: float) -> Tensor:
-    """Return velocities (P, 2): those of `known`, corrected by how far what is seen of them now lies beside them.
-
-    What is farther than objects of usual speed can be has moved so much: next to that, errors of places are small.
-    """
+    """Return velocities (P, 2): those of `known`, corrected by how far what is seen of them now lies beside them."""
+    gain_s = torch.where(known.hits == 1, _FIRST_GAIN_S, _GAIN_S)[:, None]
     beside = now.box[:, :2] - known.box[:, :2]
-    gain_s = torch.where(known.hits == 1, _FIRST_GAIN_S, _GAIN_S)
-    gain_s = torch.where(beside.norm(dim=1) > _reach_m(known, dt_s), 0.0, gain_s)[:, None]
     return (known.velocity + beside / (dt_s + gain_s)).clamp(-_MOST_M_S, _MOST_M_S)
 
 
