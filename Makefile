@@ -7,7 +7,7 @@ DEMO_FLAGS ?=
 TEST_PROCESSES ?= 2
 
 # In this order: all others begin with the encoder of the first.
-WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf disconet v2vnet cobevt v2x_vit lift_splat points_and_pictures dmstrack dmstrack_seen point_identity picture_identity
+WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf disconet v2vnet cobevt v2x_vit lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x dmstrack_seen dmstrack
 TRAIN_FLAGS ?=
 
 .PHONY: demo test lint types check docs bench weights clean

@@ -4,6 +4,8 @@ Detection and Tracking Framework for 3D Multi-Object Tracking in Vehicle-Infrast
 
 from __future__ import annotations
 
+from functools import reduce
+
 import torch
 from torch import Tensor, nn
 
@@ -32,7 +34,8 @@ class FFTracking(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        most = (others * mask[:, None].to(others.dtype)).amax(0)
+        reported = others * mask[:, None].to(others.dtype)
+        most = reduce(torch.maximum, reported)  # on CPUs several times as fast as amax over the first dimension
         joined: Tensor = self.convolve(as_batch(torch.cat([own, most.to(own.dtype)])))[0]
         fused = (torch.maximum(own, most) + joined).relu().to(own.dtype)
         return torch.where(mask.any(0), fused, own)

@@ -15,7 +15,6 @@ from tiny_networks import learned
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.learn.weights import shipped_weights
 from coopsim.types import Observation, Sweep, Tracks
 
 SURE: dict[str, Any] = {"detection_score": 0.3, "track_score": 0.3, "hits": 1}
@@ -83,10 +82,3 @@ def test_another_tracker_follows_what_the_detection_branch_finds() -> None:
 def test_wrong_settings_are_refused(settings: dict[str, Any], error: type[Exception], match: str) -> None:
     with pytest.raises(error, match=match):
         make(**settings)
-
-
-def test_without_weights_it_says_how_to_train_them() -> None:
-    if "vic_integrated" in shipped_weights():
-        pytest.skip("they ship")
-    with pytest.raises(InvalidValueError, match="train them with 'coopsim train vic_integrated"):
-        coopsim.make_policy("vic_integrated")

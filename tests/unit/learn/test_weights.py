@@ -23,10 +23,12 @@ from coopsim.learn.weights import (
     load_cooperative,
     load_covariance,
     load_detector,
+    load_integrated,
     load_picture_identity,
     load_pictures,
     load_point_identity,
     load_points_and_pictures,
+    load_queries,
     make_cooperative,
     make_detector,
     read_texts,
@@ -156,6 +158,10 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
         load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
+    elif texts["kind"] in ("queries", "integrated"):
+        load_beside = {"queries": load_queries, "integrated": load_integrated}[texts["kind"]]
+        load_beside(name, load_detector(texts["detector"]))
+        assert bytes_ <= 1.5e6
     elif texts["kind"] in ("covariance", "point_identity", "picture_identity"):
         load_one = {
             "covariance": load_covariance,
