@@ -6,6 +6,7 @@ then needs a guard, and in all of them the death of one process fails every job 
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import sys
@@ -111,6 +112,7 @@ def serve() -> None:
     while True:
         pickle.dump(jobs.get().run(), replies)
         replies.flush()
+        gc.collect()  # policies refer to themselves; until a collection by chance, maps of many episodes pile up
 
 
 def _listen(jobs: SimpleQueue[Work[Any]]) -> None:
