@@ -158,10 +158,6 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
         load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
-    elif texts["kind"] in ("queries", "integrated"):
-        load_beside = {"queries": load_queries, "integrated": load_integrated}[texts["kind"]]
-        load_beside(name, load_detector(texts["detector"]))
-        assert bytes_ <= 1.5e6
     elif texts["kind"] in ("covariance", "point_identity", "picture_identity"):
         load_one = {
             "covariance": load_covariance,
@@ -171,7 +167,8 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load_one[texts["kind"]](name)
         assert bytes_ <= 1.5e6
     else:
-        load_cooperative(name, load_detector(texts["detector"]))
+        load_beside = {"cooperative": load_cooperative, "queries": load_queries, "integrated": load_integrated}
+        load_beside[texts["kind"]](name, load_detector(texts["detector"]))
         assert bytes_ <= 1.5e6
     said = card(name)
     assert said["weights"][name] == {"digest": digest(name), "bytes": bytes_}
