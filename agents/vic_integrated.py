@@ -17,9 +17,8 @@ from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
 from coopsim.catalog import POLICIES
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
-from coopsim.tracking.affinity import Affinity, half_giou, xiou
 from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.four_stages import four_stages
+from coopsim.tracking.four_stages import AFFINITIES, four_stages
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.types import AgentSpec, Detections, Observation, Tracks
 from coopsim.types.valid_detections import drop_unreportable
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
 
 INTEGRATED = "integrated"
 """The tracker for which the prediction branch says where tracks are."""
-
-_AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "giou": half_giou}
 
 
 @POLICIES.register("vic_integrated")
@@ -48,11 +45,11 @@ class VicIntegrated(LearnedFusion):
         tracker: "integrated": tracks are where the prediction branch finds them; or a policy that tracks boxes, whose
             tracker then follows what the detection branch finds, as "vic_fscm_association".
         stages: 4 of matching (FSCM), or 1 in which all tracks and detections take part.
-        affinity: by which boxes are matched: "xiou", or "giou", (GIoU + 1) / 2, which has the same range and knows no
-            headings.
+        affinity: by which boxes are matched: "axial_xiou", XIOU in which front and back are alike, for the heads of
+            LiDAR networks confuse them; "xiou", the paper's; or "giou", (GIoU + 1) / 2, which knows no headings.
         gate: smallest affinity of a match, in [0, 1]; ours, the paper gives none.
-        detection_score: score from which a detection is sure, and begins a track (m_d).
-        track_score: score from which a track is sure (m_t).
+        detection_score: score from which a detection is sure, and begins a track (m_d); the paper's is 0.5.
+        track_score: score from which a track is sure (m_t); the paper's is 0.4.
         keep: frames for which a track without a detection is kept (N).
         hits: frames with a detection until a track is reported; ours, the paper gives none.
     """
@@ -64,17 +61,17 @@ class VicIntegrated(LearnedFusion):
     weights: str = "vic_integrated"
     tracker: str = INTEGRATED
     stages: int = 4
-    affinity: str = "xiou"
+    affinity: str = "axial_xiou"
     gate: float = 0.4
-    detection_score: float = 0.5
-    track_score: float = 0.4
+    detection_score: float = 0.3
+    track_score: float = 0.2
     keep: int = 20
     hits: int = 3
 
     def __post_init__(self) -> None:
         if self.stages not in (1, 4):
             raise InvalidValueError(f"stages must be 1 or 4, got {self.stages!r}")
-        require_choice("affinity", self.affinity, _AFFINITIES)
+        require_choice("affinity", self.affinity, AFFINITIES)
         require_probability(gate=self.gate)
         require_finite_number(detection_score=self.detection_score, track_score=self.track_score)
         require_count(1, keep=self.keep, hits=self.hits)
@@ -135,7 +132,7 @@ class VicIntegrated(LearnedFusion):
         from coopsim.geometry.assignment import hungarian
         from coopsim.nn.inference.integrated_tracks import TrackRules
 
-        affinity = _AFFINITIES[self.affinity]
+        affinity = AFFINITIES[self.affinity]
         if self.stages == 4:
             association = four_stages(affinity, self.gate, self.track_score, self.detection_score)
         else:

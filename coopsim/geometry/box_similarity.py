@@ -31,9 +31,21 @@ def xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
     Source: Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D Multi-Object Tracking in
     Vehicle-Infrastructure Cooperation", eq. 19-23.
     """
-    first, second = _boxes(a, b)
-    affinity: Floats = _times_heading(giou_3d(first, second, 2 * least - 1), first[:, _YAW], second[:, _YAW], least)
-    return affinity
+    return _xiou(a, b, least, axial=False)
+
+
+def axial_xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+    """Return the XIOU, in [0, 1], of boxes whose front may be their back: (GIoU + 1) (|cos(difference)| + 1) / 4.
+
+    It is `xiou` with the second box turned by half a turn where that makes it larger: for detectors that confuse front
+    and back.
+
+    Args:
+        a: (N, 7).
+        b: (M, 7).
+        least: smaller values are returned as this one.
+    """
+    return _xiou(a, b, least, axial=True)
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -55,21 +67,27 @@ def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
     return affinity
 
 
+def _xiou(a: ArrayLike, b: ArrayLike, least: float, axial: bool) -> Floats:
+    first, second = _boxes(a, b)
+    giou = giou_3d(first, second, 2 * least - 1)
+    affinity: Floats = _times_heading(giou, first[:, _YAW], second[:, _YAW], least, axial)
+    return affinity
+
+
 def _boxes(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
     first = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
     return first, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
 
 
 @njit(cache=True, nogil=True)
-def _times_heading(giou: Floats, first_rad: Floats, second_rad: Floats, least: float) -> Floats:
+def _times_heading(giou: Floats, first_rad: Floats, second_rad: Floats, least: float, axial: bool) -> Floats:
     """Return the XIOU of pairs with this GIoU (N, M) and these headings (N,) and (M,), in the place of the GIoU."""
     for i in range(len(first_rad)):
         for j in range(len(second_rad)):
-            value = (
-                (giou[i, j] + 1) * (np.cos(first_rad[i] - second_rad[j]) + 1) / 4
-                if giou[i, j] > 2 * least - 1
-                else least
-            )
+            value = least
+            if giou[i, j] > 2 * least - 1:
+                agree = np.cos(first_rad[i] - second_rad[j])
+                value = (giou[i, j] + 1) * ((abs(agree) if axial else agree) + 1) / 4
             giou[i, j] = least if value < least else value
     return giou
 

@@ -109,6 +109,9 @@ center_distance = of_boxes(box_similarity.center_distance_bev)
 xiou = of_boxes(box_similarity.xiou, Clipping(box_similarity.xiou, floor=0.2, lowest=0.0))
 """GIoU and heading together, in [0, 1] (Hu et al., eq. 23)."""
 
+axial_xiou = of_boxes(box_similarity.axial_xiou, Clipping(box_similarity.axial_xiou, floor=0.2, lowest=0.0))
+"""XIOU, in [0, 1], of boxes whose front may be their back."""
+
 
 def _half_giou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
     value: Floats = (iou.giou_3d(a, b, 2 * least - 1) + 1) / 2

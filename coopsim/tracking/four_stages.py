@@ -5,8 +5,11 @@ from __future__ import annotations
 from itertools import product
 
 from coopsim.geometry.assignment import hungarian
-from coopsim.tracking.affinity import Affinity
+from coopsim.tracking.affinity import Affinity, axial_xiou, half_giou, xiou
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
+
+AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "axial_xiou": axial_xiou, "giou": half_giou}
+"""By what boxes are matched: XIOU, XIOU for detectors that confuse front and back, and (GIoU + 1) / 2."""
 
 
 def four_stages(affinity: Affinity, gate: float, track_score: float, detection_score: float) -> Cascade:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from some_tracks import FRAME_NS, cars
 
 from coopsim.agents.vic_fscm_association import VicFSCMAssociation
+from coopsim.errors import UnknownNameError
+from coopsim.geometry.boxes import Boxes3D
 
 
 def test_a_track_is_doubtful_once_it_has_been_hidden_for_long() -> None:
@@ -45,3 +50,19 @@ def test_how_fast_it_falls_is_a_parameter(decay: float, sure: bool) -> None:
     for k in range(4, 8):
         tracker.step(cars(), k * FRAME_NS)
     assert (tracker.state.tracked.score[0] >= policy.track_score) == sure
+
+
+@pytest.mark.parametrize(("affinity", "matched"), [("xiou", False), ("axial_xiou", True), ("giou", True)])
+def test_a_detection_that_faces_the_other_way_is_matched_unless_xiou_is_to_be(affinity: str, matched: bool) -> None:
+    tracker = VicFSCMAssociation(affinity=affinity).make_tracker()
+    for k in range(4):
+        tracker.step(cars(0.0, score=0.9), k * FRAME_NS)
+    seen = cars(0.0, score=0.9)
+    around = replace(seen, boxes=Boxes3D.from_array(seen.boxes.array + np.pi * (np.arange(7) == 6)))
+    tracker.step(around, 4 * FRAME_NS)
+    assert (len(tracker.state.tracked) == 1) == matched
+
+
+def test_an_unknown_affinity_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="unknown affinity 'iou'"):
+        VicFSCMAssociation(affinity="iou")

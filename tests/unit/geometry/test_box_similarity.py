@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.geometry.box_similarity import center_distance_bev, fgam, xiou
+from coopsim.geometry.box_similarity import axial_xiou, center_distance_bev, fgam, xiou
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_3d
 from coopsim.geometry.se3 import SE3
 
 CAR = [0.0, 0, 0, 4, 2, 1.5, 0]
-SYMMETRIC = (xiou, center_distance_bev, fgam)
+SYMMETRIC = (xiou, axial_xiou, center_distance_bev, fgam)
 
 metres = st.floats(-15, 15)
 size = st.floats(0.1, 12)
@@ -59,6 +59,12 @@ def test_fgam_by_hand(other: np.ndarray, expected: float) -> None:
     np.testing.assert_allclose(fgam(other, car()), [[expected]], atol=1e-12)
 
 
+@given(boxes, boxes)
+def test_axial_xiou_is_the_larger_of_both_ways_to_face(a: np.ndarray, b: np.ndarray) -> None:
+    around = b + np.pi * (np.arange(7) == 6)
+    np.testing.assert_allclose(axial_xiou(a, b), np.maximum(xiou(a, b), xiou(a, around)), atol=1e-9)
+
+
 def test_distance_by_hand() -> None:
     np.testing.assert_allclose(center_distance_bev(car(), car(x=3, y=-4, z=7)), [[-5.0]])
 
@@ -100,4 +106,5 @@ def test_moving_and_turning_the_world_changes_nothing(
 def test_xiou_below_the_least_is_given_as_it() -> None:
     rng = np.random.default_rng(5)
     a, b = (np.column_stack([rng.uniform(-30, 30, (50, 3)), rng.uniform(0.5, 9, (50, 4))]) for _ in range(2))
-    np.testing.assert_allclose(xiou(a, b, 0.2), np.maximum(xiou(a, b), 0.2), rtol=1e-12)
+    for of in (xiou, axial_xiou):
+        np.testing.assert_allclose(of(a, b, 0.2), np.maximum(of(a, b), 0.2), rtol=1e-12)

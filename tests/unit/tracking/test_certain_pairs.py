@@ -13,10 +13,10 @@ from coopsim.tracking.affinity import BoxAffinity
 from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
 
 AFFINITIES: dict[str, BoxAffinity] = {
-    **{name: getattr(affinity, name) for name in ("iou_3d", "giou_3d", "giou_bev", "xiou")},
+    **{name: getattr(affinity, name) for name in ("iou_3d", "giou_3d", "giou_bev", "xiou", "axial_xiou")},
     "giou_3d and score": replace(affinity.giou_3d, score_weight=0.6),
 }
-GATES = {"iou_3d": 0.01, "giou_3d": -0.2, "giou_bev": -0.2, "xiou": 0.4, "giou_3d and score": -0.2}
+GATES = {"iou_3d": 0.01, "giou_3d": -0.2, "giou_bev": -0.2, "xiou": 0.4, "axial_xiou": 0.4, "giou_3d and score": -0.2}
 
 
 def street(rng: np.random.Generator, count: int, width_m: float) -> np.ndarray:

@@ -111,6 +111,18 @@ def test_pairs_are_where_they_are_detected_and_learn_their_velocities() -> None:
     assert 0 < float(tracks.velocity[0, 0]) <= 2.0 and float(tracks.score[0]) == pytest.approx(0.6)
 
 
+@pytest.mark.parametrize("detected_rad", [0.2, 0.2 + np.pi])
+@pytest.mark.parametrize(("speed_m_s", "expected_rad"), [(10.0, 0.2), (-10.0, 0.2 + np.pi), (0.0, 0.2)])
+def test_a_pair_faces_where_it_goes_and_else_as_it_did(
+    detected_rad: float, speed_m_s: float, expected_rad: float
+) -> None:
+    velocity = torch.tensor([[speed_m_s, 0.0]])
+    known, detected = cars([[0.0, 0.0]], velocity=velocity), cars([[0.0, 0.0]])
+    detected.box[0, 6] = detected_rad
+    pair = updated_tracks(known, detected, (np.array([0]), np.array([0])), torch.tensor([False]), 0.1)
+    assert np.cos(float(pair.box[0, 6]) - expected_rad) == pytest.approx(1.0)
+
+
 def test_sure_detections_begin_tracks_and_doubtful_ones_go_on_with_them() -> None:
     tracks, number = RULES.step(cars([]), cars([[0, 0], [9, 0]], score=torch.tensor([0.9, 0.3])), 0.1, 1)
     assert tracks.number.tolist() == [1] and number == 2
