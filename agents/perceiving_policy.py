@@ -23,6 +23,7 @@ from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.facing import facing_forwards
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.valid_detections import drop_unreportable
@@ -56,7 +57,8 @@ class Heard:
 class PerceivingPolicy(TrackingPolicy):
     """A policy with detections of its own, made by a network. Further parameters: `TrackingPolicy`.
 
-    Of each sender the newest message counts, where it was captured, until another one comes or it is too old.
+    Of each sender the newest message counts, where it was captured, until another one comes or it is too old. Networks
+    on LiDARs confuse front and back, so reported tracks that move face where they go.
 
     Attributes:
         weights: of the network, by name or as the path of a file.
@@ -155,6 +157,9 @@ class PerceivingPolicy(TrackingPolicy):
         tasks = [partial(self._perceive, agent, each, heard[agent]) for agent, each in observations.items()]
         found = dict(zip(observations, side_by_side(tasks, self.threads), strict=True))
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
+
+    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        return facing_forwards(super()._track(agent, observation, found))
 
     def perceive(self, agent: str, observation: Observation) -> Detections:
         self.prepare({agent: observation})

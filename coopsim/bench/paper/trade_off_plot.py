@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 _SIZE_IN = (7.0, 4.6)
 _LABEL_PT, _MARKER_PT = 7.0, 6.0
 _LINE_HEIGHT = 1.25
+_FAR, _ENOUGH = 3.0, 5
+"""So many interquartile ranges beside the middle half of the values one is far; fewer values have none that is."""
+
+_LEAST_SAMPLES = 3
+"""The interval of fewer is wider than the figure."""
+
 _LOOKS: Mapping[str, tuple[str, str, str]] = {
     "none": ("nothing", "X", "0.35"),
     "detections": ("boxes", "o", "#0072b2"),
@@ -45,14 +51,26 @@ class _Point:
     sends: str
     bytes_per_s: float
     value: Interval
+    shown: float
+
+    @property
+    def far(self) -> bool:
+        """Whether the value is beyond the figure's edge, at which the marker stands."""
+        return self.shown != self.value.mean
+
+    @property
+    def half_whisker(self) -> float:
+        """Half the length of the whisker; NaN: there is none."""
+        return math.nan if self.far or self.value.count < _LEAST_SAMPLES else self.value.half_width
 
 
 def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
     """Plot a metric against the bytes per second that an agent broadcasts, with a marker for each policy.
 
     Both are means in the mildest conditions, or over all if the grid lacks that corner; whiskers are 95 % intervals
-    over seeds, or over drawn places. What sends nothing stands on the left, apart from the logarithmic scale. Dashes
-    are the Pareto front: the policies that no other beats in both.
+    over seeds, or over drawn places, where there are three. What sends nothing stands on the left, apart from the
+    logarithmic scale. What is far above or below the others stands at the edge, with its number. Dashes are the Pareto
+    front: the policies that no other beats in both.
 
     Args:
         table: the results; they have bytes per second.
@@ -83,11 +101,29 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
     names = short_names(table.policies)
     found = [
-        _Point(names[policy], sends.get(policy, ""), float(rate), table.samples.interval(row))
+        _Point(names[policy], sends.get(policy, ""), float(rate), value := table.samples.interval(row), value.mean)
         for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)
     ]
     known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
-    return sorted(known, key=lambda each: (each.bytes_per_s, each.name))
+    low, high = _edges([each.value.mean for each in known])
+    shown = [_at_edge(each, low, high) for each in known]
+    return sorted(shown, key=lambda each: (each.bytes_per_s, each.name))
+
+
+def _edges(values: Sequence[float]) -> tuple[float, float]:
+    """Return below and above which of the values one is far from the others."""
+    first, third = np.percentile(values, [25, 75]) if len(values) >= _ENOUGH else (0.0, 0.0)
+    if first == third:
+        return -math.inf, math.inf
+    return float(first - _FAR * (third - first)), float(third + _FAR * (third - first))
+
+
+def _at_edge(point: _Point, low: float, high: float) -> _Point:
+    """Return a point whose marker is between two values, with its number in its name if that is not its place."""
+    mean = point.value.mean
+    if low <= mean <= high:
+        return point
+    return replace(point, name=f"{point.name}: {mean:.0f}", shown=min(max(mean, low), high))
 
 
 def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) -> list[int]:
@@ -104,15 +140,15 @@ def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
     places = _places(panel, points)
     means = [each.value.mean for each in points]
     front = pareto_front([each.bytes_per_s for each in points], means, less)
-    panel.plot([places[k] for k in front], [means[k] for k in front], "--", color="0.45", lw=1, zorder=1)
+    panel.plot([places[k] for k in front], [points[k].shown for k in front], "--", color="0.45", lw=1, zorder=1)
     shown = set[str]()
     for place, point in zip(places, points, strict=True):
         word, marker, color = _LOOKS.get(point.sends, _OTHER)
-        half = np.nan_to_num(point.value.half_width)
-        panel.errorbar(place, point.value.mean, half, color="0.55", lw=0.8, capsize=2, zorder=2)
+        half = np.nan_to_num(point.half_whisker)
+        panel.errorbar(place, point.shown, half, color="0.55", lw=0.8, capsize=2, zorder=2)
         look = {"marker": marker, "ms": _MARKER_PT, "mfc": color, "mec": "black", "mew": 0.7, "ls": ""}
         label = word if word and word not in shown else "_"
-        panel.plot(place, point.value.mean, label=label, zorder=3, **look)
+        panel.plot(place, point.shown, label=label, zorder=3, **look)
         shown.add(word)
     panel.plot([], [], "--", color="0.45", lw=1, label="Pareto front")
     panel.legend(fontsize=7, frameon=False, loc="lower right", title="what is sent", title_fontsize=7)
@@ -145,7 +181,7 @@ def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
     whiskers = [
         panel.transData.transform([(x, point.value.low), (x, point.value.high)]) * to_pt
         for (x, _), point in zip(places, points, strict=True)
-        if not math.isnan(point.value.half_width)
+        if not math.isnan(point.half_whisker)
     ]
     half = _MARKER_PT / 2
     taken = [[x - half, y - half, x + half, y + half] for x, y in spots]

@@ -10,9 +10,7 @@ from torch import Tensor
 from coopsim.geometry.assignment import Pairs
 from coopsim.nn.queries.carry_over import corrected_velocity
 from coopsim.nn.queries.instances import Instances
-
-_MOVING_M_S = 2.0
-"""What is faster faces where it goes."""
+from coopsim.tracking.facing import MOVING_M_S
 
 
 def updated_tracks(predicted: Instances, detected: Instances, pairs: Pairs, born: Tensor, dt_s: float) -> Instances:
@@ -44,6 +42,6 @@ def updated_tracks(predicted: Instances, detected: Instances, pairs: Pairs, born
 def _faced(box: Tensor, known: Tensor, velocity: Tensor) -> Tensor:
     """Return boxes (P, 7), turned by half a turn where they face neither forwards nor as those known (P, 7)."""
     forwards = torch.atan2(velocity[:, 1], velocity[:, 0])
-    facing = torch.where(velocity.norm(dim=1) > _MOVING_M_S, forwards, known[:, 6])
+    facing = torch.where(velocity.norm(dim=1) > MOVING_M_S, forwards, known[:, 6])
     around = torch.pi * (torch.cos(box[:, 6] - facing) < 0)
     return torch.cat([box[:, :6], box[:, 6:] + around[:, None]], dim=1)

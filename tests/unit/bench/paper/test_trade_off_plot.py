@@ -36,6 +36,19 @@ def test_it_is_drawn_of_whatever_there_is() -> None:
         assert "</svg>" in trade_off(ResultTable.of(given_results), "sAMOTA", {})
 
 
+def test_what_is_far_from_the_others_stands_at_the_edge_with_its_number() -> None:
+    def words(names: str) -> list[str]:
+        scores = {"a": 31.0, "b": 32.0, "c": 33.0, "d": 34.0, "e": 37.0, "far": 500.0}
+        table = ResultTable.of(results({name: scores[name] for name in names.split()}))
+        return re.findall(r">([^<>\n]+)</text>", trade_off(table, "sAMOTA", {}))
+
+    far = re.compile("far: (49|50)[0-9]")
+    many, few = words("a b c d e far"), words("a b far")
+    assert {"a", "b", "c", "d", "e"} <= set(many) and [each for each in many if far.fullmatch(each)]
+    assert not {"100", "200", "300", "400"} & set(many), "the axis would reach up to it"
+    assert "far" in few, "of three values none is far"
+
+
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=12), st.booleans())
 def test_the_front_has_what_none_beats_in_both(points: list[tuple[int, int]], less: bool) -> None:
     rates, values = zip(*points, strict=True)
