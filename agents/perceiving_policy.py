@@ -159,7 +159,11 @@ class PerceivingPolicy(TrackingPolicy):
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
 
     def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
-        return facing_forwards(super()._track(agent, observation, found))
+        return facing_forwards(self._follow(agent, observation, found))
+
+    def _follow(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        """Return the tracks for what is found, before those that move are turned to face where they go."""
+        return super()._track(agent, observation, found)
 
     def perceive(self, agent: str, observation: Observation) -> Detections:
         self.prepare({agent: observation})

@@ -19,7 +19,6 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_between, require_probability
-from coopsim.tracking.facing import facing_forwards
 from coopsim.types import AgentSpec, BevGrid, Detections, InstanceQueries, Message, Observation, SensorView, Tracks
 from coopsim.types.valid_detections import drop_unreportable
 
@@ -131,9 +130,9 @@ class QueryPolicy(PerceivingPolicy):
 
         return detections_of(content)
 
-    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+    def _follow(self, agent: str, observation: Observation, found: Detections) -> Tracks:
         if self.tracker != BY_QUERIES:
-            return super()._track(agent, observation, found)
+            return super()._follow(agent, observation, found)
         state, chain, now_ns = self._states[agent], self._chains[agent], observation.time_ns
         known, to_base = self._perceiver.nothing(), base_SE3_compass(observation)
         if chain.now is not None:
@@ -149,7 +148,7 @@ class QueryPolicy(PerceivingPolicy):
         sure = own[own.score >= self.least_reported]
         rows = np.asarray(sure.embedding)[:, 0].astype(np.int64)
         velocity = to_base.rotate_planar(known.velocity.double().numpy()[rows])
-        return facing_forwards(Tracks(known.number.numpy()[rows], sure.boxes, velocity, sure.score, sure.label))
+        return Tracks(known.number.numpy()[rows], sure.boxes, velocity, sure.score, sure.label)
 
     def _reported(self, known: Instances, region: BevGrid) -> Detections:
         """Return the instances in a region as detections, each with its row as the one number of its embedding.

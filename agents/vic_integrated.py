@@ -102,10 +102,10 @@ class VicIntegrated(LearnedFusion):
         found = detections_of(chain.now.detected)
         return found[found.score >= self.least_score]
 
-    def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+    def _follow(self, agent: str, observation: Observation, found: Detections) -> Tracks:
         rules, state, memory = self._track_rules, self._states[agent], self._chains[agent].now
         if rules is None:
-            return super()._track(agent, observation, found)
+            return super()._follow(agent, observation, found)
         state.fused = [drop_unreportable(found).transform(state.frame.odom_SE3_base)]
         if memory is None:
             return Tracks.empty()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import wrap_angle
 from coopsim.types import Tracks
 
 MOVING_M_S = 2.0
@@ -15,10 +15,7 @@ MOVING_M_S = 2.0
 
 def facing_forwards(tracks: Tracks) -> Tracks:
     """Return tracks, those that move (2 m/s) and face backwards turned around; others face as they did."""
-    (x, y), yaw_rad = tracks.velocity.T, tracks.boxes.array[:, 6]
+    (x, y), yaw_rad = tracks.velocity.T, tracks.boxes.yaw
     backwards = (np.hypot(x, y) > MOVING_M_S) & (np.cos(yaw_rad) * x + np.sin(yaw_rad) * y < 0)
-    if not backwards.any():
-        return tracks
-    boxes = tracks.boxes.array.copy()
-    boxes[backwards, 6] += np.pi
-    return replace(tracks, boxes=Boxes3D.from_array(boxes))
+    faced_rad = np.where(backwards, wrap_angle(yaw_rad + np.pi), yaw_rad)
+    return replace(tracks, boxes=replace(tracks.boxes, yaw=faced_rad))

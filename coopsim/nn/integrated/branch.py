@@ -81,8 +81,12 @@ class Branch(nn.Module):
         logits = self.heads.logits(asked, feature)
         box, velocity = self.heads.boxes(asked, feature, known)
         turn = self.turn(feature).squeeze(1)
-        box = torch.cat([box[:, :6], box[:, 6:] + torch.pi * (turn > 0)[:, None]], dim=1)
-        return replace(asked, semantic=feature, box=box, velocity=velocity), logits, turn
+        return replace(asked, semantic=feature, box=turned_around(box, turn > 0), velocity=velocity), logits, turn
+
+
+def turned_around(box: Tensor, which: Tensor) -> Tensor:
+    """Return boxes (K, 7), those of `which` (K,) turned by half a turn."""
+    return torch.cat([box[:, :6], box[:, 6:] + torch.pi * which[:, None]], dim=1)
 
 
 def box_axes(box: Tensor) -> Tensor:

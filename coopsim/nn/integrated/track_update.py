@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from coopsim.geometry.assignment import Pairs
+from coopsim.nn.integrated.branch import turned_around
 from coopsim.nn.queries.carry_over import corrected_velocity
 from coopsim.nn.queries.instances import Instances
 from coopsim.tracking.facing import MOVING_M_S
@@ -43,5 +44,4 @@ def _faced(box: Tensor, known: Tensor, velocity: Tensor) -> Tensor:
     """Return boxes (P, 7), turned by half a turn where they face neither forwards nor as those known (P, 7)."""
     forwards = torch.atan2(velocity[:, 1], velocity[:, 0])
     facing = torch.where(velocity.norm(dim=1) > MOVING_M_S, forwards, known[:, 6])
-    around = torch.pi * (torch.cos(box[:, 6] - facing) < 0)
-    return torch.cat([box[:, :6], box[:, 6:] + around[:, None]], dim=1)
+    return turned_around(box, torch.cos(box[:, 6] - facing) < 0)
