@@ -78,12 +78,14 @@ def policies(weights: str, fusion: str, giou: str | None, sure: str) -> dict[str
     """
     policy = read_config(fusion)["fusion"]
     ours, detector = f"vic_integrated(weights='{weights}'", f"{policy}(weights='{fusion}'"
-    stages = f"tracker='vic_fscm_association({sure}"
+    stages, axial_stages = (
+        f"tracker='vic_fscm_association({sure}, affinity={each})'" for each in ("xiou", "axial_xiou")
+    )
     cases = {
         "by detection, AB3DMOT": f"{detector})",
-        "by detection, XIOU, four stages": f"{detector}, {stages})')",
-        "by detection, axial XIOU, four stages": f"{detector}, {stages}, affinity=axial_xiou)')",
-        "detection branch, axial XIOU, four stages": f"{ours}, {stages}, affinity=axial_xiou)')",
+        "by detection, XIOU, four stages": f"{detector}, {stages})",
+        "by detection, axial XIOU, four stages": f"{detector}, {axial_stages})",
+        "detection branch, axial XIOU, four stages": f"{ours}, {axial_stages})",
         "integrated, GIoU, four stages": f"{ours}, {sure}, affinity=giou)",
         "integrated, XIOU, four stages": f"{ours}, {sure}, affinity=xiou)",
         "integrated, axial XIOU, one stage": f"{ours}, {sure}, stages=1)",

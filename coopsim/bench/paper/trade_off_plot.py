@@ -51,12 +51,22 @@ class _Point:
     sends: str
     bytes_per_s: float
     value: Interval
-    shown: float
+    edges: tuple[float, float] = (-math.inf, math.inf)
+
+    @property
+    def shown(self) -> float:
+        """Where the marker stands: at the mean, or at the edge before it."""
+        return min(max(self.value.mean, self.edges[0]), self.edges[1])
 
     @property
     def far(self) -> bool:
-        """Whether the value is beyond the figure's edge, at which the marker stands."""
+        """Whether the mean is beyond an edge."""
         return self.shown != self.value.mean
+
+    @property
+    def label(self) -> str:
+        """The name, with the number if the marker does not tell it."""
+        return f"{self.name}: {self.value.mean:.0f}" if self.far else self.name
 
     @property
     def half_whisker(self) -> float:
@@ -101,29 +111,21 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
     names = short_names(table.policies)
     found = [
-        _Point(names[policy], sends.get(policy, ""), float(rate), value := table.samples.interval(row), value.mean)
+        _Point(names[policy], sends.get(policy, ""), float(rate), table.samples.interval(row))
         for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)
     ]
     known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
-    low, high = _edges([each.value.mean for each in known])
-    shown = [_at_edge(each, low, high) for each in known]
-    return sorted(shown, key=lambda each: (each.bytes_per_s, each.name))
+    edges = _edges([each.value.mean for each in known])
+    return sorted((replace(each, edges=edges) for each in known), key=lambda each: (each.bytes_per_s, each.name))
 
 
 def _edges(values: Sequence[float]) -> tuple[float, float]:
     """Return below and above which of the values one is far from the others."""
-    first, third = np.percentile(values, [25, 75]) if len(values) >= _ENOUGH else (0.0, 0.0)
-    if first == third:
+    if len(values) < _ENOUGH:
         return -math.inf, math.inf
-    return float(first - _FAR * (third - first)), float(third + _FAR * (third - first))
-
-
-def _at_edge(point: _Point, low: float, high: float) -> _Point:
-    """Return a point whose marker is between two values, with its number in its name if that is not its place."""
-    mean = point.value.mean
-    if low <= mean <= high:
-        return point
-    return replace(point, name=f"{point.name}: {mean:.0f}", shown=min(max(mean, low), high))
+    first, third = (float(each) for each in np.percentile(values, [25, 75]))
+    reach = _FAR * (third - first) or math.inf
+    return first - reach, third + reach
 
 
 def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) -> list[int]:
@@ -186,14 +188,14 @@ def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
     half = _MARKER_PT / 2
     taken = [[x - half, y - half, x + half, y + half] for x, y in spots]
     bars = [[low[0] - 1, low[1], high[0] + 1, high[1]] for low, high in whiskers]
-    sizes = np.array([_size_of(point.name) for point in points])
+    sizes = np.array([_size_of(point.label) for point in points])
     beside = lay_out(spots, sizes, np.array([*taken, legend]), np.array(bars), area)
     back = panel.transData.inverted()
     backing = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
     look = {"fontsize": _LABEL_PT, "va": "center_baseline", "zorder": 4, "bbox": backing}
     for point, spot, size, place in zip(points, spots, sizes, beside, strict=True):
         x, y = back.transform(place / to_pt)
-        panel.text(x, y, point.name, **look).set_in_layout(False)
+        panel.text(x, y, point.label, **look).set_in_layout(False)
         if abs(place[1] - spot[1]) > 1:
             end = place if place[0] > spot[0] else np.add(place, (size[0], 0.0))
             line = back.transform(np.array([spot, end]) / to_pt)
