@@ -11,7 +11,11 @@ TEST_PROCESSES ?= 2
 WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf disconet v2vnet cobevt v2x_vit lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x dmstrack_seen dmstrack
 TRAIN_FLAGS ?=
 
-.PHONY: demo test lint types check docs bench weights clean
+# Unit tests of the rooms that have compiled kernels.
+KERNEL_ROOMS := $(addprefix tests/unit/,bench/detect comms data detection envs fusion geometry metrics nn/detector \
+	sensors tracking types world)
+
+.PHONY: demo test lint types check check-long docs bench weights clean
 
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
@@ -30,6 +34,13 @@ types: $(VENV)/.dev
 	$(BIN)/mypy
 
 check: lint types test
+
+# What only long runs show; and the rooms with kernels once more, compiled anew so that each index is checked.
+check-long: export OMP_NUM_THREADS := 1
+check-long: $(VENV)/.dev
+	$(BIN)/python -m pytest -m long --numprocesses $(TEST_PROCESSES) --dist worksteal
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/checked_kernels $(BIN)/python -m pytest $(KERNEL_ROOMS) \
+		--numprocesses $(TEST_PROCESSES) --dist worksteal
 
 # The site, from docs/ into build/site/index.html; the switch silences what plugins say of mkdocs' future.
 docs: $(VENV)/.dev

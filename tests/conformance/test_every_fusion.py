@@ -21,7 +21,7 @@ def test_registered_fusions_pass(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["cobevt", "disconet", "gsaf", "v2vnet", pytest.param("v2x_vit", marks=pytest.mark.slow)]
+    "name", ["cobevt", "disconet", "gsaf", "v2vnet", pytest.param("v2x_vit", marks=pytest.mark.long)]
 )
 def test_their_reference_sizes_pass(name: str) -> None:
     check_fusion(lambda features: FUSIONS.get(name)(features, size="reference"), features=16)

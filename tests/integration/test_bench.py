@@ -160,7 +160,6 @@ def test_a_larger_grid_takes_what_is_there(reference: dict[str, bytes], tmp_path
     assert [result.cell for result in Store(tmp_path).results()] == list(small.cells())
 
 
-@pytest.mark.slow
 def test_interrupted_killed_and_ended_by_two_commands_at_once(
     trouble: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,7 +322,7 @@ def test_without_ray_the_message_names_what_to_install(tmp_path: Path, monkeypat
         benchmark(GRID, tmp_path, engine=Engine("ray"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_local_ray_gives_the_bytes_of_local_processes(
     reference: dict[str, bytes], trouble: Path, tmp_path: Path
 ) -> None:

@@ -44,7 +44,6 @@ def _detect(out: Path, *more: str) -> list[dict[str, Any]]:
     return rows
 
 
-@pytest.mark.slow
 def test_rows_of_policies_environments_noises_and_delays(
     here: list[DetectJob], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,7 +113,6 @@ def test_a_failed_episode_costs_its_row_only(
     assert "ValueError: no such thing" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_fusions_of_features_have_detections_and_bytes_of_their_own(here: list[DetectJob], tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from tiny_networks import learned, tiny_detector
@@ -130,7 +128,6 @@ def test_fusions_of_features_have_detections_and_bytes_of_their_own(here: list[D
     assert len(here) == 2
 
 
-@pytest.mark.slow
 def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
     found = []
     for jobs in ("1", "2"):

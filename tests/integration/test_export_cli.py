@@ -75,7 +75,6 @@ def test_typos_are_told_in_one_line_and_write_nothing(arguments, told, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_after_ctrl_c_the_same_command_goes_on_and_ends_in_the_same_bytes(tmp_path):
     command = ["--seeds", "0-1", "--frames", "30"]
     with interruptible(*_export(tmp_path / "a", *command), stderr=subprocess.PIPE) as process:

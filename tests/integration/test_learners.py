@@ -151,7 +151,7 @@ def _all_cars_for_rllib(config: Any) -> Any:
     return ParallelPettingZooEnv(cars())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("agents", ["one", "all"])
 def test_rllib_learns(rllib: Any, agents: str) -> None:
     from ray.tune.registry import register_env

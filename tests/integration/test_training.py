@@ -280,7 +280,6 @@ train(find_recipe(sys.argv[1]), sys.argv[2], source=SyntheticClips(), device="cp
 """
 
 
-@pytest.mark.slow
 def test_two_processes_train_together(tmp_path: Path) -> None:
     """By torch's gloo on the processor, as torchrun would start them."""
     (tmp_path / "tiny.yaml").write_text(json.dumps({**TINY.as_data(), "steps": 6}))
