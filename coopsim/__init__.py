@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
+    from coopsim.support.precision import set_precision as set_precision
 
 __version__ = "0.1.0"
 
@@ -62,6 +63,7 @@ _HOMES = {
     "single_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
     "record": "coopsim.envs.simulated.record_episode",
+    "set_precision": "coopsim.support.precision",
     "vector": "coopsim.envs.vector.make",
 }
 

@@ -19,6 +19,7 @@ from coopsim.support.checks import (
     require_positive,
     require_probability,
 )
+from coopsim.support.precision import PRECISIONS
 
 _FOLDER = Path(__file__).parent / "recipes"
 
@@ -33,8 +34,6 @@ KINDS = (
 frozen encoder, with flow also how messages change in time. Stage C: both. A covariance of boxes is trained on
 recordings; one that sees features, on clips. An identity tells objects apart. Queries are trained on a frozen encoder
 and head, first of one agent, then of several; integrated detection and tracking on a frozen stage B."""
-
-PRECISIONS = ("auto", "float32", "bfloat16")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,8 @@ class TrainingRecipe:
         slower: factors on the learning rate of parameters, by the beginning of their names, as "head": 0.1.
         loss: weights of parts of the loss, by name, that differ from `coopsim.learn.losses.losses.WEIGHTS`; with 0 a
             part is shown and teaches nothing, as "label": 0 where pictures are to be learned without classes.
-        precision: of the arithmetic; the weights themselves are float32. "auto": bfloat16 where the processor has it.
+        precision: of the arithmetic, see `coopsim.support.precision`; the weights themselves are float32. "auto": as
+            `COOPSIM_PRECISION` says, or else bfloat16 where the device has it.
         threads: of torch; only the same number of them gives the same bits.
         validate_every: steps between two looks at held-out places; 0: never.
         held_out: number of clips of held-out places, see `coopsim.learn.loop.validation`.

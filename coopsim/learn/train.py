@@ -18,7 +18,7 @@ from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, clips
 from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.learn.clips.clips_on_ray import ClipsOnRay
 from coopsim.learn.loop.checkpoint import load_checkpoint, read_state
-from coopsim.learn.loop.precision import find_device
+from coopsim.learn.loop.devices import find_device
 from coopsim.learn.loop.ranks import Ranks, joined
 from coopsim.learn.loop.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.loop.training_card import CARD, make_card

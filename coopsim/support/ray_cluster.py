@@ -7,10 +7,13 @@ import os
 from typing import Any
 
 from coopsim.errors import InvalidValueError, MissingDependencyError
+from coopsim.support.precision import PRECISION, arithmetic
 from coopsim.support.processes import ONE_THREAD
 
-RAY_ENVIRONMENT = {"env_vars": dict(ONE_THREAD)}
-"""Ray's "runtime environment" of tasks and actors."""
+
+def ray_environment() -> dict[str, Any]:
+    """Return Ray's "runtime environment" of tasks and actors: one thread, and our arithmetic on any machine."""
+    return {"env_vars": {**ONE_THREAD, PRECISION: arithmetic()}}
 
 
 def import_ray() -> Any:
@@ -42,7 +45,7 @@ def start_ray(ray: Any, workers: int | None, address: str | None) -> None:
     try:
         ray.init(
             address=address,
-            runtime_env=RAY_ENVIRONMENT,
+            runtime_env=ray_environment(),
             log_to_driver=False,
             logging_level="ERROR",
             **(here if address == "local" else {}),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from coopsim.envs.vector.group import EnvironmentGroup, Order, Reply, failure
 from coopsim.envs.vector.worker import RemoteWorker, Worker, WorkerDiedError
 from coopsim.errors import InvalidValueError
-from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
+from coopsim.support.ray_cluster import import_ray, ray_environment, start_ray
 from coopsim.support.threads import limit_threads
 
 
@@ -46,7 +46,7 @@ class RayWorkers:
 
     def start(self, recipe: bytes, indices: Sequence[int]) -> Worker:
         """Start a worker."""
-        return RayWorker(self._ray, recipe, indices, {} if RayWorkers._ours else {"runtime_env": RAY_ENVIRONMENT})
+        return RayWorker(self._ray, recipe, indices, {} if RayWorkers._ours else {"runtime_env": ray_environment()})
 
     def stop(self) -> None:
         """Stop Ray, unless it has other users."""

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import Any
 
 from coopsim.bench.engine.work import DoneT, Work, run_work
-from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
+from coopsim.support.ray_cluster import import_ray, ray_environment, start_ray
 
 
 def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | None) -> Generator[DoneT]:
@@ -31,7 +31,7 @@ def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | 
         start_ray(ray, workers, address)
     try:
         # Ray starts processes before there are tasks; a task with its own environment could not use them.
-        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": RAY_ENVIRONMENT}))(run_work)
+        do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": ray_environment()}))(run_work)
         # Twice as many as run, so that a free core has its next job; no more, so that the order can still change.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
         running = {do.remote(job): job for job in islice(jobs, at_once)}

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.clip_store import ClipSource
-from coopsim.support.ray_cluster import RAY_ENVIRONMENT, import_ray, start_ray
+from coopsim.support.ray_cluster import import_ray, ray_environment, start_ray
 
 
 class ClipsOnRay:
@@ -28,7 +28,7 @@ class ClipsOnRay:
         self._ours = not self._ray.is_initialized()
         if self._ours:
             start_ray(self._ray, None, None)
-        environment = {} if self._ours else {"runtime_env": RAY_ENVIRONMENT}
+        environment = {} if self._ours else {"runtime_env": ray_environment()}
         self._make = self._ray.remote(num_cpus=1, **environment)(_clip)
         self._source, self._ahead = self._ray.put(source), ahead
         self._coming: dict[int, Any] = {}

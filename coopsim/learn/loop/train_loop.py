@@ -17,9 +17,9 @@ from torch import Tensor, nn
 from coopsim.errors import TrainingError
 from coopsim.learn.loop.averaged_net import AveragedNet
 from coopsim.learn.loop.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from coopsim.learn.loop.devices import autocast_type, to_device
 from coopsim.learn.loop.loss_watch import LossWatch
 from coopsim.learn.loop.one_cycle import one_cycle
-from coopsim.learn.loop.precision import autocast_type, to_device
 from coopsim.learn.loop.ranks import Ranks
 from coopsim.learn.loop.training_log import TrainingLog
 from coopsim.learn.losses.losses import sum_of

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 import coopsim
-from coopsim.learn.loop.precision import autocast_type
+from coopsim.learn.loop.devices import autocast_type
 from coopsim.learn.loop.ranks import Ranks
 from coopsim.learn.loop.training_log import mean_values
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe

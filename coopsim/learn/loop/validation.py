@@ -15,7 +15,7 @@ from torch import nn
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.clips.clip_store import ClipSource
-from coopsim.learn.loop.precision import to_device
+from coopsim.learn.loop.devices import to_device
 from coopsim.learn.losses.targets import Targets
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
 from coopsim.metrics.average_precision import average_precision_of

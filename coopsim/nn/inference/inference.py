@@ -14,6 +14,7 @@ from typing import TypeVar
 import torch
 
 from coopsim.nn.inference.memory import keep_freed_memory
+from coopsim.support.precision import arithmetic
 from coopsim.support.threads import run_all
 
 T = TypeVar("T")
@@ -30,7 +31,7 @@ def inference() -> Iterator[None]:
     if before != 1:
         torch.set_num_threads(1)
     try:
-        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=multiplies_bfloat16()):
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=arithmetic() == "bfloat16"):
             yield
     finally:
         if before != 1:
@@ -51,10 +52,3 @@ def side_by_side(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
 def _settle() -> None:
     """Do once what serves all networks of this process."""
     keep_freed_memory()
-
-
-@cache
-def multiplies_bfloat16() -> bool:
-    """Return whether this processor multiplies bfloat16 itself; one that does not is slower with it."""
-    checks = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
-    return any(bool(getattr(torch.cpu, check, bool)()) for check in checks)

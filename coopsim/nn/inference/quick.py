@@ -13,7 +13,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval, fuse_linear_bn_eval
 
 from coopsim.nn.detector.encoder import PillarEncoder
 from coopsim.nn.detector.pillars import PillarBatch
-from coopsim.nn.inference.inference import multiplies_bfloat16
+from coopsim.support.precision import arithmetic
 
 M = TypeVar("M", bound=nn.Module)
 
@@ -36,7 +36,7 @@ def quickened(encoder: PillarEncoder) -> PillarEncoder:
     made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
     made.points_norm = nn.Identity()  # type: ignore[assignment]
     for maps in (made.scales, made.sides, made.join):
-        maps.to(torch.bfloat16 if multiplies_bfloat16() else torch.float32)
+        maps.to(torch.bfloat16 if arithmetic() == "bfloat16" else torch.float32)
         maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return made
 

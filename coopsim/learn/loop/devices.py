@@ -1,4 +1,4 @@
-"""The arithmetic of a training: which type of numbers, on which device."""
+"""The device of a training, and the numbers in which it computes there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.inference.inference import multiplies_bfloat16
+from coopsim.support.precision import multiplies_bfloat16
+from coopsim.support.precision import precision as setting
 
 
 def find_device(name: str | None = None) -> torch.device:
@@ -32,7 +33,9 @@ def find_device(name: str | None = None) -> torch.device:
 
 
 def autocast_type(precision: str, device: torch.device) -> torch.dtype | None:
-    """Return the type of the quick arithmetic; None: float32 throughout."""
+    """Return the type of the quick arithmetic; None: float32 throughout. "auto" leaves it to the process' setting."""
+    if precision == "auto":
+        precision = setting()
     if precision == "float32" or (precision == "auto" and not _has_bfloat16(device)):
         return None
     return torch.bfloat16

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.loop.precision import autocast_type, find_device, to_device
+from coopsim.learn.loop.devices import autocast_type, find_device, to_device
 
 
 @dataclass(frozen=True)
