@@ -29,7 +29,7 @@ POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", gro
 """Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
-"""Factories of environments, by versioned name (`crossing-v1`)."""
+"""Factories of environments, by versioned name (`crossing-v2`)."""
 
 
 def make_policy(name: str, /, **parameters: Any) -> Policy:
@@ -52,7 +52,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """Make the environment called `name`.
 
     Args:
-        name: `crossing` (its newest version), `crossing-v1`, the PettingZoo id `coopsim/crossing-v1`, the path of a
+        name: `crossing` (its newest version), `crossing-v2`, the PettingZoo id `coopsim/crossing-v2`, the path of a
             scenario file (`.yaml`), or that of a folder of recordings.
         **options: of every environment (`coopsim.envs.options`), of simulated ones (`coopsim.envs.simulated.
             simulation_options`), of the population (`coopsim.world.population`), and of drawn towns

@@ -11,18 +11,18 @@ from gymnasium.envs.registration import register, registry
 from coopsim.catalog import ENVIRONMENTS_HOME, NAMESPACE
 
 VERSIONED_NAMES = (
-    "crossing-v1",
-    "file-v1",
-    "highway-v1",
-    "merge-v1",
-    "occluded_crossing-v1",
-    "parking_street-v1",
-    "platoon-v1",
-    "replay-v1",
-    "roundabout-v1",
-    "t_junction-v1",
-    "town-v1",
-    "urban_grid-v1",
+    "crossing-v2",
+    "file-v2",
+    "highway-v2",
+    "merge-v2",
+    "occluded_crossing-v2",
+    "parking_street-v2",
+    "platoon-v2",
+    "replay-v2",
+    "roundabout-v2",
+    "t_junction-v2",
+    "town-v2",
+    "urban_grid-v2",
 )
 """The environments that come with coopsim, as `ENVIRONMENTS` has them: they are listed here as well, because looking
 them up would load the simulator."""

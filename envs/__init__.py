@@ -37,13 +37,14 @@ from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 
-VERSION = 1
+VERSION = 2
 """Version of all environments; any change of observations, rewards or dynamics raises it.
 
 | version | change |
 |---|---|
 | 0 | first |
 | 1 | the default detector is the one fitted to V2V4Real, and confuses classes; `ground_truth` has all objects |
+| 2 | simulated detections come in no order, and false boxes of `simulated` differ in height as others do |
 """
 
 

@@ -20,6 +20,7 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
+from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def run_episode(
     _warm_up()
     rewards: list[float] = []
     observations, _ = env.reset(seed=seed, options=reset_options)
-    policy.reset(env.agent_specs, seed=seed)
+    policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
     seconds = 0.0
     while env.agents:
         started = time.perf_counter()

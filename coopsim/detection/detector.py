@@ -71,7 +71,7 @@ class DetectorBase:
 
         Args:
             specs: the episode's agents, by name.
-            seed: the episode's seed.
+            seed: derived from the episode's, which cannot be had from it; `OracleDetector`s get the episode's.
         """
         return self
 

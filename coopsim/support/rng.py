@@ -2,6 +2,7 @@
 
 A stream depends on `(seed, purpose, *owners)` and on nothing else, so adding an agent, a sensor or a policy
 never shifts the noise of another, and the same seed gives the same bits for any number of workers.
+Neither a stream nor a derived seed names the seed that it comes from.
 """
 
 from __future__ import annotations
@@ -41,7 +42,21 @@ def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
     # Names are joined by a byte that no name contains, so ("a", "bc") and ("ab", "c") differ.
     digest = hashlib.sha256("\x00".join((purpose, *owners)).encode()).digest()
     words = np.frombuffer(digest[:16], dtype="<u4").tolist()
-    return np.random.default_rng(np.random.SeedSequence([int(seed), *words]))
+    # Those who are handed a generator can read its `seed_seq`: there stands a digest, and the seed decides the state.
+    drawn = np.random.PCG64(np.random.SeedSequence(derived_seed(seed, purpose, *owners)))
+    drawn.state = np.random.PCG64(np.random.SeedSequence([int(seed), *words])).state
+    return np.random.Generator(drawn)
+
+
+def derived_seed(seed: int, purpose: str, *owners: str) -> int:
+    """Return a seed for what users plug in, below 2**63: a digest of the seed, the purpose and the owners.
+
+    Raises:
+        InvalidValueError: the seed is not an integer >= 0.
+    """
+    require_seed(seed)
+    named = "\x00".join(("derived", str(int(seed)), purpose, *owners))
+    return int.from_bytes(hashlib.sha256(named.encode()).digest()[:8], "big") >> 1
 
 
 def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:

@@ -14,6 +14,7 @@ from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.errors import CoopsimError
+from coopsim.support.rng import derived_seed
 from coopsim.testing.sensor_frames import digest
 from coopsim.types import Tracks
 from coopsim.wire.actions import unpack_action
@@ -82,7 +83,7 @@ def _play(
     episode: Episode = []
     try:
         observations, _ = env.reset(seed=5)
-        policy.reset(env.agent_specs, seed=5)
+        policy.reset(env.agent_specs, seed=derived_seed(5, "policy"))
         while env.agents:
             given = {agent: _spoiled(each) for agent, each in observations.items()} if spoil else observations
             asked = dict(reversed(list(given.items()))) if backwards else given

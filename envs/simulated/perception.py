@@ -9,7 +9,7 @@ from coopsim.detection.oracle import OracleDetector, Oracles
 from coopsim.envs.perception_options import PerceptionOptions
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import Localizer
-from coopsim.support.rng import stream
+from coopsim.support.rng import derived_seed, stream
 from coopsim.types import AgentSpec, CameraImage, Detections, Observation, SensorView, Sweep
 
 
@@ -28,9 +28,12 @@ class Perception:
             name: Localizer(options.localization_of(name), seed, name, spec.dt_s, stands=spec.kind == "rsu")
             for name, spec in specs.items()
         }
-        self._detector = options.chosen_detector.begin(specs, seed)
+        simulated = isinstance(options.chosen_detector, OracleDetector)  # which is told the truth, and so the seed
+        begun = seed if simulated else derived_seed(seed, "detector")
+        self._detector = options.chosen_detector.begin(specs, begun)
         self._embedder = options.chosen_embedder
         self._rngs = {name: stream(seed, "detector", name) for name in specs}
+        self._orders = {name: stream(seed, "order of detections", name) for name in specs}
 
     def observe(
         self,
@@ -96,6 +99,12 @@ class Perception:
             if not isinstance(found, Detections):
                 me = type(self._detector).__name__
                 raise InvalidValueError(f"{me} must return Detections, got {type(found).__name__} for {agent}")
+        if isinstance(self._detector, OracleDetector):
+            detections = {agent: self._shuffled(agent, found) for agent, found in detections.items()}
         if self._embedder is None:
             return detections
         return {name: self._embedder.apply(detections[name], view) for name, view in views.items()}
+
+    def _shuffled(self, agent: str, detections: Detections) -> Detections:
+        """Return detections that were made from the truth in an order of their own, as the truth's would tell."""
+        return detections[self._orders[agent].permutation(len(detections))]

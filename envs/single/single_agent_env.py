@@ -17,7 +17,7 @@ from coopsim.envs.single.cast import Cast, Others, PolicyLike
 from coopsim.envs.single.provision import make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
 from coopsim.support.checks import require_choice
-from coopsim.support.rng import require_seed
+from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import Tracks
 from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.wire.actions import pack_tracks
@@ -119,7 +119,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         super().reset(seed=None if seed is None else of_episode)
         self._refusal = "the last reset ended halfway in an error: call reset to begin an episode"
         for policy, _ in self._groups:
-            policy.reset(self.parallel.agent_specs, seed=of_episode)
+            policy.reset(self.parallel.agent_specs, seed=derived_seed(of_episode, "policy"))
         if self.ego not in observations:
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
         self._observations, self._policies_actions, self._refusal = observations, None, None

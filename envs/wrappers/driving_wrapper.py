@@ -17,6 +17,7 @@ from coopsim.envs.single.cast import Cast
 from coopsim.envs.wrappers.forms import cooperative_env
 from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
+from coopsim.support.rng import derived_seed
 from coopsim.types.maneuvers import MANEUVERS
 
 
@@ -76,7 +77,7 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         """Begin an episode; see `CooperativeEnv.reset`."""
         observations, infos = self.env.reset(seed=seed, options=options)
         used = next(info["seed"] for info in infos.values())
-        self.tracker.reset(self._cooperative.agent_specs, seed=used)
+        self.tracker.reset(self._cooperative.agent_specs, seed=derived_seed(used, "policy"))
         self._observed(observations)
         return self._of_drivers(observations), self._of_drivers(infos)
 

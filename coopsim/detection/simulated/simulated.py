@@ -113,10 +113,11 @@ class SimulatedDetector(OracleDetector):
         return self._detect(Oracles.of(oracles, views), [rngs[agent] for agent in views])
 
     def _detect(self, oracles: Oracles, rngs: Sequence[np.random.Generator]) -> dict[str, Detections]:
-        draws, ghosts = _Draws(len(oracles.returns)), []
+        draws, ghosts, lifts = _Draws(len(oracles.returns)), [], []
         for rng, begin, end in zip(rngs, oracles.start.tolist(), oracles.start[1:].tolist(), strict=False):
             draws.fill(begin, end, rng)
             ghosts.append(self._draw_ghosts(rng))
+            lifts.append(rng.spawn(1)[0])  # whose draws do not shift those of the boxes
             if self._levels is not None:
                 rng.random(out=draws.label[begin:end])
         probability = self.recall(oracles.returns)
@@ -130,7 +131,12 @@ class SimulatedDetector(OracleDetector):
         false = np.repeat(np.arange(len(ghosts)), [len(each.range_m) for each in ghosts])
         found = Detections(boxes, score, label)
         if len(false):
-            found = Detections.concatenate([found, self._false_positives(ghosts)])
+            spread_m = self._height_spread_m(oracles.actors.boxes[rows], oracles.returns[rows])
+            each = [
+                self._lift_m(rng, spread_m[owner == agent], len(drawn.range_m))
+                for agent, (rng, drawn) in enumerate(zip(lifts, ghosts, strict=True))
+            ]
+            found = Detections.concatenate([found, self._false_positives(ghosts, np.concatenate(each))])
         return split_by_agent(found, oracles.agents, np.concatenate([owner, false]))
 
     def recall(self, returns: Ints) -> Floats:
@@ -147,13 +153,27 @@ class SimulatedDetector(OracleDetector):
     def _disturb(self, boxes: Boxes3D, returns: Ints, draws: _Draws, rows: Ints) -> Boxes3D:
         config = self.config
         scale = self.noise_scale(returns, np.linalg.norm(boxes.center[:, :2], axis=1))[:, None]
-        # A small object leaves less room to be wrong in: a person's box is not missed by a car's error.
-        room = np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
-        center = boxes.center + draws.center[rows] * config.position_noise_m * scale * room
+        center = boxes.center + draws.center[rows] * config.position_noise_m * scale * _room(boxes)
         size = boxes.size * np.exp(draws.size[rows] * config.size_noise * scale)
         turn = draws.yaw[rows] * config.yaw_noise_rad * scale[:, 0]
         flip = np.where(draws.flip[rows] < config.yaw_flip, np.pi, 0.0)
         return Boxes3D(center, size, wrap_angle(boxes.yaw + turn + flip))
+
+    def _height_spread_m(self, boxes: Boxes3D, returns: Ints) -> Floats:
+        """Return the standard deviation of the heights at which `_disturb` puts the undersides of true boxes, (N,)."""
+        config = self.config
+        scale = self.noise_scale(returns, np.linalg.norm(boxes.center[:, :2], axis=1))
+        by_size = config.size_noise * boxes.size[:, 2] / 2
+        return scale * np.hypot(config.position_noise_m * _room(boxes)[:, 0], by_size)
+
+    def _lift_m(self, rng: np.random.Generator, spread_m: Floats, count: int) -> Floats:
+        """Draw the heights of the undersides of an agent's false positives, (`count`,).
+
+        Each has the spread of one of the agent's reported objects, (N,), or without any that of an object at its side.
+        """
+        if not len(spread_m):
+            spread_m = np.array([self.config.position_noise_m])
+        return rng.choice(spread_m, count) * rng.standard_normal(count)
 
     def _score(self, probability: Floats, normal: Floats) -> Floats:
         config = self.config
@@ -171,13 +191,13 @@ class SimulatedDetector(OracleDetector):
         score = rng.standard_normal(count)
         return _Ghosts(range_m, bearing, size, yaw, score, rng.random(count) if self._levels is not None else score)
 
-    def _false_positives(self, ghosts: Sequence[_Ghosts]) -> Detections:
-        """Return the false positives of all agents, one agent's after another's."""
+    def _false_positives(self, ghosts: Sequence[_Ghosts], lift_m: Floats) -> Detections:
+        """Return the N false positives of all agents, one agent's after another's; `lift_m` (N,) is of undersides."""
         config = self.config
         all_of = _Ghosts(*map(np.concatenate, zip(*ghosts, strict=True)))
         size = _FALSE_SIZE_M * np.exp(0.1 * all_of.size)
         x, y = all_of.range_m * np.cos(all_of.bearing), all_of.range_m * np.sin(all_of.bearing)
-        boxes = Boxes3D(np.column_stack([x, y, size[:, 2] / 2]), size, all_of.yaw)
+        boxes = Boxes3D(np.column_stack([x, y, size[:, 2] / 2 + lift_m]), size, all_of.yaw)
         score = _logistic(config.false_positive_logit + config.score_noise * all_of.score)
         label = np.full(len(score), int(ObjectClass.CAR))
         if self._levels is not None:
@@ -237,6 +257,11 @@ class _Ghosts(NamedTuple):
 
 
 _NO_GHOSTS = _Ghosts(*(np.zeros((0, 3) if name == "size" else 0) for name in _Ghosts._fields))
+
+
+def _room(boxes: Boxes3D) -> Floats:
+    """Return the factor on position noise, (N, 1): a person's box is not missed by a car's error."""
+    return np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
 
 
 def _logistic(logit: Floats) -> Floats:

@@ -16,6 +16,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.checks import require_choice
+from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, Detections, GroundTruth
 from coopsim.types.valid_detections import drop_invalid
 
@@ -63,7 +64,7 @@ def perceive_episode(
     try:
         names = receiving(env, receivers)
         observations, infos = env.reset(seed=seed)
-        policy.reset(env.agent_specs, seed=seed)
+        policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
         found: list[Detections] = []
         truth: list[GroundTruth] = []
         measured = 0

@@ -26,6 +26,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.files import make_folder
+from coopsim.support.rng import derived_seed
 from coopsim.types import Ints, ObjectClass, Tracks
 from coopsim.wire.actions import unpack_actions
 
@@ -71,7 +72,7 @@ def write_results(
         every = writer.key_every(next(iter(env.agent_specs.values())).dt_s)
         for seed in plan.seeds:
             observations, infos = env.reset(seed=seed)
-            runner.reset(env.agent_specs, seed=seed)
+            runner.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
             for index in range(plan.frames):
                 actions = runner.act(observations)
                 if index % every == 0:
