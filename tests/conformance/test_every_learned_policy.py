@@ -28,10 +28,17 @@ from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation,
 
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "yoloo"})
 EVERY = pytest.mark.parametrize("name", NAMES)
+IN_BOTH = pytest.mark.parametrize("arithmetic", ["float32", "bfloat16"], indirect=True)
 EVERY_FUSION = pytest.mark.parametrize("name", FUSIONS)
 EVERY_QUERY = pytest.mark.parametrize("name", QUERIES)
 ELSEWHERE, HIDDEN = (30.0, 2.0, 0.0, 1.0), (20.0, -18.0)
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 4, "detector": "none"}
+
+
+@pytest.fixture(autouse=True)
+def arithmetic(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compute in float32 on any machine, and where a test asks for it in bfloat16 as well."""
+    monkeypatch.setenv("COOPSIM_PRECISION", getattr(request, "param", "float32"))
 
 
 def make(name: str, **settings: Any) -> PerceivingPolicy:
@@ -76,6 +83,7 @@ def require_same(one: list[Tracks], other: list[Tracks]) -> None:
         np.testing.assert_array_equal(a.boxes.array, b.boxes.array)
 
 
+@IN_BOTH
 @EVERY
 def test_policy(name: str) -> None:
     check_policy(lambda: make(name), max_cycles=3, vehicles=6)
@@ -98,6 +106,7 @@ def test_somebody_else_makes_a_difference_and_empty_frames_none(name: str) -> No
     assert len(play(begin(policy), blind)[0]) == 0
 
 
+@IN_BOTH
 @EVERY
 @pytest.mark.parametrize("align", [False, True])
 def test_the_same_message_twice_and_older_ones_change_nothing(name: str, align: bool) -> None:
@@ -295,6 +304,7 @@ def test_no_agent_is_its_own_object_where_it_was_when_late_messages_were_capture
         assert len(policy.detections("cav_0")) == left
 
 
+@IN_BOTH
 @EVERY
 def test_no_truth_reaches_a_network(name: str) -> None:
     def tracks(truth: str, seed: int) -> list[Any]:

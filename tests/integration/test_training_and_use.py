@@ -28,6 +28,7 @@ from coopsim.learn.weights import (  # noqa: E402
     make_detector,
     save_weights,
 )
+from coopsim.support.precision import arithmetic  # noqa: E402
 from coopsim.types import Detections, Observation, Odometry, PoseEstimate, Sweep  # noqa: E402
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "learn" / "samples"))
@@ -61,7 +62,7 @@ def observation(draft: Any, number: int) -> Observation:
 def trained_on(draft: Any, detector: Any, net: Any) -> tuple[Any, Any, Any]:
     """The first receiver's fused features in a training, their grid, and where senders a cell aside would be seen."""
     sample = draft.sample()
-    with torch.no_grad():
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=arithmetic() == "bfloat16"):
         features = detector.encoder(sample.pillars)
         maps = (features, *net.message(features), sample.grid)
         fused, _ = fused_features(net, *maps, sample.views[0])
@@ -86,12 +87,11 @@ def used(draft: Any, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) 
     return seen[-1]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("seed", "precision"), [(1, "float32"), (2, "float32"), (1, "bfloat16")])
 def test_a_policy_fuses_what_its_network_was_trained_on(
-    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    seed: int, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for place in ("quick", "inference"):  # float32, as the training here
-        monkeypatch.setattr(f"coopsim.nn.inference.{place}.multiplies_bfloat16", lambda: False)
+    monkeypatch.setenv("COOPSIM_PRECISION", precision)
     torch.set_num_threads(1)
     files = weights(tmp_path)
     settings = SampleSettings(noise_m=1.0, noise_deg=4.0, mirrored=0.0, thinned=0.0, dropout=0.0, late=0.0)
@@ -111,6 +111,6 @@ def test_a_policy_fuses_what_its_network_was_trained_on(
         found[:, i : i + rows, j : j + columns],
     )
     assert expected.amax() > 0.1
-    near = torch.isclose(found.float(), expected, atol=0.01 * float(expected.amax()))
+    near = torch.isclose(found.float(), expected.float(), atol=0.01 * float(expected.amax()))
     assert near.float().mean() > 0.999  # a point on the edge of two pillars may be rounded to either
     assert telling.sum() > 20 and near[telling].float().mean() > 0.95

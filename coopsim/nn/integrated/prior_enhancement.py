@@ -43,7 +43,8 @@ class PriorMap:
         """Return it in the frame dst of whose frame src it is."""
         turn = self.place_m.new_tensor(dst_SE3_src.rotation[:2, :2].tolist())
         shift = self.place_m.new_tensor(dst_SE3_src.translation[:2].tolist())
-        return PriorMap(self.tokens, self.place_m @ turn.T + shift)
+        with torch.autocast(turn.device.type, enabled=False):  # places are float32 in a network's pass, too
+            return PriorMap(self.tokens, self.place_m @ turn.T + shift)
 
 
 class PriorEnhancement(nn.Module):

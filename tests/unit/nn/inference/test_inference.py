@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from threading import Barrier
+from threading import Barrier, get_ident
 
 import pytest
 
@@ -33,6 +33,26 @@ def test_torch_is_left_as_it_was() -> None:
             pass
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == 2 and not torch.is_inference_mode_enabled()
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_a_task_gives_the_same_on_any_thread(precision: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COOPSIM_PRECISION", precision)
+    draws = torch.Generator().manual_seed(1)
+    values, weights = (torch.randn(40, 40, generator=draws) for _ in range(2))
+    both = Barrier(2)
+
+    def task() -> tuple[int, torch.Tensor, torch.Tensor]:
+        both.wait(10)  # each thread has one
+        outside = values @ weights
+        with inference():
+            return get_ident(), outside, values @ weights
+
+    with torch.autocast("cpu", torch.bfloat16):  # of a caller's own
+        (here, *one), (there, *other) = side_by_side([task, task], 2)
+    assert here != there and all(torch.equal(*each) for each in zip(one, other, strict=True))
+    assert torch.equal(one[0], values @ weights)  # geometry is float32
+    assert one[1].dtype == getattr(torch, precision)
 
 
 def test_tasks_have_one_thread_until_the_last_one_ends() -> None:

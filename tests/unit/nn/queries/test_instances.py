@@ -29,6 +29,15 @@ def test_a_motion_and_its_inverse_change_nothing() -> None:
     assert float(turned.box[0, 6]) == pytest.approx(np.pi / 2)
 
 
+def test_places_are_exact_in_a_pass_that_multiplies_bfloat16() -> None:
+    move = SE3.from_xyz_yaw(np.array([103.3, -41.7, 0.4]), 1.1)
+    known = at([[97.3, 61.9]], velocity=torch.tensor([[13.7, -3.1]]))
+    with torch.autocast("cpu", torch.bfloat16):
+        moved = known.moved(move)
+    assert torch.equal(moved.box, known.moved(move).box)
+    assert torch.equal(moved.velocity, known.moved(move).velocity)
+
+
 def test_time_moves_boxes_and_ages_the_past() -> None:
     known = at([[1.0, 2.0]], velocity=torch.tensor([[3.0, -1.0]])).remembered().advanced(0.5)
     assert known.box[0, :2].tolist() == [2.5, 1.5]
