@@ -84,6 +84,35 @@ def test_policy(name: str) -> None:
     check_policy(lambda: make(name), **({"lidar": "VLP-16"} if name == "yoloo" else {}))
 
 
+class Telepathic(AB3DMOTTracking):
+    """A policy that tells each agent what all others detect, without a message."""
+
+    def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
+        found = {name: each.detections.transform(each.pose.world_SE3_base) for name, each in observations.items()}
+        everything = Detections.concatenate([found[name] for name in sorted(found)])
+        return {
+            name: self.track(name, replace(each, detections=everything.transform(each.pose.world_SE3_base.inverse())))
+            for name, each in observations.items()
+        }
+
+
+class Overhearing(AB3DMOTTracking):
+    """A policy that tells each agent how many messages have reached all of them."""
+
+    def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
+        heard = sum(len(each.inbox) for each in observations.values())
+        alone = {name: self.track(name, each) for name, each in observations.items()}
+        return {name: replace(tracks, score=tracks.score / (1 + heard)) for name, tracks in alone.items()}
+
+
+@pytest.mark.parametrize("cheat", [Telepathic, Overhearing])
+def test_a_policy_that_passes_knowledge_beside_the_channel_is_refused(cheat: type[coopsim.Policy]) -> None:
+    message = "without the others' observations, as messages are all it gets: the tracks of "
+    for policy in (cheat, cheat()):
+        with pytest.raises(AssertionError, match=message):
+            check_policy(policy)
+
+
 @EVERY
 def test_empty_frames_and_nobody_else(name: str) -> None:
     seen = [boxes([[5, 0]]), boxes([]), boxes([]), boxes([[5, 0]]), boxes([])]
