@@ -10,7 +10,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.tracker import Tracker, TrackerState
-from coopsim.types import Detections, Ints, Tracks
+from coopsim.types import Detections, Ints, Mask, Tracks
 
 
 class TrackersByClass:
@@ -59,7 +59,7 @@ class TrackersByClass:
         """Take in one frame's detections, as `Tracker.step` does."""
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
         """Take in one frame's groups of detections, as `Tracker.step_in_turn` does."""
         self.require_time(time_ns)
         tracker_of = [self._tracker_of(group.label) for group in groups]
@@ -67,7 +67,6 @@ class TrackersByClass:
             tracker.step_in_turn(
                 [_of_tracker(k, group, number) for group, number in zip(groups, tracker_of, strict=True)],
                 time_ns,
-                incomplete=incomplete,
             )
             for k, tracker in enumerate(self._trackers)
         ]
@@ -80,12 +79,13 @@ class TrackersByClass:
             np.concatenate([report.label for report in reports]),
         )
 
-    def velocity_of(self, detections: Detections, time_ns: int) -> Floats:
-        """Return the velocities (N, 2) of matching tracks, as `Tracker.velocity_of` does."""
-        number, velocity = self._tracker_of(detections.label), np.zeros((len(detections), 2))
+    def known(self, detections: Detections, time_ns: int) -> tuple[Floats, Mask]:
+        """Return velocities (N, 2) of matching tracks, and whether they are confirmed (N,), as `Tracker.known` does."""
+        number = self._tracker_of(detections.label)
+        velocity, confirmed = np.zeros((len(detections), 2)), np.zeros(len(detections), dtype=np.bool_)
         for k, tracker in enumerate(self._trackers):
-            velocity[number == k] = tracker.velocity_of(detections[number == k], time_ns)
-        return velocity
+            velocity[number == k], confirmed[number == k] = tracker.known(detections[number == k], time_ns)
+        return velocity, confirmed
 
     def _tracker_of(self, label: Ints) -> Ints:
         """Return the number (N,) of the tracker for each label."""

@@ -6,7 +6,7 @@ From cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindAndReplay`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import lt
 from typing import Any, overload
@@ -14,11 +14,13 @@ from typing import Any, overload
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive
 from coopsim.support.registry import Registry
 from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.lasting_ids import LastingIds
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
+from coopsim.types import NS_PER_S, Detections, Mask, Tracks, seconds_to_ns
 from coopsim.types.groups import DetectionGroups
 
 RECEIVER = ""
@@ -117,8 +119,8 @@ class DelayedMeasurements(ABC):
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
         """Take in the measurements; the time is known not to go back."""
 
-    def _track(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
-        return self.tracker.step_in_turn(self._fusion(groups), time_ns, incomplete=incomplete)
+    def _track(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
+        return self.tracker.step_in_turn(self._fusion(groups), time_ns)
 
     def _in_order(self, sources: Iterable[str]) -> list[str]:
         return sorted(sources, key=lambda source: (source != self._first, source))
@@ -149,39 +151,92 @@ _EXPIRY_NS = 5 * NS_PER_S
 """Measurements that are older are dropped, and silent sources are forgotten after this time: names may change."""
 
 
-class PredictForward(DelayedMeasurements):
-    """Delayed detections are moved on to now by the velocity of their object.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """What a sender measured at one moment.
+
+    Attributes:
+        captured_ns: capture time.
+        detections: N.
+        velocity: (N, 2) m/s, 0 where unknown.
+        confirmed: (N,) whether the sender's tracker has confirmed the object before.
+    """
+
+    captured_ns: int
+    detections: Detections
+    velocity: Floats
+    confirmed: Mask
+
+    def at(self, time_ns: int) -> Detections:
+        """Return the detections where their objects should be at a time."""
+        moved, boxes = self.velocity * (time_ns - self.captured_ns) / NS_PER_S, self.detections.boxes
+        center = boxes.center + np.pad(moved, ((0, 0), (0, 1)))
+        return replace(self.detections, boxes=Boxes3D(center, boxes.size, boxes.yaw))
+
+
+class _Senders:
+    """What senders measured, and the velocities of their objects.
 
     Every sender has a tracker of its own, in its own time, which gives the velocities. Velocities of the receiver's
     tracks would not do: a measurement that was moved with a velocity confirms it, and the error grows from frame to
     frame.
     """
 
+    def __init__(self, make_tracker: MakeTracker) -> None:
+        self._make_tracker = make_tracker
+        self._trackers: dict[str, Tracker | TrackersByClass] = {}
+        self._measured: dict[str, list[_Moving]] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._measured)
+
+    def forget(self, oldest_ns: int) -> None:
+        """Forget what was captured earlier, and senders of which nothing is left."""
+        for name, measured in self._measured.items():
+            self._measured[name] = [each for each in measured if each.captured_ns >= oldest_ns]
+        self._measured = {name: measured for name, measured in self._measured.items() if measured}
+        self._trackers = {name: self._trackers[name] for name in self._measured}
+
+    def take(self, source: str, captured_ns: int, found: Detections) -> bool:
+        """Take in a measurement; return whether it is newer than all that the sender has sent."""
+        tracker = self._trackers.get(source) or self._make_tracker()
+        if tracker.time_ns is not None and captured_ns <= tracker.time_ns:
+            return False
+        velocity, confirmed = tracker.known(found, captured_ns)
+        tracker.step(found, captured_ns)
+        self._trackers[source] = tracker
+        self._measured.setdefault(source, []).append(_Moving(captured_ns, found, velocity, confirmed))
+        return True
+
+    def last_before(self, source: str, time_ns: int) -> _Moving | None:
+        """Return what a sender measured last before a time, if it is known."""
+        return next((each for each in reversed(self._measured[source]) if each.captured_ns < time_ns), None)
+
+    def newest(self, source: str) -> _Moving:
+        """Return what a sender measured last."""
+        return self._measured[source][-1]
+
+
+class PredictForward(DelayedMeasurements):
+    """Delayed detections are moved on to now by the velocity of their object (see `_Senders`)."""
+
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         super().__init__(make_tracker, fusion, first)
-        self._make_tracker = make_tracker
-        self._sources: dict[str, Tracker | TrackersByClass] = {}
+        self._senders = _Senders(make_tracker)
 
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
-        oldest_ns = now_ns - _EXPIRY_NS
-        self._sources = {name: each for name, each in self._sources.items() if (each.time_ns or 0) >= oldest_ns}
+        self._senders.forget(now_ns - _EXPIRY_NS)
         newest = (measurements[number] for number in self._newest(measurements))
         return self._track(DetectionGroups.of(self._moved(measurement, now_ns) for measurement in newest), now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         """Return the detections where their objects should be at `now_ns`; none if they are overtaken or expired."""
-        found, captured_ns = measurement.detections, min(measurement.captured_ns, now_ns)
-        if measurement.source == RECEIVER:
-            return found
-        source = self._sources.get(measurement.source) or self._make_tracker()
-        overtaken = source.time_ns is not None and captured_ns <= source.time_ns
-        if overtaken or captured_ns < now_ns - _EXPIRY_NS:
+        source, captured_ns = measurement.source, min(measurement.captured_ns, now_ns)
+        if source == RECEIVER:
+            return measurement.detections
+        if captured_ns < now_ns - _EXPIRY_NS or not self._senders.take(source, captured_ns, measurement.detections):
             return Detections.empty()
-        moved = source.velocity_of(found, captured_ns) * (now_ns - captured_ns) / NS_PER_S
-        source.step(found, captured_ns)
-        self._sources[measurement.source] = source
-        center = found.boxes.center + np.pad(moved, ((0, 0), (0, 1)))
-        return replace(found, boxes=Boxes3D(center, found.boxes.size, found.boxes.yaw))
+        return self._senders.newest(source).at(now_ns)
 
 
 @dataclass(slots=True)
@@ -191,27 +246,37 @@ class _Moment:
     Attributes:
         time_ns: its time.
         groups: by source, the detections: a group, by its number, among those that came with it.
-        joined: the groups in order; None: not joined yet, or not since the last came.
+        moved: by source that has measured nothing at this moment, as far as is known, the last that it measured before.
+        joined: the measured and moved groups in order; None: not joined yet, or not since they changed.
         before: the tracker's state before the step.
-        incomplete: more groups may come.
+        shown: the tracks after it.
     """
 
     time_ns: int
     groups: dict[str, tuple[DetectionGroups, int]] = field(default_factory=dict)
+    moved: dict[str, _Moving] = field(default_factory=dict)
     joined: DetectionGroups | None = None
     before: Any = None
-    incomplete: bool = False
+    shown: Tracks = field(default_factory=Tracks.empty)
 
-    def joined_in(self, order: Sequence[str]) -> DetectionGroups:
-        """Return the groups of these sources, which must be all; joined once, until another group comes."""
+    def joined_in(self, order: Callable[[Iterable[str]], list[str]]) -> DetectionGroups:
+        """Return the groups of all sources in an order; joined once, until another group comes."""
         if self.joined is None:
-            groups = [self.groups[source] for source in order]
-            together = {id(whole): whole for whole, _ in groups}
-            if len(together) == 1:
-                self.joined = groups[0][0].take([number for _, number in groups])
+            sources = order([*self.groups, *self.moved])
+            wholes = {id(whole): whole for whole, _ in self.groups.values()}
+            if len(wholes) == 1 and not self.moved:
+                (whole,) = wholes.values()
+                self.joined = whole.take([self.groups[source][1] for source in sources])
             else:
-                self.joined = DetectionGroups.of(whole[number] for whole, number in groups)
+                self.joined = DetectionGroups.of(map(self._group, sources))
         return self.joined
+
+    def _group(self, source: str) -> Detections:
+        if source in self.moved:
+            moving = self.moved[source]
+            return moving.at(self.time_ns)[moving.confirmed]
+        whole, number = self.groups[source]
+        return whole[number]
 
 
 class RewindAndReplay(DelayedMeasurements):
@@ -220,15 +285,15 @@ class RewindAndReplay(DelayedMeasurements):
     Exact: once everything has arrived, the tracks are those of a tracker to which everything came on time. The cost is
     as many steps as the oldest new measurement is delayed by. The same measurement twice counts once.
 
-    A moment later than the newest measurement of some source is incomplete: until that source's message has come, or
-    the source has been silent for the whole window, no track counts as missed there. Else objects that only senders
-    see would be dropped before the messages about them can have arrived.
+    At a moment of which a sender has said nothing yet, what it measured last counts, moved on as by `PredictForward`.
+    Else objects that only senders see would be missed there, and boxes that several agents see would follow the
+    receiver's alone.
 
     Args:
         make_tracker: makes the tracker.
         fusion: applied to the measurements of one moment.
         first: the source whose measurements come first.
-        window_s: measurements that are delayed by more are dropped.
+        window_s: measurements that are delayed by more are dropped, and none is moved on for longer.
     """
 
     def __init__(
@@ -238,50 +303,61 @@ class RewindAndReplay(DelayedMeasurements):
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
-        self._newest_ns: dict[str, int] = {}
+        self._senders, self._ids = _Senders(make_tracker), LastingIds()
 
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
+        last_ns = self._moments[-1].time_ns if self._moments else now_ns
         self._moments = [moment for moment in self._moments if moment.time_ns >= now_ns - self._window_ns]
         moments = {moment.time_ns: moment for moment in self._moments}
         moments.setdefault(now_ns, _Moment(now_ns))
         oldest_ns, first_ns = min(moments), now_ns
-        for number, source in enumerate(measurements.sources):
-            captured_ns = min(measurements.captured_ns[number], now_ns)
+        for number in sorted(range(len(measurements)), key=measurements.captured_ns.__getitem__):
+            source, captured_ns = measurements.sources[number], min(measurements.captured_ns[number], now_ns)
             if captured_ns < oldest_ns:
                 continue
             moment = moments.setdefault(captured_ns, _Moment(captured_ns))
             if source not in moment.groups:
                 moment.groups[source], moment.joined = (measurements.groups, number), None
                 first_ns = min(first_ns, captured_ns)
-                self._newest_ns[source] = max(captured_ns, self._newest_ns.get(source, 0))
+                if source != RECEIVER:
+                    self._senders.take(source, captured_ns, measurements.groups[number])
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
-        return self._replay(min(first_ns, self._mark_incomplete(now_ns)))
+        self._senders.forget(now_ns - 2 * self._window_ns)  # what the oldest moment may need
+        self._replay(min([first_ns, *self._move_on()]), last_ns)
+        return self._ids.name(moments[now_ns].shown, now_ns)
 
-    def _mark_incomplete(self, now_ns: int) -> int:
-        """Mark incomplete moments; return the time of the first that has become complete, or `now_ns`."""
-        oldest_ns = now_ns - self._window_ns
-        self._newest_ns = {source: newest_ns for source, newest_ns in self._newest_ns.items() if newest_ns >= oldest_ns}
-        whole_ns = min(self._newest_ns.values(), default=now_ns)
-        changed_ns = now_ns
-        for moment in reversed(self._moments):
-            incomplete = moment.time_ns > whole_ns
-            if moment.incomplete and not incomplete:
-                changed_ns = moment.time_ns
-            moment.incomplete = incomplete
+    def _move_on(self) -> list[int]:
+        """Give each moment what silent senders measured before; return the times of those that this changes."""
+        changed_ns = []
+        for moment in self._moments:
+            moved = {}
+            for source in self._senders:
+                last = None if source in moment.groups else self._senders.last_before(source, moment.time_ns)
+                if last is not None and last.captured_ns >= moment.time_ns - self._window_ns:
+                    moved[source] = last
+            if moved.keys() != moment.moved.keys() or any(moved[name] is not moment.moved[name] for name in moved):
+                moment.moved, moment.joined = moved, None
+                changed_ns.append(moment.time_ns)
         return changed_ns
 
-    def _replay(self, first_ns: int) -> Tracks:
-        """Track again from the first moment at or after `first_ns`."""
+    def _replay(self, first_ns: int, last_ns: int) -> None:
+        """Track again from the first moment at or after `first_ns`; the last report was of `last_ns`."""
         again = [moment for moment in self._moments if moment.time_ns >= first_ns]
         # The state before a moment that is new among older ones is that of the moment after it.
         known = next((moment.before for moment in again if moment.before is not None), None)
         if known is not None:
             self.tracker.state = known
+        lasting = _shown_ids(moment for moment in self._moments if moment.time_ns < first_ns)
+        self._ids.forget(_shown_ids(again) - lasting)
         for moment in again:
             moment.before = self.tracker.state
-            groups = moment.joined_in(self._in_order(moment.groups))
-            tracks = self._track(groups, moment.time_ns, incomplete=moment.incomplete)
-        return tracks
+            moment.shown = self._track(moment.joined_in(self._in_order), moment.time_ns)
+            if moment.time_ns == last_ns:
+                self._ids.carry_over(moment.shown, last_ns)
+
+
+def _shown_ids(moments: Iterable[_Moment]) -> set[int]:
+    return {each for moment in moments for each in moment.shown.id.tolist()}
 
 
 DELAYED: Registry[type[DelayedMeasurements]] = Registry("delayed")

@@ -119,7 +119,7 @@ class Tracker:
         """
         return self.step_in_turn([detections], time_ns)
 
-    def step_in_turn(self, groups: Sequence[Detections], time_ns: int, *, incomplete: bool = False) -> Tracks:
+    def step_in_turn(self, groups: Sequence[Detections], time_ns: int) -> Tracks:
         """Take in one frame's detections from several sources, one after another, and return the tracks.
 
         Each group is matched to the tracks as the groups before left them, new tracks included. A frame counts as one
@@ -128,7 +128,6 @@ class Tracker:
         Args:
             groups: detections in the tracker's frame.
             time_ns: time of the frame; must not go back.
-            incomplete: more groups of this frame may still come, so a track without a detection is not missed yet.
 
         Raises:
             InvalidValueError: time went back.
@@ -138,8 +137,6 @@ class Tracker:
             rules = self._later if number else self._first
             if len(found):
                 tracked, next_id = self._take_in(tracked, found, rules, next_id, time_ns)
-        if incomplete:
-            np.maximum(tracked.misses - 1, 0, out=tracked.misses)
         missed = np.flatnonzero(tracked.misses)
         tracked.score[missed] = self._scoring.miss(tracked.score[missed], tracked.age[missed])
         alive = self._lifecycle.alive(tracked)
@@ -148,17 +145,17 @@ class Tracker:
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
 
-    def velocity_of(self, detections: Detections, time_ns: int) -> Floats:
+    def known(self, detections: Detections, time_ns: int) -> tuple[Floats, Mask]:
         """Return the velocity (N, 2) m/s of the track that each detection would be matched to, 0 without one.
 
-        The tracker's state stays. Detections must be valid (see `drop_invalid`), and `time_ns` must not lie before the
-        last frame.
+        The second result (N,) says whether that track is confirmed, so that it would be reported. The tracker's state
+        stays. Detections must be valid (see `drop_invalid`), and `time_ns` must not lie before the last frame.
         """
         tracked = self.predict(time_ns)
         rows, columns = self._first.association.match(tracked, detections)
-        velocity = np.zeros((len(detections), 2))
-        velocity[columns] = tracked.velocity[rows]
-        return velocity
+        velocity, confirmed = np.zeros((len(detections), 2)), np.zeros(len(detections), dtype=np.bool_)
+        velocity[columns], confirmed[columns] = tracked.velocity[rows], self._were_reported(tracked)[rows]
+        return velocity, confirmed
 
     def predict(self, time_ns: int) -> Tracked:
         """Return the tracks predicted to a time, one frame older; the tracker's state stays.
