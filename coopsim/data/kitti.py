@@ -97,15 +97,16 @@ def read_poses(path: Path, frames: int, axes: str = "kitti") -> list[SE3]:
 
     A line is a frame: 12 numbers, a 3x4 matrix [R | t] row by row, which takes points of the frame's axes to those of
     the first frame, both named as in the set's other files. The base frame is where the files' boxes have their
-    origin. With A from those axes to ours, the pose is (A R A^T, A t).
+    origin. With A from those axes to ours, the pose is (A R A^T, A t). Lines of frames after the last one that has
+    labels or detections are left out: labels of one class need not go to a sequence's end.
 
     Raises:
-        RecordingError: the file is missing, has another number of lines than `frames`, or a line that is broken.
+        RecordingError: the file is missing, has fewer lines than `frames`, or a line that is broken.
     """
     rows = _numbers(_fields(path, None, POSE_FIELDS), POSE_FIELDS, path, _check_pose)
-    if len(rows) != frames:
+    if len(rows) < frames:
         raise RecordingError(f"{path}: a pose for each of {frames} frames is needed, got {len(rows)} lines")
-    matrices, turn = rows.reshape(-1, 3, 4), AXES[axes].base_from_file
+    matrices, turn = rows[:frames].reshape(-1, 3, 4), AXES[axes].base_from_file
     return [SE3(turn @ matrix[:, :3] @ turn.T, turn @ matrix[:, 3]) for matrix in matrices]
 
 

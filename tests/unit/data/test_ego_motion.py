@@ -235,6 +235,19 @@ def test_broken_poses(make_set: MakeSet, edit: Callable[[str], str], message: st
         env.reset()
 
 
+def test_poses_of_frames_after_the_last_labels_are_left_out(make_set: MakeSet) -> None:
+    path = make_set(poses=True)
+    file = path / "poses" / "0000.txt"
+    as_it_is = read_poses(file, FRAMES)
+    expected = coopsim.evaluate_recordings("no_fusion", path, "ego").count["sAMOTA"]
+    file.write_text(file.read_text() + "1 0 0 9 0 1 0 9 0 0 1 9\n" * 3)
+    longer = read_poses(file, FRAMES)
+    assert len(longer) == FRAMES
+    for pose, same in zip(longer, as_it_is, strict=True):
+        np.testing.assert_array_equal(pose.translation, same.translation)
+    assert coopsim.evaluate_recordings("no_fusion", path, "ego").count["sAMOTA"] == expected
+
+
 def test_poses_that_are_asked_for_must_be_there(make_set: MakeSet) -> None:
     env = coopsim.parallel_env("replay", path=make_set(), detections="ego", odometry="poses")
     with pytest.raises(RecordingError, match=r"cannot read .*poses/0000\.txt"):

@@ -46,8 +46,9 @@ def test_velocities_are_those_of_the_detections_own_tracks() -> None:
     trackers = both()
     for k in range(5):
         trackers.step(cars(1.0 * k, 50 - 2.0 * k, label=[0, 7]), k * FRAME_NS)
-    velocity = trackers.velocity_of(cars(40, 5, 300, label=[7, 0, 0]), 5 * FRAME_NS)
+    velocity, confirmed = trackers.known(cars(40, 5, 300, label=[7, 0, 0]), 5 * FRAME_NS)
     np.testing.assert_allclose(velocity, [[-20, 0], [10, 0], [0, 0]], atol=0.1)
+    assert confirmed.tolist() == [True, True, False]
 
 
 def test_time_that_goes_back_changes_nothing() -> None:
