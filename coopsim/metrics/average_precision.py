@@ -2,7 +2,8 @@
 
 In each frame boxes are taken by falling score; each gets the object of largest IoU that is still free, if that reaches
 the threshold, as in OpenCOOD. The area under the curve of precision over recall is PASCAL VOC's since 2010: every
-precision is raised to the best one at any higher recall.
+precision is raised to the best one at any higher recall. Equal scores are one step of the curve, and within a frame the
+box that fits better is taken first, so the order in which boxes are listed changes nothing.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ def average_precision_of(
         iou: IoU from which a detection is on an object, in (0, 1].
         view: "3D" for the IoU of volumes, "BEV" for that of the rectangles seen from above.
         sort: "pooled" ranks the detections of all frames together by score, as the papers define it and as CoAlign and
-            HEAL do. "frame" ranks within each frame and concatenates the frames, as OpenCOOD and code derived from it
-            do by default: false positives of early frames then stand before matches of later frames, so the value is
-            lower. Use it to compare with their tables, for nothing else.
+            HEAL do; equal scores are one step of the curve. "frame" ranks within each frame and concatenates the
+            frames, as OpenCOOD and code derived from it do by default: false positives of early frames then stand
+            before matches of later frames, so the value is lower, and equal scores stand in the order in which they
+            are given. Use it to compare with their tables, for nothing else.
 
     Returns:
         The average precision; 0 without objects.
@@ -84,14 +86,12 @@ def average_precision_of(
             _one_frame(len(true_boxes)), np.arange(len(true_boxes)), _one_frame(len(boxes)), np.arange(len(boxes)),
             _one_frame(len(rows)), rows, columns, overlap[rows, columns],
         )  # fmt: skip
-        order = np.argsort(-score, kind="stable")
+        order = order_by_score(frame, score) if sort == "pooled" else np.argsort(-score, kind="stable")
         objects += len(true_boxes)
         hits.append(match_by_score(frame, order)[order] >= 0)
         scores.append(score[order])
-    ranked = np.concatenate(hits)
-    if sort == "pooled":
-        ranked = ranked[np.argsort(-np.concatenate(scores), kind="stable")]
-    return area_of_all_points(ranked, objects)
+    ranked, score = np.concatenate(hits), np.concatenate(scores)
+    return area_of_all_points(ranked, objects, score if sort == "pooled" else None)
 
 
 def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> float:
@@ -104,23 +104,40 @@ def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> f
     for sequence, score in sequences:
         data = sequence.arrays
         truth += len(data.truth)
-        hits.append(match_by_score(data, np.lexsort((-score, frame_of(data.track_start)))) >= 0)
+        hits.append(match_by_score(data, order_by_score(data, score)) >= 0)
         scores.append(score)
-    order = np.argsort(-np.concatenate(scores), kind="stable")
-    return area_of_all_points(np.concatenate(hits)[order], truth)
+    return area_of_all_points(np.concatenate(hits), truth, np.concatenate(scores))
 
 
-def area_of_all_points(hits: NDArray[np.bool_], truth: int) -> float:
+def order_by_score(data: SequenceArrays, score: Floats) -> Ints:
+    """Return the order (T,) of reported boxes: frame by frame by falling score, equal ones by their best similarity."""
+    best = np.zeros(len(score))
+    np.maximum.at(best, data.track_start[frame_of(data.pair_start)] + data.pair_track, data.pair_similarity)
+    order: Ints = np.lexsort((-best, -score, frame_of(data.track_start)))
+    return order
+
+
+def area_of_all_points(hits: NDArray[np.bool_], truth: int, scores: Floats | None = None) -> float:
     """Compute the area under the curve of ranked hits and misses (R,), each precision raised to the best beyond it.
 
     Args:
-        hits: in order of rank.
+        hits: in order of rank if there are no scores.
         truth: number of objects.
+        scores: (R,) rank the hits; equal ones are one step, with the precision at its end. None: each hit is a step.
     """
-    true = np.cumsum(hits)
-    precision = true / np.arange(1, len(hits) + 1)
+    last = np.arange(len(hits))
+    if scores is not None:
+        order = np.argsort(-scores)
+        hits, last = hits[order], ends_of_steps(scores[order])
+    precision = np.cumsum(hits)[last] / (last + 1)
     best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
     return float(best_from_here[hits].sum()) / max(truth, 1)
+
+
+def ends_of_steps(scores: Floats) -> Ints:
+    """Return the last place (R,) of those with the same score as each, in a falling order of scores (R,)."""
+    ends: Ints = np.searchsorted(-scores, -scores, side="right") - 1
+    return ends
 
 
 @njit(cache=True, nogil=True)

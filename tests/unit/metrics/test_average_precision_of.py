@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
 from shapely.geometry import box
 
@@ -40,6 +42,48 @@ def test_ranking_is_over_all_frames_unless_each_frame_is_asked_for() -> None:
     truth = [at(0), at(0)]
     assert average_precision_of(detections, truth) == 1.0
     assert average_precision_of(detections, truth, sort="frame") == pytest.approx((1 + 2 / 3) / 2)
+
+
+@pytest.mark.parametrize("view", ["3D", "BEV"])
+def test_equal_scores_are_one_step_whichever_is_listed_first(view: Any) -> None:
+    hit_first, miss_first = (at(0, 50), [0.5, 0.5]), (at(50, 0), [0.5, 0.5])
+    for frames in ([hit_first] * 2, [miss_first] * 2, [hit_first, miss_first]):
+        assert average_precision_of(frames, [at(0)] * 2, view=view) == 0.5
+    # Of two boxes that are equally sure the one at 0.2, which fits better, has the first choice: the object at 0, the
+    # only one that the box at -0.5 is on.
+    for boxes in (at(-0.5, 0.2), at(0.2, -0.5)):
+        assert average_precision_of([(boxes, [0.5, 0.5])], [at(0, 1)], 0.6, view=view) == 0.25
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_the_order_of_boxes_and_frames_does_not_matter(seed: int, levels: int) -> None:
+    rng = np.random.default_rng(seed)
+
+    def crowd(count: int) -> np.ndarray:
+        return at(*rng.uniform(0, 12, count)) + rng.normal(0, 0.1, (count, 7)) * [1, 1, 1, 0, 0, 0, 1]
+
+    frames = [(crowd(count), crowd(rng.integers(0, 6))) for count in rng.integers(1, 6, 6)]
+    listed = [((boxes, rng.integers(1, levels + 1, len(boxes)) / levels), truth) for boxes, truth in frames]
+    mixed = []
+    for (boxes, scores), truth in rng.permutation(np.array(listed, dtype=object)):
+        order = rng.permutation(len(boxes))
+        mixed.append(((boxes[order], scores[order]), rng.permutation(truth)))
+    for iou in (0.3, 0.7):
+        values = [average_precision_of(*zip(*each, strict=True), iou) for each in (listed, mixed)]  # type: ignore[misc]
+        assert values[0] == pytest.approx(values[1], abs=1e-12)
+
+
+def test_opencood_s_sort_keeps_the_order_of_the_list() -> None:
+    for frame, expected in (((at(0, 50), [0.5, 0.5]), 1.0), ((at(50, 0), [0.5, 0.5]), 0.5)):
+        assert average_precision_of([frame], [at(0)], sort="frame") == expected
+
+
+def test_a_box_exactly_at_the_threshold_is_on_the_object() -> None:
+    # 4 m by 2 m, of which 2 m are cut off: the intersection is half of the union, without a rounding error.
+    half = np.array([[0, 0, 0, 2, 2, 1.5, 0]])
+    for view in ("3D", "BEV"):
+        assert average_precision_of([(half, [0.5])], [at(0)], 0.5, view=view) == 1.0  # type: ignore[arg-type]
+        assert average_precision_of([(half, [0.5])], [at(0)], np.nextafter(0.5, 1), view=view) == 0.0  # type: ignore[arg-type]
 
 
 def test_height_counts_in_3d_only() -> None:

@@ -84,6 +84,23 @@ def test_a_write_that_fails_half_way_loses_nothing(monkeypatch: pytest.MonkeyPat
     assert columns.column("score").tolist() == [*given["score"], *range(100)]
 
 
+def test_a_system_that_reads_and_writes_a_few_bytes_at_a_time_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, write = os.pread, os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda file, values, place: write(file, values[:7], place))
+    monkeypatch.setattr(os, "pread", lambda file, count, place: read(file, min(count, 5), place))
+    columns, given = grown(100)
+    assert columns._spilled["score"]
+    for name in CODES:
+        assert columns.column(name).tolist() == given[name]
+
+
+def test_a_file_that_was_cut_short_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns, _ = grown(100)
+    monkeypatch.setattr(os, "pread", lambda *_: b"")
+    with pytest.raises(OSError, match="cut short"):
+        columns.column("score")
+
+
 def test_two_share_a_file() -> None:
     spool, rng = Spool(), np.random.default_rng(0)
     both = [GrowingColumns({"score": "d"}, spool, most_bytes=100) for _ in range(2)]

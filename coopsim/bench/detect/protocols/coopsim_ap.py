@@ -6,7 +6,7 @@
 | detections | all, whatever their score, centre in the region |
 | match | by falling score, each to the free object of its kind of largest IoU (BEV or 3D), from 0.3, 0.5, 0.7 |
 | left out | detections on an object that does not count (3D IoU 0.25, more than on one that does), as in the scores |
-| rank | all frames together; area of all points |
+| rank | all frames together; equal scores are one step of the curve; area of all points |
 | kinds | vehicles (car, van, truck, bus) as one; `people` (pedestrian, child) |
 | | `riders` (motorcycle, bicycle, scooter); `vulnerable` (people and riders as one); each class by itself |
 | `own`, `others_only` | vehicles that the receiver has returns from, or only others |
@@ -53,7 +53,7 @@ class CoopsimProtocol(Protocol):
             found, truth = _of_kind(overlaps, classes)
             for view in ("BEV", "3D"):
                 for least in AP_THRESHOLDS:
-                    object_of = overlaps.matched_by_score(found, truth, view, least)
+                    object_of = overlaps.matched_by_score(found, truth, view, least, listed=False)
                     name = f"AP{view}@{least:g}"
                     made[name + kind] = ranked(overlaps, object_of, found, int(truth.sum()))
                     if not kind:

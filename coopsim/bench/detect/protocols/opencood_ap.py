@@ -7,6 +7,7 @@
 | detections | score above 0.2, corners as above |
 | match | in each frame by falling score, each to the free object of largest BEV IoU, from 0.3, 0.5, 0.7 |
 | rank | within each frame; frames one after another, as `--global_sort_detections` is off by default |
+| equal scores | in the order of the list, each a step of the curve, as OpenCOOD's code takes them |
 | area | all points, each precision raised to the best beyond it (PASCAL VOC 2010) |
 
 The rank makes all values lower than a common one: false boxes of early frames stand before hits of later frames

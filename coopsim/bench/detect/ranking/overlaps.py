@@ -11,7 +11,7 @@ from numba import njit
 from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.geometry.iou import iou_3d_and_bev
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.average_precision import match_by_score
+from coopsim.metrics.average_precision import match_by_score, order_by_score
 from coopsim.metrics.matching import SequenceArrays, frame_of
 from coopsim.types import Ints, Mask
 
@@ -50,7 +50,7 @@ class Overlaps:
         )
         return cls(perceived, frame, truth, found, {"3D": solid, "BEV": flat, "distance": -away_m})
 
-    def matched_by_score(self, found: Mask, truth: Mask, by: str, least: float) -> Ints:
+    def matched_by_score(self, found: Mask, truth: Mask, by: str, least: float, *, listed: bool = True) -> Ints:
         """Match detections by falling score within each frame, each to the free object of largest similarity.
 
         Args:
@@ -58,13 +58,14 @@ class Overlaps:
             truth: (M,) the objects that take part.
             by: "3D", "BEV" or "distance", see `similarity`.
             least: smallest similarity of a match.
+            listed: take equal scores in the order of the list, as the code of other benchmarks does; else by their IoU.
 
         Returns:
             (N,) row of each detection's object, or -1.
         """
-        there = self.perceived
-        order = np.lexsort((-there.found_score, frame_of(there.found_start)))
-        return match_by_score(self._sequence(self._kept(found, truth, by, least), by), order)
+        score, sequence = self.perceived.found_score, self._sequence(self._kept(found, truth, by, least), by)
+        in_list = np.lexsort((-score, frame_of(sequence.track_start)))
+        return match_by_score(sequence, in_list if listed else order_by_score(sequence, score))
 
     def matched_by_object(self, found: Mask, truth: Mask, by: str, least: float) -> Ints:
         """Match objects in order, each with the free detection of largest similarity, whatever its score.

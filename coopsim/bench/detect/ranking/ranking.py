@@ -53,23 +53,31 @@ class Ranking:
 
     @property
     def pooled(self) -> Mask:
-        """The hits (K,) by falling score over all frames; equal scores stay in the order of frames."""
+        """The hits (K,) by falling score over all frames; equal scores stay in the order in which they are listed."""
         ranked: Mask = self.hit[np.argsort(-self.score, kind="stable")]
         return ranked
 
     def area(self) -> float:
-        """Compute the area of all points under precision over recall, frames ranked together; NaN without objects."""
-        return area_of_all_points(self.pooled, self.objects) if self.objects else np.nan
+        """Compute the area of all points under precision over recall, frames ranked together; NaN without objects.
+
+        Equal scores are one step of the curve.
+        """
+        return area_of_all_points(self.hit, self.objects, self.score) if self.objects else np.nan
 
     def area_by_frame(self) -> float:
         """Compute the area with frames ranked one after another, each by its own scores: OpenCOOD's default."""
         return area_of_all_points(self.hit, self.objects) if self.objects else np.nan
 
     def area_without_first_step(self) -> float:
-        """Compute `area` without the step of the very first detection: DAIR-V2X sums from the second one on."""
-        first_hit = bool(len(self.hit)) and bool(self.pooled[0])
+        """Compute the area without the step of the very first detection: DAIR-V2X sums from the second one on.
+
+        Each detection is a step, and equal ones stay in the order in which they are listed, as in its code.
+        """
+        if not self.objects:
+            return np.nan
+        ranked = self.pooled
         # A first hit has precision 1, the best that there is, so its step is 1 / objects high.
-        return self.area() - first_hit / self.objects if self.objects else np.nan
+        return area_of_all_points(ranked, self.objects) - float(ranked[:1].sum()) / self.objects
 
     def area_of_101_points(self, least_recall: float = 0.1, least_precision: float = 0.1) -> float:
         """Compute nuScenes' area: mean precision at recalls beyond the least, in steps of 0.01.

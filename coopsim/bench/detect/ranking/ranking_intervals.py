@@ -8,6 +8,7 @@ import numpy as np
 
 from coopsim.bench.detect.ranking.ranking import Ranking
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.average_precision import ends_of_steps
 from coopsim.support.rng import stream
 
 LEAST_EPISODES = 3
@@ -45,12 +46,13 @@ def _drawn_areas(parts: Sequence[Ranking], *, pooled: bool) -> Floats:
     order = np.argsort(-whole.score, kind="stable") if pooled else np.arange(len(whole.score))
     episode = np.repeat(np.arange(len(parts)), [len(part.score) for part in parts])[order]
     hit = whole.hit[order]
+    last = ends_of_steps(whole.score[order]) if pooled else order
     objects = times @ np.array([part.objects for part in parts], np.float64)
     areas = np.zeros(DRAWS)
     for draw in range(DRAWS):
         weight = times[draw, episode]
         hits = weight * hit
-        precision = np.cumsum(hits) / np.maximum(np.cumsum(weight), 1.0)
+        precision = np.cumsum(hits)[last] / np.maximum(np.cumsum(weight)[last], 1.0)
         best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
         areas[draw] = float(hits @ best_from_here) / objects[draw]
     return areas

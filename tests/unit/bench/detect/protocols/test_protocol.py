@@ -43,3 +43,10 @@ def test_the_order_of_boxes_in_a_frame_does_not_matter(name: str) -> None:
     one = values(name, [(detections(*boxes), objects(*places))])
     rng.shuffle(boxes)
     assert values(name, [(detections(*boxes), objects(*places))]) == pytest.approx(one, nan_ok=True)
+
+
+def test_equal_scores_are_one_step_in_coopsim_s_and_as_listed_in_opencood_s() -> None:
+    for places, listed in (((0, 50), 1.0), ((50, 0), 0.5)):
+        frame = detections(*((place, 0.5) for place in places)), objects(0)
+        assert values("coopsim", [frame, frame])["APBEV@0.5"] == 0.5
+        assert values("opencood", [frame])["APBEV@0.5"] == listed
