@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
 from coopsim.bench.report.table import columns, format_value, score_row
 from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.recall_averages import RECALL_POINTS
 from coopsim.metrics.score import Score
 from coopsim.support.files import make_folder, write_whole
@@ -76,12 +78,12 @@ def rows_of(results: Results) -> list[dict[str, Any]]:
 
 
 def to_markdown(results: Results, title: str) -> str:
-    """Format two tables, false positives counted and ignored, by falling sAMOTA, and what method each policy is."""
+    """Format two tables, false positives counted and ignored, by the primary metric, and what method each policy is."""
     shown = columns()
     parts = [f"# {title}\n"]
     for protocol, heading in _PROTOCOLS.items():
         rows = [row for row in rows_of(results) if row["false positives"] == protocol]
-        rows.sort(key=lambda row: -row["sAMOTA"])
+        rows.sort(key=lambda row: _place(row[PRIMARY_METRIC]))
         cells = [[row["policy"], *(format_value(row[name], form) for name, form in shown)] for row in rows]
         heads, align = ["policy", *(name for name, _ in shown)], ["left", *["right"] * len(shown)]
         table = tabulate(cells, heads, tablefmt="github", colalign=align, disable_numparse=True)
@@ -109,14 +111,18 @@ def mota_over_recall(score: Score) -> tuple[np.ndarray[Any, Any], np.ndarray[Any
     return levels / RECALL_POINTS, total[levels] / reached[levels]
 
 
+def _place(value: float) -> float:
+    """Return the key that sorts values, the best first and those that are undefined last."""
+    return math.inf if math.isnan(value) else -value
+
+
 def plot(results: Results, title: str) -> str:
     """Plot MOTA over recall as SVG, with a panel for each protocol and a line for each policy."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)
         for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
-            ranked = sorted(results, key=lambda name: -getattr(results[name], protocol)["sAMOTA"])
-            for name in ranked:
+            for name in sorted(results, key=lambda name: _place(getattr(results[name], protocol)[PRIMARY_METRIC])):
                 recall, mota = mota_over_recall(getattr(results[name], protocol))
                 style, color = line_look(list(results).index(name))
                 panel.plot(recall, mota, style, color=color, linewidth=1.3, label=name)

@@ -68,6 +68,7 @@ def run(options: argparse.Namespace) -> int:
 
     from coopsim.bench.demo import Demo
     from coopsim.bench.report.table import evaluation_row, format_table, format_visibility
+    from coopsim.metrics.score import without_nan
 
     demo = Demo(_config(options))
     if options.json is not None and options.json.resolve() == options.report.resolve():
@@ -87,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
         print("\nRecall by which agents got returns from an object, and the gain by what only others saw, in per cent:")
         print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
-            write_whole(options.json, as_json([{**about, **values} for about, values in rows]))
+            write_whole(options.json, as_json([{**about, **without_nan(values)} for about, values in rows]))
         print(f"report: {demo.write_report(options.report, options.typed)}")
     if interrupted:
         kept = f"{len(demo.runs)} finished {'run was' if len(demo.runs) == 1 else 'runs were'} kept"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -38,7 +39,7 @@ class _SweepMetric(SweepMetric):
     meaning: str
 
     def of_sweep(self, sweep: RecallSweep) -> float:
-        return 100 * self.of(sweep)
+        return _if_any(sweep.all_tracks.gt, 100 * self.of(sweep))
 
 
 @dataclass(frozen=True)
@@ -54,12 +55,17 @@ class _ClearMetric(SweepMetric):
         return self.of(sweep.best)
 
 
+def _if_any(objects: int, value: float) -> float:
+    """Return a value that is undefined, NaN, without objects."""
+    return value if objects else math.nan
+
+
 def _ratio(of: Callable[[Clear], float], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ClearMetric(lambda clear: 100 * of(clear), meaning, "%", less)
+    return _ClearMetric(lambda clear: _if_any(clear.gt, 100 * of(clear)), meaning, "%", less)
 
 
 def _share(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ClearMetric(lambda clear: 100 * of(clear) / max(clear.objects, 1), meaning, "%", less)
+    return _ratio(lambda clear: of(clear) / max(clear.objects, 1), meaning, less)
 
 
 def _count(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
@@ -67,7 +73,7 @@ def _count(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _Cle
 
 
 def _whole(of: Callable[[LogPool], float], meaning: str) -> _PoolMetric:
-    return _PoolMetric(lambda pool: 100 * of(pool), meaning)
+    return _PoolMetric(lambda pool: _if_any(pool.objects, 100 * of(pool)), meaning)
 
 
 _RECALL_AVERAGES = {
@@ -122,7 +128,11 @@ _NEAR = {
     "LocA": _whole(lambda pool: pool.hota_near.loc_a, "LocA with matches by distance on the ground"),
     "AMOTA": _whole(lambda pool: pool.near_sweep.amota, "nuScenes' AMOTA: matches are centres less than 2 m apart"),
     "AMOTP": _PoolMetric(
-        lambda pool: pool.near_sweep.amotp, "nuScenes' AMOTP: mean distance of matches", "m", ".2f", less_is_better=True
+        lambda pool: _if_any(pool.objects, pool.near_sweep.amotp),
+        "nuScenes' AMOTP: mean distance of matches",
+        "m",
+        ".2f",
+        less_is_better=True,
     ),
 }
 
@@ -151,12 +161,12 @@ def _precisions() -> dict[str, Metric]:
 
 
 def _precision(kind: tuple[str, float], pool: LogPool) -> float:
-    return pool.average_precisions[kind]
+    return _if_any(pool.objects, pool.average_precisions[kind])
 
 
 def _mean_precision(kind: tuple[str, float], parts: str, pool: LogPool) -> float:
     values = [part.average_precisions[kind] for part in getattr(pool, parts).values()]
-    return float(np.mean(values)) if values else 0.0
+    return float(np.mean(values)) if values else math.nan
 
 
 BUILT_IN: Mapping[str, Metric] = {

@@ -8,6 +8,13 @@ from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.recall_averages import RecallSweep
 from coopsim.support.registry import Registry
 
+PRIMARY_METRIC = "sAMOTA"
+"""The metric that ranks, and that tables, figures and comparisons begin with, unless another is asked for.
+
+It needs no threshold of confidence to be chosen, as MOTA does; a perfect tracker has 100 and a useless one 0, where
+AMOTA ends at 51 and has no lower end; and it is the metric that AB3DMOT's authors propose to rank by.
+"""
+
 
 class Metric(ABC):
     """A number of a score, computed from a policy's reports and the ground truth.

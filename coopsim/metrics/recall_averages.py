@@ -4,6 +4,9 @@ Evaluation Metrics", IROS 2020, sec. IV).
 A tracker's score depends on the confidence from which it reports a track. So CLEAR is computed at 40 levels of recall,
 each reached by a threshold of mean track score, and averaged. Identity switches are counted as in AB3DMOT's code,
 which took the rule from KITTI's: only between two successive frames of an object.
+
+AB3DMOT's code gives each level a match of its own, and drops level 0. So with n <= 40 boxes it reaches n - 1 levels at
+most, and a perfect tracker of 20 boxes would have 47.5. Here one match may reach several levels of so few boxes.
 """
 
 from __future__ import annotations
@@ -88,13 +91,19 @@ def recall_thresholds(scores: Floats, truth: int) -> list[tuple[float, float]]:
     """Find the levels of recall and the scores at which they are reached.
 
     As in AB3DMOT's code, each level, in steps of 1/40 from 0, is assigned to the match whose recall is nearest to it;
-    level 0 is left out.
+    level 0 is left out. Of up to 40 boxes a level is assigned to the first match with which recall reaches it; of 41
+    both rules are the same.
 
     Args:
         scores: (TP,) mean track score of every match.
         truth: number of truth boxes.
     """
     ordered = np.sort(scores)[::-1]
+    if truth <= RECALL_POINTS:
+        reached = len(scores) * RECALL_POINTS // max(truth, 1)
+        # The first match from which level k / 40 is reached is number ceil(k / 40 * truth), counted from 1.
+        first = [-(-k * truth // RECALL_POINTS) - 1 for k in range(1, reached + 1)]
+        return [(k / RECALL_POINTS, float(ordered[match])) for k, match in enumerate(first, start=1)]
     found: list[tuple[float, float]] = []
     level = 0.0
     for k, score in enumerate(ordered.tolist()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from tabulate import tabulate
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import all_metrics, clear_values, custom_metrics
 from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import SweepMetric
+from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
 from coopsim.metrics.recall_averages import RecallSweep
 from coopsim.metrics.recall_by_visibility import GroupRecall, pooled, recall_by_visibility
 from coopsim.metrics.track_log import TrackLog
@@ -21,7 +22,7 @@ from coopsim.types.taxonomy import Superclass
 
 FalsePositives = Literal["count", "ignore"]
 
-_TABLE = ("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "IDF1", "MT", "ML", "IDS", "FRAG", "FP", "FN", "GT")
+_TABLE = (PRIMARY_METRIC, "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "IDF1", "MT", "ML", "IDS", "FRAG", "FP", "FN", "GT")
 _PARTS = ("classes", "superclasses", "bands")
 
 
@@ -34,7 +35,7 @@ class Score:
     objects belong to the same level. `all_tracks` has the same names without any cut by score: plain CLEAR. All other
     metrics (HOTA, IDF1, AP3D@0.5, AMOTA@2m, ...) are of everything that was reported and always count false positives;
     `docs/reference/metrics.md` explains each name. Registered metrics (`coopsim.metrics.metric.METRICS`) are among the
-    values.
+    values. Without any object every value but counts and rates is undefined: NaN.
 
     Attributes:
         values: by metric name.
@@ -66,7 +67,10 @@ class Score:
 
     @classmethod
     def mean(cls, agents: Mapping[str, Score]) -> Score:
-        """Average every value over agents; a class's, superclass's or band's over the agents that met it."""
+        """Average every value over the agents for which it is defined, so not over those that had no object near them.
+
+        A class's, superclass's or band's is averaged over the agents that met it; counts are over all agents.
+        """
         scores = list(agents.values())
         parts: dict[str, Any] = {name: _means([getattr(score, name) for score in scores]) for name in _PARTS}
         visibility = pooled(score.visibility for score in scores)
@@ -114,7 +118,10 @@ class Score:
         rows = [
             [
                 title,
-                *(format(score.values[name], form) if name in score.values else "-" for name, form in forms.items()),
+                *(
+                    "-" if math.isnan(value := score.values.get(name, math.nan)) else format(value, form)
+                    for name, form in forms.items()
+                ),
             ]
             for title, score in lines
         ]
@@ -123,8 +130,11 @@ class Score:
         return text + ignored
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON: values, `all_tracks`, and the parts by class, band, agent, ... that there are."""
-        content: dict[str, Any] = {**self.values, "all_tracks": dict(self.all_tracks)}
+        """Return plain data for JSON: values, `all_tracks`, and the parts by class, band, agent, ... that there are.
+
+        An undefined value is None.
+        """
+        content: dict[str, Any] = {**without_nan(self.values), "all_tracks": without_nan(self.all_tracks)}
         for name in (*_PARTS, "agents"):
             children: Mapping[str, Score] = getattr(self, name)
             if children:
@@ -180,6 +190,15 @@ def _mean_of(scores: Sequence[Score]) -> Score:
 
 
 def _mean_values(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Average each name's values over the parts that have it."""
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: float(np.mean([part[name] for part in parts if name in part])) for name in names}
+    """Average each name's values over the parts that have it; NaN where it is NaN in all of them."""
+    known: dict[str, list[float]] = {name: [] for part in parts for name in part}
+    for part in parts:
+        for name, value in part.items():
+            if not math.isnan(value):
+                known[name].append(value)
+    return {name: float(np.mean(values)) if values else math.nan for name, values in known.items()}
+
+
+def without_nan(values: Mapping[str, float]) -> dict[str, float | None]:
+    """Return values with None for NaN, which JSON does not have."""
+    return {name: None if math.isnan(value) else value for name, value in values.items()}

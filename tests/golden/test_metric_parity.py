@@ -93,14 +93,20 @@ def test_empty_frames_as_trackeval(seed: int) -> None:
     same(full.all_tracks, clear, {"MOTP": "MOTP"})
 
 
-@pytest.mark.parametrize("frames", [[({1: 0.0}, {})] * 3, [({}, {9: 0.0})] * 3], ids=["no tracks", "no objects"])
-def test_one_side_is_empty(frames: list[Any]) -> None:
-    """But for the objects' shares: of no objects, TrackEval says that all are mostly lost, and we that none is."""
-    sequence = on_a_line(frames)
+def test_nothing_is_reported() -> None:
+    sequence = on_a_line([({1: 0.0}, {})] * 3)
     score = summarize([evaluate(sequence)])
     same(score, trackeval(HOTA(), [sequence]), HOTA_NAMES)
     same(score, trackeval(at(Identity, 0.25), [sequence]), IDENTITY_NAMES)
     same(score.all_tracks, trackeval(at(CLEAR, 0.25), [sequence]), CLEAR_COUNTS, scale=1)
+
+
+def test_nothing_is_there() -> None:
+    """Counts agree. Ratios are 0 in TrackEval (LocA and ML 1), and undefined here."""
+    sequence = on_a_line([({}, {9: 0.0})] * 3)
+    score = summarize([evaluate(sequence)])
+    same(score.all_tracks, trackeval(at(CLEAR, 0.25), [sequence]), CLEAR_COUNTS, scale=1)
+    assert np.isnan([score[name] for name in (*HOTA_NAMES, *IDENTITY_NAMES, *CLEAR_NAMES)]).all()
 
 
 def mot(sequence: list[Frame], names: Sequence[str], match_iou: float = 0.25) -> dict[str, float]:

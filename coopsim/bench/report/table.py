@@ -9,13 +9,14 @@ from tabulate import tabulate
 
 from coopsim.bench.evaluate import Evaluation
 from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
+from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.recall_by_visibility import GroupRecall
 from coopsim.metrics.score import Score
 
 BYTES_TITLE, FRAMES_TITLE = "bytes/s", "frames/s"
 
 COLUMNS: tuple[tuple[str, str], ...] = (
-    ("sAMOTA", ".1f"),
+    (PRIMARY_METRIC, ".1f"),
     ("AMOTA", ".1f"),
     ("AMOTP", ".1f"),
     ("MOTA", ".1f"),

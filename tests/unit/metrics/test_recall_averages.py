@@ -27,7 +27,9 @@ def authors_thresholds(scores: list[float], truth_count: int) -> tuple[list[floa
     return levels[1:], cuts[1:]
 
 
-@pytest.mark.parametrize(("matches", "objects"), [(0, 5), (1, 1), (3, 7), (40, 40), (100, 130), (1000, 1000)])
+@pytest.mark.parametrize(
+    ("matches", "objects"), [(0, 50), (1, 41), (41, 41), (3, 45), (50, 55), (100, 130), (1000, 1000)]
+)
 def test_thresholds_follow_the_authors(matches: int, objects: int) -> None:
     scores = np.random.default_rng(matches).random(matches)
     got = recall_thresholds(scores, objects)
@@ -35,6 +37,40 @@ def test_thresholds_follow_the_authors(matches: int, objects: int) -> None:
     np.testing.assert_allclose([level for level, _ in got], levels)
     np.testing.assert_allclose([cut for _, cut in got], cuts)
     assert len(got) <= 40
+
+
+@pytest.mark.parametrize("objects", [1, 2, 7, 20, 39, 40, 41])
+def test_few_boxes_reach_every_level_that_their_recall_allows(objects: int) -> None:
+    for matches in range(objects + 1):
+        scores = np.linspace(1, 0.1, matches)
+        got = recall_thresholds(scores, objects)
+        wanted = [level for level in range(1, 41) if level * objects <= matches * 40]
+        if objects <= 40:
+            assert [level for level, _ in got] == [level / 40 for level in wanted]
+        for level, cut in got if objects <= 40 or matches == objects else []:
+            found = (scores >= cut).sum()
+            assert found / objects >= level - 1e-9 > (found - 1) / objects - 1e-9, "the first match to reach it"
+
+
+@pytest.mark.parametrize("boxes", [1, 2, 5, 20, 39, 40, 41, 42, 60])
+def test_a_perfect_tracker_of_any_number_of_boxes_has_all(boxes: int) -> None:
+    evaluator = Evaluator()
+    for k in range(boxes):
+        evaluator.update(truth({k: 0}), tracks({k: 0}, scores={k: 1 - k / 1000}))
+    score = summarize([evaluator.log])
+    # From 42 on the nearest match may be just below a level, as in AB3DMOT's code.
+    assert score["sAMOTA"] == pytest.approx(100, abs=1e-9 if boxes <= 41 else 0.5)
+    assert score["AMOTP"] == pytest.approx(100)
+    if boxes <= 41:  # the mean over levels of the first recall that reaches each
+        assert score["AMOTA"] == pytest.approx(100 * np.mean([-(-k * boxes // 40) / boxes for k in range(1, 41)]))
+
+
+def test_half_of_few_boxes_is_half() -> None:
+    evaluator = Evaluator()
+    for k in range(20):
+        evaluator.update(truth({k: 0}), tracks({k: 0} if k % 2 else {}, scores={k: 1 - k / 1000}))
+    score = summarize([evaluator.log])
+    assert score["sAMOTA"] == pytest.approx(50) and score["AMOTP"] == pytest.approx(50)
 
 
 def test_a_perfect_tracker_gets_all_there_is() -> None:
