@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_report(parser: argparse._ActionsContainer) -> None:
     """Declare what `bench` and `report` write."""
     add = parser.add_argument
-    add("--metrics", type=names, default=(), metavar="A,B", help="of LaTeX tables and figure (default: AMOTA first)")
+    add("--metrics", type=names, default=(), metavar="A,B", help="of leaderboard, LaTeX tables and figure")
     add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
 
@@ -54,6 +54,6 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         clips=options.clips,
         with_plots=options.plots,
     )
-    print(leaderboard_text(ResultTable.of(results)))
+    print(leaderboard_text(ResultTable.of(results), options.metrics))
     for path in written:
         print(f"written: {path}")

@@ -12,7 +12,7 @@ from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value
 from coopsim.bench.results.best import BesideBest, beside_best
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
-from coopsim.bench.results.statistics import LEVEL, seeds_needed
+from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 from coopsim.metrics.built_in import BYTES, less_is_better
 
 _LETTERS = {
@@ -105,13 +105,12 @@ def _legend(table: ResultTable, compared: Sequence[Sequence[BesideBest]]) -> str
     if samples.count > 1:
         parts[0] += r" $\pm$ half of the 95\,\% interval (Student's t)"
     if any(entry.best for entries in compared for entry in entries):
-        tests = "bootstrap-t and sign flips, corrected by Holm for the policies of a column"
+        tests = "sign flips, by the largest difference of any two policies of a column"
         parts.append(f"the best in bold, and $^*$ what it does not beat significantly ($p > {LEVEL:g}$; {tests})")
-    most = max((sum(entry.complete for entry in entries) - 1 for entries in compared), default=0)
-    needed = seeds_needed(most) if most > 0 else 1
-    if needed is None or samples.count < needed:
-        enough = f"it takes {needed}" if needed is not None else "no number is enough"
-        parts.append(f"of so many policies none can be significantly better with {escape(samples.text)}: {enough}")
+    several = any(sum(entry.complete for entry in entries) > 1 for entries in compared)
+    if several and samples.count and smallest_p_value(samples.count) > LEVEL:
+        few = escape(samples.text)
+        parts.append(f"none can be significantly better with {few}: it takes {seeds_needed(1)}")
     if any(not entry.complete and entry.interval.count for entries in compared for entry in entries):
         parts.append("in brackets what lacks runs, and is not compared")
     return "; ".join(parts) + "."

@@ -12,8 +12,9 @@ from coopsim.bench.paper.trade_off_plot import trade_off
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import UnknownNameError
 from coopsim.metrics.built_in import BYTES
+from coopsim.metrics.metric import PRIMARY_METRIC
 
-METRICS = ("AMOTA", "AMOTP", "sAMOTA", "HOTA", "IDS")
+METRICS = (PRIMARY_METRIC, "AMOTA", "AMOTP", "HOTA", "IDS")
 """The metrics of the tables; the first one is that of the figure and of the tables by axis."""
 
 

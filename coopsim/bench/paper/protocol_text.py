@@ -135,9 +135,9 @@ def _statistics(table: ResultTable) -> list[str]:
     if table.samples.count > 1:
         lines.append("Intervals: 95 %, of the mean, by Student's t.")
     lines.append(
-        "Significance: differences to the best policy of a column, paired by seed or place; p is the larger of that of "
-        "the symmetric bootstrap-t and of flipping signs, corrected by Holm's method for the policies of the column; "
-        f"significant up to {LEVEL:g}."
+        "Significance: differences to the best policy of a column, paired by seed or place; p is the share of flips of "
+        "signs, of all policies together, in which the studentised difference of any two is as large, so it holds for "
+        f"a best one chosen from the same values; significant up to {LEVEL:g}."
     )
     return lines
 

@@ -16,8 +16,9 @@ from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, custom_metrics
+from coopsim.metrics.metric import PRIMARY_METRIC
 
-METRICS_SHOWN = ("sAMOTA", "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN")
+METRICS_SHOWN = (PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN")
 """The built-in metrics that fit on a page."""
 
 

@@ -20,8 +20,6 @@ _WORDS = {
     "better": "B is better",
     "worse": "B is worse",
     "identical": "A and B are identical",
-    "not significant": "no significant difference",
-    "too few seeds": "too few seeds to tell",
 }
 _HEADINGS = ("policy", "condition", "metric", "A", "B", "B - A", "95 % interval", "p", "p corrected", "verdict")
 
@@ -66,6 +64,7 @@ def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
             "p_bootstrap": row.p_bootstrap,
             "p_sign_flip": row.p_sign_flip,
             "p_corrected": row.p_corrected,
+            "p_possible": row.p_possible,
             "significant": row.significant,
             "verdict": row.verdict,
         }
@@ -79,6 +78,8 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
         "differences": to_rows(comparison),
         "pairs": comparison.matched,
         "unmatched": list(comparison.unmatched),
+        "comparisons": comparison.compared,
+        "seeds_needed": seeds_needed(max(comparison.compared, 1)),
         "level": LEVEL,
     }
 
@@ -111,7 +112,7 @@ def _findings(comparison: Comparison) -> list[str]:
     for policy, metric in dict.fromkeys((row.policy, row.metric) for row in comparison.differences):
         rows = [row for row in comparison.differences if (row.policy, row.metric) == (policy, metric)]
         first = rows[0]
-        finding = _WORDS[first.verdict]
+        finding = _finding(comparison, first)
         where = "over all conditions" if first.condition is None else _condition(first, conditions)
         change = (
             f"{first.change.mean:+.3g}, 95 % interval {_interval(first)}, corrected p {_p_value(first.p_corrected)}"
@@ -123,6 +124,19 @@ def _findings(comparison: Comparison) -> list[str]:
             line += f" Of {len(each)} conditions, B is better in {better}, worse in {worse}."
         lines.append(line)
     return lines
+
+
+def _finding(comparison: Comparison, row: Difference) -> str:
+    """Return the verdict on a row in words."""
+    if row.verdict in _WORDS:
+        return _WORDS[row.verdict]
+    count, kind = comparison.compared, comparison.samples.kind
+    several = f" for {count} comparisons" * (count > 1)
+    if row.verdict == "too few seeds":
+        needed = seeds_needed(count)
+        return f"too few {kind}{several} ({'no number is enough' if needed is None else f'{needed} needed'})"
+    apart = not row.change.low <= 0 <= row.change.high
+    return f"not significant after correction{several}" if apart and several else "no significant difference"
 
 
 def _unmatched(comparison: Comparison) -> list[str]:
@@ -138,20 +152,24 @@ def _method(comparison: Comparison) -> list[str]:
     rows = comparison.differences
     counts, samples = [row.change.count for row in rows], comparison.samples
     span = samples.counted(max(counts)) if len(set(counts)) == 1 else f"{min(counts)} to {samples.counted(max(counts))}"
-    kind = samples.kind
+    kind, compared = samples.kind, comparison.compared
+    identical = f" ({len(rows) - compared} identical ones are not counted)" * (compared < len(rows))
     lines = [
-        f"{comparison.matched} pairs of cells, {span}, {len(rows)} comparisons. "
+        f"{comparison.matched} pairs of cells, {span}, {compared} comparison{'s' * (compared != 1)}{identical}. "
         f"Intervals: bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's; "
         "corrected by Holm.",
     ]
-    fewest, needed = min(counts), seeds_needed(len(rows))
+    if not compared:
+        return lines
+    fewest, needed = min(counts), seeds_needed(compared)
     if needed is None:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
     elif fewest < needed:
         lines.append(
             f"With {fewest} {kind if fewest > 1 else kind[:-1]} no p can be below {smallest_p_value(fewest):.3g}, "
-            f"however large a difference is: it takes {seeds_needed(1)} {kind} for one comparison, "
-            f"{needed} for {len(rows)} of them."
+            f"however large a difference is: it takes {seeds_needed(1)} {kind} for one comparison"
+            + f", {needed} for {compared} of them" * (compared > 1)
+            + "."
         )
     return lines
 

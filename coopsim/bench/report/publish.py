@@ -48,7 +48,8 @@ def publish(
         results: of every cell, those of failed ones included.
         provenance: of the results' grid; its options are needed to repeat the worst moments.
         title: of the report.
-        metrics: of the tables and the figure for papers, see `paper_files`.
+        metrics: of `report.md`, whose leaderboard is by the first one, and of the tables and the figure for papers, see
+            `paper_files`.
         clips: largest number of clips of the worst moments; 0: nothing is run.
         clip_time_s: no further clip is begun after this time.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
@@ -64,7 +65,7 @@ def publish(
     require_non_negative(clip_time_s=clip_time_s)
     table, folder, origin = ResultTable.of(results), Path(folder), provenance or Provenance()
     about = _about(origin, title)
-    contents = {folder / "report.md": to_markdown(table, title), folder / "results.csv": to_csv(table)}
+    contents = {folder / "report.md": to_markdown(table, title, metrics), folder / "results.csv": to_csv(table)}
     contents |= {folder / name: text for name, text in paper_files(table, origin, metrics).items()}
     if with_plots:
         for metric in table.shown:

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.samples import Samples
 from coopsim.bench.results.standings import known_mean
-from coopsim.bench.results.statistics import LEVEL, Interval, bootstrap_difference, holm, sign_flip_p_value
-from coopsim.geometry.se3 import Floats
+from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values, mean_interval
 from coopsim.metrics.built_in import less_is_better
 
 
@@ -24,8 +22,8 @@ class BesideBest:
         interval: the mean with its interval over seeds, or over drawn places; NaN without values.
         complete: the policy has a value with every seed in every condition; others are compared with nobody.
         best: no complete policy has a better mean.
-        p_corrected: of the paired difference to the best policy, by Holm's method for all complete policies but that
-            one; NaN for the best policy itself, and where nothing is compared.
+        p_corrected: of the paired difference to the best policy, corrected for the number of complete policies and for
+            the choice of the best among them; NaN for the best policy itself, and where nothing is compared.
     """
 
     interval: Interval
@@ -42,9 +40,10 @@ class BesideBest:
 def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> tuple[BesideBest, ...]:
     """Compare every policy with the best one, by the mean of a metric over some conditions.
 
-    Differences are paired by sample. The p-value of each is the larger of the bootstrap's and the sign flips', as in
-    `coopsim.bench.results.comparison`. They are corrected for the number of policies, not of metrics and conditions:
-    each call asks one question, which policies are as good as the best.
+    Differences are paired by sample, and tested all together (`largest_difference_p_values`), because the best one is
+    chosen from the same values: tested each by itself, one of 29 equal policies would be called worse in one of five
+    tables. They are corrected for the number of policies, not of metrics and conditions: each call asks one question,
+    which policies are as good as the best.
 
     Args:
         table: the results.
@@ -57,25 +56,19 @@ def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> t
     Raises:
         UnknownNameError: there is no such metric.
     """
-    values = table.values(metric)[:, list(conditions)]
-    complete = [not np.isnan(row).any() for row in values]
-    by_seed = known_mean(values, axis=1)
-    intervals = [table.samples.interval(row) for row in by_seed]
-    if not any(complete):
+    values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
+    by_sample = table.samples.average(known_mean(values, axis=1))
+    intervals = [mean_interval(row) for row in by_sample]
+    if not complete.any():
         return tuple(BesideBest(interval) for interval in intervals)
     sign = -1.0 if less_is_better(metric) else 1.0
     goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
-    best = int(np.argmax(goods))
-    others = [k for k, whole in enumerate(complete) if whole and k != best]
-    corrected = dict(zip(others, _corrected(by_seed[others], by_seed[best], table.samples), strict=True))
+    best, compared = int(np.argmax(goods)), np.flatnonzero(complete)
+    known = by_sample[compared][:, ~np.isnan(by_sample[best])]
+    p_values = np.full(len(values), math.nan)
+    p_values[compared] = largest_difference_p_values(sign * known, int(np.searchsorted(compared, best)))
+    p_values[best] = math.nan
     return tuple(
-        BesideBest(interval, complete[k], goods[k] == goods[best], corrected.get(k, math.nan))
+        BesideBest(interval, bool(complete[k]), goods[k] == goods[best], float(p_values[k]))
         for k, interval in enumerate(intervals)
     )
-
-
-def _corrected(others: Floats, best: Floats, samples: Samples) -> list[float]:
-    """Return corrected p-values of the differences between values (P, S) and (S,)."""
-    differences = samples.average(best - others)
-    p_values = [max(bootstrap_difference(row)[1], sign_flip_p_value(row)) for row in differences]
-    return list(map(float, holm(np.array(p_values))))

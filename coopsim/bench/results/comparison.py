@@ -22,9 +22,10 @@ from coopsim.bench.results.statistics import (
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import less_is_better
+from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_choice
 
-DEFAULT_METRICS = ("sAMOTA", "HOTA")
+DEFAULT_METRICS = (PRIMARY_METRIC, "HOTA")
 """Few, because every further comparison makes each difference harder to show."""
 
 
@@ -41,7 +42,9 @@ class Difference:
         change: mean of B - A with its interval; the ends are infinite with too few seeds.
         p_bootstrap: of the paired bootstrap over seeds.
         p_sign_flip: of the exact test, which is valid for any number of seeds.
-        p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method.
+        p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method; identical rows
+            are no comparisons, and have 1.
+        p_possible: the smallest corrected p-value that so many seeds allow, if every difference were clear.
     """
 
     policy: str
@@ -52,7 +55,13 @@ class Difference:
     change: Interval
     p_bootstrap: float
     p_sign_flip: float
-    p_corrected: float
+    p_corrected: float = 1.0
+    p_possible: float = 1.0
+
+    @property
+    def identical(self) -> bool:
+        """Whether all differences are exactly 0."""
+        return self.change.mean == self.change.low == self.change.high == 0
 
     @property
     def significant(self) -> bool:
@@ -64,11 +73,9 @@ class Difference:
         """The finding about B: "better", "worse", "identical", "too few seeds" or "not significant"."""
         if self.significant:
             return "better" if (self.change.mean > 0) != less_is_better(self.metric) else "worse"
-        if self.change.mean == self.change.low == self.change.high == 0:
+        if self.identical:
             return "identical"
-        if smallest_p_value(self.change.count) > LEVEL:
-            return "too few seeds"
-        return "not significant"
+        return "too few seeds" if self.p_possible > LEVEL else "not significant"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +93,11 @@ class Comparison:
     matched: int
     unmatched: tuple[str, ...]
     samples: Samples
+
+    @property
+    def compared(self) -> int:
+        """The number of comparisons that p-values are corrected for: of all differences that are not identical."""
+        return sum(not row.identical for row in self.differences)
 
 
 def compare_results(
@@ -123,9 +135,7 @@ def compare_results(
             rows += _differences(policy, metric, mine, sample_of, unmatched)
     if not rows:
         raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
-    corrected = holm(np.array([max(row.p_bootstrap, row.p_sign_flip) for row in rows]))
-    differences = tuple(replace(row, p_corrected=float(p)) for row, p in zip(rows, corrected, strict=True))
-    return Comparison(differences, len(matched), tuple(unmatched), samples)
+    return Comparison(_corrected(rows), len(matched), tuple(unmatched), samples)
 
 
 def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list[CellResult]:
@@ -228,6 +238,17 @@ def _differences(
     return rows
 
 
+def _corrected(rows: Sequence[Difference]) -> tuple[Difference, ...]:
+    """Return the rows with p-values corrected for the number of those that are not identical."""
+    compared = [k for k, row in enumerate(rows) if not row.identical]
+    found = holm(np.array([max(rows[k].p_bootstrap, rows[k].p_sign_flip) for k in compared]))
+    possible = holm(np.array([smallest_p_value(rows[k].change.count) for k in compared]))
+    corrected = list(rows)
+    for k, p_corrected, p_possible in zip(compared, found.tolist(), possible.tolist(), strict=True):
+        corrected[k] = replace(rows[k], p_corrected=p_corrected, p_possible=p_possible)
+    return tuple(corrected)
+
+
 def _by_sample(by_seed: Mapping[int, Any], sample_of: Mapping[int, int]) -> Floats:
     """Return the mean values (N, 2) of the seeds of each sample."""
     samples: dict[int, list[Any]] = defaultdict(list)
@@ -242,4 +263,4 @@ def _difference(policy: str, condition: Condition | None, metric: str, both: Flo
     interval, p_bootstrap = bootstrap_difference(change)
     p_sign_flip = sign_flip_p_value(change)
     before, after = both.mean(axis=0).tolist()
-    return Difference(policy, condition, metric, before, after, interval, p_bootstrap, p_sign_flip, p_corrected=1.0)
+    return Difference(policy, condition, metric, before, after, interval, p_bootstrap, p_sign_flip)

@@ -15,9 +15,10 @@ from coopsim.bench.results.samples import Samples, samples_of
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, custom_metrics
+from coopsim.metrics.metric import PRIMARY_METRIC
 
 REPORTED = (
-    *("sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "DetA", "AssA", "IDF1", "recall", "precision"),
+    *(PRIMARY_METRIC, "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "DetA", "AssA", "IDF1", "recall", "precision"),
     *("IDS", "FP", "FN", "APBEV@0.5", "mAP3D@0.5", BYTES),
 )
 """The built-in metrics that reports show, in order; those that users have registered follow."""
@@ -97,6 +98,23 @@ class ResultTable:
         values = self._filled([result.values.get(metric, np.nan) for result in self.results])
         values[np.isinf(values)] = np.nan  # a mean could not include it
         return values
+
+    def whole(self, metric: str, conditions: Sequence[int] | None = None) -> NDArray[np.bool_]:
+        """Return the mask (P,) of policies that can be compared: each cell finished, with a value where any policy has.
+
+        A cell in which nobody has a value, as of a run without objects, is left out for all alike.
+
+        Args:
+            metric: its name.
+            conditions: their numbers; None: all.
+
+        Raises:
+            UnknownNameError: no cell has it.
+        """
+        chosen = slice(None) if conditions is None else list(conditions)
+        known, finished = ~np.isnan(self.values(metric)[:, chosen]), self.finished[:, chosen]
+        whole: NDArray[np.bool_] = (finished & (known | ~known.any(axis=0))).all(axis=(1, 2))
+        return whole & known.any(axis=(1, 2))
 
     @property
     def shown(self) -> tuple[str, ...]:

@@ -22,8 +22,8 @@ class Standing:
 
     Attributes:
         policy: its name.
-        rank: from 1; None for a policy that lacks a value in some cell, as its mean is over other cells than the
-        others'.
+        rank: from 1; None for a policy that lacks a value in some cell where another has one, as its mean is over other
+            cells than the others'.
         mean: over conditions, with its interval over seeds or drawn places.
         undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
         worst: mean over seeds in the policy's worst condition.
@@ -54,7 +54,7 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
     less = less_is_better(metric)
     entries = [_standing(table, k, values[k], rates[k], less) for k in range(len(table.policies))]
-    whole = [k for k in range(len(entries)) if not np.isnan(values[k]).any()]
+    whole = np.flatnonzero(table.whole(metric)).tolist()
     order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less else -1))
     means = [entries[k].mean.mean for k in order]
     ranked = [replace(entries[k], rank=1 + means.index(entries[k].mean.mean)) for k in order]

@@ -29,6 +29,9 @@ EXACT_UP_TO = 14
 _ROUNDING = 1e-12
 """Share of the values' size below which a spread is a rounding error."""
 
+_NO_SPREAD = 0.1
+"""Share of the seeds' standard error below which that of a resample says nothing, as where it missed the odd one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Interval:
@@ -80,9 +83,11 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
 
     This is the symmetric bootstrap-t (Efron and Tibshirani 1993, section 12.5; Hall 1988): seeds are drawn with
     replacement, and the interval follows from the quantile of the *studentised* mean, which keeps its level for few
-    seeds where percentiles of the mean do not. Resamples of a single seed have no spread; if more than one in twenty is
-    of this kind, as with three seeds or fewer, the ends of the interval are infinite. (Differences that are all 0 have
-    an interval of no length.)
+    seeds where percentiles of the mean do not. With three seeds or fewer, more than one resample in twenty is of a
+    single seed and has no spread, so the ends of the interval are infinite. (Differences that are all 0 have an
+    interval of no length.) With more seeds, resamples lack a spread where nearly all differences are equal, as those of
+    counts: of 19 times 1 and one 0 a third miss the 0. If more than one in twenty has less than a tenth of the seeds'
+    own, interval and p-value are Student's.
 
     Calls with equally many seeds resample them alike, so that all conditions of a seed go together.
 
@@ -102,6 +107,8 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
     observed = 0.0 if abs(mean) <= floor else abs(float(_ratio(np.array(mean), spread)))
     studentised = np.abs(_ratio(means, errors))
     p_value = (1 + int((studentised >= observed * (1 - 1e-9)).sum())) / (1 + resamples)
+    if count > 3 and spread and (errors < _NO_SPREAD * spread).mean() > LEVEL:
+        return mean_interval(values), float(2 * student_t.sf(observed, count - 1))
     quantile = float(np.quantile(studentised, CONFIDENCE, method="higher"))
     half = quantile * float(spread) if spread else 0.0 if count > 3 or not values.any() else math.inf
     return Interval(mean, mean - half, mean + half, count), p_value
@@ -151,6 +158,38 @@ def _signs(count: int) -> Floats:
     flips = np.arange(2**count)[:, None] >> np.arange(count) & 1
     signs: Floats = (1 - 2 * flips).astype(np.float64)
     return signs
+
+
+def largest_difference_p_values(values: Floats, best: int) -> Floats:
+    """Test policies against the one that came out best of them, by flipping signs. Return their p-values (P,).
+
+    Each p-value is the share of flips in which *any* two policies are at least as far apart, by their studentised mean
+    difference, as this one and the best (Westfall and Young 1993: the maximum statistic). So of equal policies one is
+    called worse than the best in `LEVEL` of cases, however many there are, although the best was chosen from the same
+    values; no further correction is needed. A sample's signs are flipped for all policies together, which keeps what
+    they have in common. All 2^N flips are tried, or 2^14 random ones, as in `sign_flip_p_value`.
+
+    Args:
+        values: (P, N) of policies, more is better, paired by sample; finite.
+        best: row of the best.
+    """
+    count = values.shape[1]
+    signs = _signs(count)
+    reached = np.zeros(len(signs))
+    observed = np.zeros(len(values))
+    for row in range(len(values)):
+        differences = values[row] - values
+        size = np.sqrt(np.square(differences).mean(axis=1))
+        # A flip leaves the sum of squares, so the share of it that the mean has orders flips as Student's t does.
+        size[size <= _ROUNDING * np.abs(values).max()] = np.inf
+        shares = differences / size[:, None]
+        reached = np.maximum(reached, np.abs(signs @ shares[row + 1 :].T).max(axis=1, initial=0.0))
+        if row == best:
+            observed = np.abs(shares.sum(axis=1))
+    more = (reached >= observed[:, None] - _ROUNDING * count).sum(axis=1)
+    exact = count <= EXACT_UP_TO
+    p_values: Floats = more / len(signs) if exact else (more + 1) / (len(signs) + 1)
+    return p_values
 
 
 def smallest_p_value(count: int) -> float:

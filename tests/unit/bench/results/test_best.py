@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy import stats
 from synthetic_results import LATENCIES, failed, results
 
 from coopsim.bench.results.best import beside_best
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import bootstrap_difference, holm, sign_flip_p_value
+from coopsim.bench.results.statistics import LEVEL, largest_difference_p_values
 from coopsim.errors import UnknownNameError
 
 SEEDS = tuple(range(8))
@@ -25,16 +30,44 @@ def test_the_best_is_better_than_what_always_falls_behind_and_not_than_its_twin(
     assert not bad.unbeaten and bad.p_corrected <= 0.05
 
 
-def test_p_values_are_those_of_paired_differences_corrected_for_the_policies() -> None:
+def test_p_values_are_the_share_of_flips_in_which_any_two_are_as_far_apart() -> None:
     entries = beside_best(TABLE, "sAMOTA", EVERY)
     by_seed = TABLE.values("sAMOTA").mean(axis=1)
     best = next(k for k, entry in enumerate(entries) if entry.best)
-    others = [k for k in range(3) if k != best]
-    raw = [
-        max(bootstrap_difference(by_seed[best] - by_seed[k])[1], sign_flip_p_value(by_seed[best] - by_seed[k]))
-        for k in others
+
+    def t(differences: NDArray[np.float64]) -> float:
+        return abs(float(stats.ttest_1samp(differences, 0).statistic))
+
+    # One flip and one pair after another, by Student's t.
+    largest = [
+        max(t((by_seed[a] - by_seed[b]) * signs) for a, b in itertools.combinations(range(3), 2))
+        for signs in itertools.product([1, -1], repeat=len(SEEDS))
     ]
-    assert [entries[k].p_corrected for k in others] == list(holm(np.array(raw)))
+    for k in set(range(3)) - {best}:
+        reached = np.mean(np.array(largest) >= t(by_seed[best] - by_seed[k]) * (1 - 1e-9))
+        assert entries[k].p_corrected == pytest.approx(reached)
+
+
+@pytest.mark.parametrize(("policies", "seeds", "runs"), [(6, 10, 500), (29, 12, 150), (29, 20, 60)])
+def test_of_equal_policies_one_is_called_worse_in_one_of_twenty_tables_at_most(
+    policies: int, seeds: int, runs: int
+) -> None:
+    rng, wrong = np.random.default_rng([policies, seeds]), 0
+    for _ in range(runs):
+        values = rng.normal(size=(policies, seeds))
+        wrong += largest_difference_p_values(values, int(values.mean(axis=1).argmax())).min() <= LEVEL
+    assert wrong / runs <= LEVEL + 2 * math.sqrt(LEVEL * (1 - LEVEL) / runs)
+
+
+def test_a_table_of_many_policies_finds_what_is_clearly_worse_and_twins_are_as_good() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(29, 12)) - np.where(np.arange(29) < 14, 0, 6)[:, None]
+    values[1] = values[0]
+    best = int(values.mean(axis=1).argmax())
+    p_values = largest_difference_p_values(values, best)
+    assert (p_values[14:] <= LEVEL).all() and (p_values[:14] > LEVEL).all()
+    assert p_values[best] == 1 and (largest_difference_p_values(values, 0)[:2] == 1).all()
+    np.testing.assert_array_equal(largest_difference_p_values(8 * values, best), p_values)
 
 
 def test_less_may_be_better_and_conditions_are_chosen() -> None:

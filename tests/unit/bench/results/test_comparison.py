@@ -79,15 +79,56 @@ def test_few_seeds_are_never_significant_and_it_says_why(count: int) -> None:
     assert all(row.verdict == "too few seeds" and not row.significant for row in rows)
     text = to_text(comparison)
     assert f"With {count} seed{'s' * (count > 1)} no p can be below {2 ** (1 - count):.3g}" in text
-    assert "it takes 6 seeds for one comparison, 9 for 8 of them" in text
+    assert "it takes 6 seeds for one comparison, 8 for 4 of them" in text, "HOTA is the same"
+    assert "a, sAMOTA, over all conditions: too few seeds for 4 comparisons (8 needed) (B - A = +40" in text
     assert ("needs 4 seeds" in text) == (count < 4)
     assert all((row["low"] is None) == (count < 4) for row in to_dict(comparison)["differences"][:4])
+
+
+def test_a_large_difference_that_so_many_comparisons_cannot_show_is_no_finding_of_none() -> None:
+    # 13 comparisons need 10 seeds: each p is at least 13 / 2^7 = 0.102, however large the difference.
+    conditions = [Condition(latency_s=k / 10) for k in range(7)]
+    before = results({"a": 50.0}, conditions, seeds=range(8))
+    after = changed(before, 19.7)
+    for k, each in enumerate(after):
+        if each.cell.condition.latency_s == 0:
+            after[k] = replace(each, values=before[k].values)
+    comparison = compare_results(before, after, ["sAMOTA", "IDS"])
+    assert len(comparison.differences) == 16 and comparison.compared == 14
+    for row in comparison.differences:
+        same = row.condition is not None and row.condition.latency_s == 0
+        assert row.verdict == ("identical" if same else "too few seeds")
+        assert same or (row.change.low > 0 and row.p_possible == 14 / 2**7)
+    text = to_text(comparison)
+    assert "a, sAMOTA, over all conditions: too few seeds for 14 comparisons (10 needed)" in text
+    assert "no significant difference" not in text and "14 comparisons (2 identical ones are not counted)" in text
+    assert to_dict(comparison)["comparisons"] == 14 and to_dict(comparison)["seeds_needed"] == 10
+    one = to_text(compare_results(before[8:13], after[8:13], ["sAMOTA"]))
+    assert "too few seeds (6 needed)" in one and "it takes 6 seeds for one comparison." in one
+
+
+def test_identical_rows_do_not_count_in_the_correction() -> None:
+    whole, *each = compare_results(TEN, changed(TEN, 2.0), ["sAMOTA", "HOTA", "XYZ"]).differences
+    alone = compare_results(TEN, changed(TEN, 2.0), ["sAMOTA"]).differences
+    assert [row.p_corrected for row in (whole, *each[:3])] == [row.p_corrected for row in alone]
+    assert all(row.identical and row.p_corrected == 1 for row in each[3:])
+
+
+def test_an_interval_beside_0_that_the_correction_takes_away_is_told_as_such() -> None:
+    rng, before = np.random.default_rng(2), results({"a": 50.0}, seeds=range(12))
+    after = []
+    for each in before:
+        value = each.values["sAMOTA"] + 3 * each.cell.condition.latency_s + rng.normal(scale=1.3)
+        after.append(replace(each, values={"sAMOTA": value}))
+    comparison = compare_results(before, after, ["sAMOTA"])
+    assert comparison.differences[0].change.low > 0 and comparison.differences[0].verdict == "not significant"
+    assert "a, sAMOTA, over all conditions: not significant after correction for 4 comparisons" in to_text(comparison)
 
 
 def test_the_same_twice() -> None:
     comparison = compare_results(TEN, TEN)
     assert {row.verdict for row in comparison.differences} == {"identical"}
-    assert "A and B are identical" in to_text(comparison)
+    assert "A and B are identical" in to_text(comparison) and "seeds, 0 comparisons (8 identical" in to_text(comparison)
 
 
 def test_what_has_no_partner_is_told() -> None:
@@ -172,4 +213,6 @@ def test_a_long_list_of_left_out_cells_is_cut_and_counted() -> None:
 def test_too_many_comparisons_for_any_number_of_seeds() -> None:
     conditions = [Condition(latency_s=k / 1000) for k in range(420)]
     many = results({"a": 50.0}, conditions=conditions, seeds=(0, 1))
-    assert "So many comparisons leave nothing to be significant" in to_text(compare_results(many, changed(many, 1.0)))
+    assert "So many comparisons leave nothing to be significant" in to_text(
+        compare_results(many, changed(many, 1.0), ["sAMOTA", "IDS"])
+    )

@@ -10,7 +10,8 @@ import pytest
 from synthetic_results import EFFECTS, FRAMES, LATENCIES, failed, result, results
 
 from coopsim.bench.grid.axes import label, mildest, varying_axes
-from coopsim.bench.grid.cell import Cell, Condition
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.results.best import beside_best
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -123,3 +124,35 @@ def test_equals_share_a_rank() -> None:
         [result(cell, 50.0, sAMOTA=value) for cell, value in zip(cells, (1.0, 2.0, 2.0), strict=True)]
     )
     assert [(entry.policy, entry.rank) for entry in standings(table, "sAMOTA")] == [("b", 1), ("c", 1), ("a", 3)]
+
+
+def without(values: tuple[str, ...], seed: int) -> list[CellResult]:
+    """Results in which some policies have no sAMOTA with a seed."""
+    return [
+        replace(each, values={**each.values, "sAMOTA": math.nan})
+        if each.cell.seed == seed and each.cell.policy in values
+        else each
+        for each in results()
+    ]
+
+
+def test_a_seed_in_which_nobody_has_a_value_is_left_out_for_all_alike() -> None:
+    table = ResultTable.of(without(tuple(EFFECTS), 1))
+    assert table.whole("sAMOTA").all()
+    ranked = standings(table, "sAMOTA")
+    assert [entry.rank for entry in ranked] == [1, 2, 3] and ranked[0].mean.count == 2
+    assert [each.complete for each in beside_best(table, "sAMOTA", range(3))] == [True] * 3
+    assert not math.isnan(beside_best(table, "sAMOTA", range(3))[0].p_corrected)
+
+
+def test_a_policy_that_lacks_what_another_has_is_not_ranked() -> None:
+    table = ResultTable.of(without(("good",), 1))
+    assert dict(zip(table.policies, table.whole("sAMOTA").tolist(), strict=True)) == {
+        "bad": True, "good": False, "middling": True,
+    }  # fmt: skip
+    assert standings(table, "sAMOTA")[-1].rank is None
+    assert (
+        not ResultTable.of(without(tuple(EFFECTS), 1)[:1] + [failed(each.cell) for each in results()[1:]])
+        .whole("sAMOTA")
+        .any()
+    )

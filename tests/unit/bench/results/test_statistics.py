@@ -129,6 +129,29 @@ def test_no_difference_at_all() -> None:
     assert same.low == same.high == pytest.approx(0.1), "what rounding spreads is no spread"
 
 
+@pytest.mark.parametrize("others", [np.ones(19), 1 + 1e-9 * np.arange(19), np.linspace(0.99, 1.01, 19)])
+def test_nearly_constant_differences_are_significant(others: NDArray[np.float64]) -> None:
+    values = np.array([*others, 0.0])
+    interval, p_value = bootstrap_difference(values)
+    assert max(p_value, sign_flip_p_value(values)) < 0.001
+    low, high = stats.t.interval(0.95, 19, values.mean(), stats.sem(values))
+    assert (interval.low, interval.high) == (pytest.approx(low), pytest.approx(high))
+
+
+def test_one_difference_among_zeros_is_not_significant() -> None:
+    values = np.array([1.0, *np.zeros(19)])
+    interval, p_value = bootstrap_difference(values)
+    assert p_value > 0.3 and interval.low < 0 < interval.high < 1
+
+
+def test_counts_that_hardly_ever_differ_keep_the_level() -> None:
+    rng, wrong = np.random.default_rng(0), 0
+    for _ in range(RUNS):
+        values = rng.choice([-1.0, 0.0, 1.0], 20, p=[0.1, 0.8, 0.1])
+        wrong += max(bootstrap_difference(values, 1000)[1], sign_flip_p_value(values)) <= LEVEL
+    assert wrong / RUNS <= LEVEL + 3 * math.sqrt(LEVEL * (1 - LEVEL) / RUNS)
+
+
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
 def test_holm_is_its_definition(raw: list[float]) -> None:
     corrected = holm(np.array(raw))
