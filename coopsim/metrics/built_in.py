@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -200,9 +201,27 @@ def all_metrics() -> dict[str, Metric]:
 
 
 def custom_metrics() -> dict[str, Metric]:
-    """Return the metrics by name that users and packages have registered, sorted."""
-    entries = {name: METRICS.get(name) for name in METRICS.names() if name not in BUILT_IN}
-    return {name: entry() if isinstance(entry, type) else entry for name, entry in entries.items()}
+    """Return the metrics by name that users and packages have registered, sorted.
+
+    A metric whose package cannot be imported is left out, with one warning that names the package.
+    """
+    found = {}
+    for name in METRICS.names():
+        if name in BUILT_IN or name in _left_out:
+            continue
+        try:
+            entry = METRICS.get(name)
+        except Exception as error:  # a package may raise anything, and the other metrics go on
+            _left_out.add(name)
+            reason = f"{type(error).__name__}: {error}"
+            warnings.warn(f"metric {name!r} is left out: {METRICS.source_of(name)} raised {reason}", stacklevel=2)
+            continue
+        found[name] = entry() if isinstance(entry, type) else entry
+    return found
+
+
+_left_out: set[str] = set()
+"""Names of metrics whose packages could not be imported in this process."""
 
 
 def less_is_better(name: str) -> bool:

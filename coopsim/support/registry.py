@@ -66,6 +66,14 @@ class Registry(Generic[T]):
                     return self._entries[name]
         raise UnknownNameError(self.kind, name, (*self.names(), *self._aliases))
 
+    def source_of(self, name: str) -> str:
+        """Describe where an entry comes from: the package and module of an entry point, else this program."""
+        for point in self._points:
+            if point.name == name:
+                package = "" if point.dist is None else f"package {point.dist.name!r}, "
+                return f"{package}entry point {point.value!r}"
+        return "this program"
+
     def name_of(self, entry: type) -> str:
         """Return the name under which a class is registered.
 

@@ -165,7 +165,8 @@ class Tracks:
         id: (N,) int, unique within a frame and constant over an object's life.
         boxes: N boxes.
         velocity: (N, 2) m/s over ground, in the axes of the frame.
-        score: (N,) confidence.
+        score: (N,) confidence, any finite number; larger is surer. Metrics rank tracks by their mean score, and boxes
+            by their own: trackers of recorded detections have the scores of these, which need not lie in [0, 1].
         label: (N,) int, an `ObjectClass`.
     """
 

@@ -25,6 +25,9 @@ _TRACK_COLUMNS = {
 }
 """Names for errors, and types."""
 
+MOST_TRACKS = 10_000
+"""Tracks that an agent may report in a frame; a score looks at each together with every object."""
+
 
 def action_space(*, drives: bool) -> spaces.Dict:
     """Return a space of one agent's actions: the tracks that it reports and, if it drives, a maneuver."""
@@ -108,6 +111,9 @@ def _unpack_tracks(packed: object) -> Tracks:
     if not isinstance(packed, Mapping) or packed.keys() != _TRACK_COLUMNS.keys():
         got = sorted(map(str, packed)) if isinstance(packed, Mapping) else repr(packed)
         raise InvalidActionError(f"tracks are a dict with {list(_TRACK_COLUMNS)}, got {got}")
+    count = as_numbers(packed["id"], np.int64, "track id").size
+    if count > MOST_TRACKS:
+        raise InvalidActionError(f"an agent may report at most {MOST_TRACKS} tracks in a frame, got {count}")
     # Copies, so that later changes of the caller's arrays do not change its report.
     track_id, box, velocity, score, label = (
         as_numbers(packed[name], dtype, what).copy() for name, (what, dtype) in _TRACK_COLUMNS.items()

@@ -56,6 +56,7 @@ BAD_ACTIONS = [
     (tracks(velocity=np.zeros((2, 2), dtype=bool)), "track velocity must be numbers, got bool"),
     (tracks(score=np.array([["1.5"], ["1"]])), "track score must be numbers, got <U3"),
     (tracks(score=[[0.1], [0.2, 0.3]]), "track score must be numbers in rows of the same length"),
+    (tracks(10_001), "may report at most 10000 tracks in a frame, got 10001"),
     (tracks(id=[[1], [2, 3]]), "track id must be integers in rows of the same length"),
     (tracks(label=[[0], [0, 1]]), "track label must be integers in rows of the same length"),
     (tracks(label=np.array([True, False])), "track label must be integers, got bool"),
@@ -89,6 +90,17 @@ def test_a_bad_action_is_refused_and_changes_nothing(
     after = env.step(good)
     np.testing.assert_array_equal(after[0]["cav_0"]["sweeps"]["lidar"], expected[0]["cav_0"]["sweeps"]["lidar"])
     assert after[1] == expected[1] and env.score()["FN"] == twin.score()["FN"]
+
+
+def test_scores_of_tracks_are_any_finite_numbers_that_rank(make_small: Make) -> None:
+    # Recorded detections, as of PointRCNN, have scores of 12 and more, and trackers hand them on.
+    env, scores = make_small(), []
+    for low, high in ((0.1, 0.2), (-3.0, 12.3)):
+        env.reset(seed=0)
+        while env.agents:
+            env.step({agent: tracks(score=np.array([[low], [high]])) for agent in env.agents})
+        scores.append(env.score().to_dict())
+    assert scores[0] == scores[1]
 
 
 def test_unknown_and_missing_agents(make_small: Make) -> None:

@@ -138,6 +138,38 @@ def test_entry_points_add_to_every_registry(tmp_path: Path) -> None:
     _run(tmp_path, PROGRAM)
 
 
+BROKEN_PROGRAM = """
+import warnings
+import coopsim
+from coopsim.metrics.built_in import custom_metrics
+
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    made = coopsim.evaluate("no_fusion", "crossing", vehicles=4, max_cycles=2, lidar=None)
+    coopsim.evaluate("no_fusion", "crossing", vehicles=4, max_cycles=2, lidar=None)
+assert made.score["boxes"] >= 0 and "broken" not in made.score.values and list(custom_metrics()) == ["boxes"]
+(text,) = [str(each.message) for each in told if "left out" in str(each.message)]
+assert text == (
+    "metric 'broken' is left out: package 'plugged-in', entry point 'no_such_module:Metric' raised "
+    "ModuleNotFoundError: No module named 'no_such_module'"
+), text
+"""
+
+BROKEN_METRICS = """
+from coopsim.metrics import Metric
+
+class Boxes(Metric):
+    meaning = "reported boxes"
+    def value(self, pool):
+        return pool.reported
+"""
+
+
+def test_a_package_that_cannot_be_imported_costs_its_own_metric_alone(tmp_path: Path) -> None:
+    _plug_in(tmp_path, BROKEN_METRICS, "[coopsim.metrics]\nbroken = no_such_module:Metric\nboxes = plugged_in:Boxes\n")
+    _run(tmp_path, BROKEN_PROGRAM)
+
+
 def test_entry_points_add_fusions(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     _plug_in(tmp_path, FUSION, FUSION_POINTS)
