@@ -153,7 +153,7 @@ def test_publish_writes_everything_and_the_same_again(run: list[CellResult], tmp
         paths = publish(tmp_path / name, run, Provenance(grid={"options": OPTIONS}), clips=2, with_plots=True)
         assert {path.relative_to(tmp_path / name).as_posix() for path in paths} == {
             *("report.html", "report.md", "results.csv", "intervals.csv", "protocol.txt"),
-            *("tables/undisturbed.tex", "plots/AMOTA_over_bytes.svg"),
+            *("tables/undisturbed.tex", "plots/sAMOTA_over_bytes.svg"),
         }
         contents.append([path.read_bytes() for path in paths])
     assert contents[0] == contents[1]
