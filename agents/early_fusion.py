@@ -62,17 +62,16 @@ class EarlyFusion(PerceivingPolicy):
     def load(self) -> None:
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
-        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_detector, load_points_and_pictures
         from coopsim.nn.inference.cloud_detector import CloudAndPicturesDetector, CloudDetector
 
         self._own: dict[str, Points] = {}
         self._pictures: dict[str, list[SeenPicture]] = {}
         if self.sensors == "both":
-            both = CloudAndPicturesDetector(load_points_and_pictures(self.picture_weights))
+            both = CloudAndPicturesDetector(load_points_and_pictures(self.picture_weights), self._backend)
             self._sweeps, self._detect = RecentSweeps(1), both.detect
             return
-        clouds = CloudDetector(load_detector(self.weights))
+        clouds = CloudDetector(load_detector(self.weights), self._backend)
         self._sweeps = RecentSweeps(clouds.sweeps)
         self._detect = lambda points, _, *more: clouds.detect(points, *more)
 

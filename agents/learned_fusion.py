@@ -67,14 +67,13 @@ class LearnedFusion(PerceivingPolicy):
     def load(self) -> None:
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
-        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import digest, load_detector
         from coopsim.nn.inference.perceiver import KINDS, Perceiver
 
         detector = load_detector(self.detector_weights)
         net = self.load_net(detector)
         space = int(digest(self.weights)[:8], 16)
-        self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self.threads)
+        self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self._backend)
         self._encoder = self.make_encoder(detector)
         self._flow = self.make_flow(net)
         self._encode: EncodeOnce[OwnMap] = EncodeOnce(
@@ -105,17 +104,18 @@ class LearnedFusion(PerceivingPolicy):
         from coopsim.nn.inference.agent_encoder import BothEncoder, MixedEncoder, PictureEncoder, PointEncoder
 
         if self.sensors == "points":
-            return PointEncoder(detector)
+            return PointEncoder(detector, self._backend)
         if self.sensors == "both":
-            return BothEncoder(load_points_and_pictures(self.picture_weights or "points_and_pictures", detector))
-        pictures = PictureEncoder(load_pictures(self.picture_weights or "lift_splat", detector))
-        return pictures if self.sensors == "pictures" else MixedEncoder(PointEncoder(detector), pictures)
+            both = load_points_and_pictures(self.picture_weights or "points_and_pictures", detector)
+            return BothEncoder(both, self._backend)
+        pictures = PictureEncoder(load_pictures(self.picture_weights or "lift_splat", detector), self._backend)
+        return pictures if self.sensors == "pictures" else MixedEncoder(PointEncoder(detector, self._backend), pictures)
 
     def make_flow(self, net: CooperativeNet) -> FlowSender | None:
         """Return what adds to an agent's map how it changes, if the network has learned that; None: nothing does."""
         from coopsim.nn.inference.flow_sender import FlowSender
 
-        return None if net.flow is None else FlowSender(net.flow)
+        return None if net.flow is None else FlowSender(net.flow, self._backend)
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._uplink is None or spec.name in self._served:  # an episode begins
@@ -166,7 +166,7 @@ class LearnedFusion(PerceivingPolicy):
         looks = [self._encoder.look(view) for view in views.values()]
         places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
         maps = dict(zip(views, self._perceiver.encode(looks, places), strict=True))
-        return maps if self._flow is None else self._flow.add(views, maps, self.threads)
+        return maps if self._flow is None else self._flow.add(views, maps)
 
     def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""

@@ -68,6 +68,8 @@ class PerceivingPolicy(TrackingPolicy):
             and in what the rectangle around it in the world's axes has besides.
         memory_s: for how long after its capture a message is used.
         threads: agents' networks are computed side by side on so many threads; the results are the same for any number.
+        device: where the networks compute: "cpu"; a GPU as "cuda" or "cuda:1"; or "auto": a GPU if there is one. Agents
+            are then one batch, and `threads` is without effect.
     """
 
     own_tracker: ClassVar[str | None] = None
@@ -79,6 +81,7 @@ class PerceivingPolicy(TrackingPolicy):
     region_m: tuple[float, float] = (100.0, 40.0)
     memory_s: float = 1.0
     threads: int = 2
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         require_probability(least_score=self.least_score)
@@ -95,14 +98,17 @@ class PerceivingPolicy(TrackingPolicy):
         self._tracking = self.tracking_policy()
         self._heard: dict[str, dict[str, Heard]] = {}
         super().__post_init__()
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.nn.inference.backend import find_backend
+
+        self._backend = find_backend(self.device, self.threads)
         self.load()
 
     @abstractmethod
     def load(self) -> None:
-        """Make the networks; `coopsim.nn` is imported here and not above, because it needs torch.
+        """Make the networks, on `_backend`; they are imported here and not above, because they need torch.
 
         Raises:
-            MissingDependencyError: torch is not installed.
             UnknownNameError: there are no such weights.
             InvalidValueError: the weights are broken, or do not fit together.
         """
@@ -148,14 +154,12 @@ class PerceivingPolicy(TrackingPolicy):
         """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
 
     def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
-        from coopsim.nn.inference.inference import side_by_side
-
         for agent, observation in observations.items():
             self._states[agent].frame.move(observation)
         self.prepare(observations)
         heard = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
         tasks = [partial(self._perceive, agent, each, heard[agent]) for agent, each in observations.items()]
-        found = dict(zip(observations, side_by_side(tasks, self.threads), strict=True))
+        found = dict(zip(observations, self._backend.side_by_side(tasks), strict=True))
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
 
     def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:

@@ -76,15 +76,14 @@ class QueryPolicy(PerceivingPolicy):
         super().__post_init__()
 
     def load(self) -> None:
-        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import digest, load_detector, load_queries
         from coopsim.nn.inference.agent_encoder import PointEncoder
         from coopsim.nn.inference.query_perceiver import QueryPerceiver
 
         detector = load_detector(self.detector_weights)
         net = load_queries(self.weights, detector, self.fusion)
-        self._perceiver = QueryPerceiver(net, detector, int(digest(self.weights)[:8], 16), self.threads)
-        self._encoder = PointEncoder(detector)
+        self._perceiver = QueryPerceiver(net, detector, int(digest(self.weights)[:8], 16), self._backend)
+        self._encoder = PointEncoder(detector, self._backend)
         self._see: EncodeOnce[SeenMap] = EncodeOnce(lambda view: self._seen({view.agent: view})[view.agent], self._seen)
         self._own: dict[str, StepOnce[_OwnChain, Instances]] = {}
         self._uplink: ShareInstances | None = None
@@ -147,8 +146,8 @@ class QueryPolicy(PerceivingPolicy):
             return Tracks.empty()
         sure = own[own.score >= self.least_reported]
         rows = np.asarray(sure.embedding)[:, 0].astype(np.int64)
-        velocity = to_base.rotate_planar(known.velocity.double().numpy()[rows])
-        return Tracks(known.number.numpy()[rows], sure.boxes, velocity, sure.score, sure.label)
+        velocity = to_base.rotate_planar(known.velocity.double().numpy(force=True)[rows])
+        return Tracks(known.number.numpy(force=True)[rows], sure.boxes, velocity, sure.score, sure.label)
 
     def _reported(self, known: Instances, region: BevGrid) -> Detections:
         """Return the instances in a region as detections, each with its row as the one number of its embedding.
@@ -192,11 +191,9 @@ class QueryPolicy(PerceivingPolicy):
 
     def _shared(self, observations: Mapping[str, Observation]) -> dict[str, InstanceQueries]:
         """Return what agents send."""
-        from coopsim.nn.inference.inference import side_by_side
-
         self._see.all([each.view(self._sending[agent]) for agent, each in observations.items()])
         tasks = [partial(self._alone(agent), agent, each) for agent, each in observations.items()]
-        known = side_by_side(tasks, self.threads)
+        known = self._backend.side_by_side(tasks)
         return {
             agent: self._perceiver.message(each[each.score >= self.least_shared], float(observation.pose.xyz_yaw[3]))
             for (agent, observation), each in zip(observations.items(), known, strict=True)

@@ -83,7 +83,7 @@ class VicIntegrated(LearnedFusion):
 
         net = load_integrated(self.weights, detector)
         rules = self._rules(net.config.places) if self.tracker == INTEGRATED else None
-        self._integrated, self._track_rules = IntegratedPerceiver(net, rules), rules
+        self._integrated, self._track_rules = IntegratedPerceiver(net, rules, self._backend), rules
         self._chains: dict[str, FrameChain[IntegratedMemory]] = {}
         return net.cooperative
 
@@ -125,8 +125,8 @@ class VicIntegrated(LearnedFusion):
         if own.embedding is None:
             return Tracks.empty()
         rows = own.embedding[:, 0].astype(np.int64)
-        velocity = to_base.rotate_planar(tracks.velocity.double().numpy()[rows])
-        return Tracks(tracks.number.numpy()[rows], own.boxes, velocity, own.score, own.label)
+        velocity = to_base.rotate_planar(tracks.velocity.double().numpy(force=True)[rows])
+        return Tracks(tracks.number.numpy(force=True)[rows], own.boxes, velocity, own.score, own.label)
 
     def _rules(self, most: int) -> TrackRules:
         from coopsim.geometry.assignment import hungarian

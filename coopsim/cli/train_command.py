@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
     add("--workers", type=_workers, default=1, help="processes that make clips ahead, or ray (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
-    add("--device", help="cpu or cuda (default: a GPU if there is one)")
+    add("--device", default="auto", help="cpu, cuda, cuda:1 or auto: a GPU if there is one (default: %(default)s)")
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
 
 

@@ -14,6 +14,7 @@ from coopsim.support.checks import require_between, require_count, require_proba
 from coopsim.types import Detections, SensorView
 
 if TYPE_CHECKING:
+    from coopsim.nn.inference.backend import Backend
     from coopsim.nn.inference.view_finder import ViewFinder
 
 
@@ -28,6 +29,7 @@ class CameraDetector(Detector):
         least_score: smallest score of a detection, in [0, 1].
         reach_m: half the edge of the square; how far depths go, the network's weights say.
         threads: agents are looked at side by side on so many; the results are the same for any number.
+        device: where the network computes: "cpu", "cuda", "cuda:1" or "auto"; on a GPU agents are one batch.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -37,17 +39,18 @@ class CameraDetector(Detector):
 
     states_covariance = True
 
-    def __init__(self, weights: str, least_score: float, reach_m: float, threads: int) -> None:
+    def __init__(self, weights: str, least_score: float, reach_m: float, threads: int, device: str) -> None:
         require_probability(least_score=least_score)
         require_between(5, 300, reach_m=reach_m)
         require_count(1, threads=threads)
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.nn.inference.backend import find_backend
 
         self._least_score, self._reach_m = least_score, reach_m
-        self._network = self._finder(weights, threads)
+        self._network = self._finder(weights, find_backend(device, threads))
 
     @abstractmethod
-    def _finder(self, weights: str, threads: int) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
         """Return the network at work."""
 
     def detect(self, view: SensorView, rng: Rng) -> Detections:
@@ -66,17 +69,22 @@ class LiftSplatDetector(CameraDetector):
     needs = SensorNeeds(cameras=True)
 
     def __init__(
-        self, weights: str = "lift_splat", least_score: float = 0.1, reach_m: float = 57.6, threads: int = 2
+        self,
+        weights: str = "lift_splat",
+        least_score: float = 0.1,
+        reach_m: float = 57.6,
+        threads: int = 2,
+        device: str = "cpu",
     ) -> None:
-        super().__init__(weights, least_score, reach_m, threads)
+        super().__init__(weights, least_score, reach_m, threads, device)
 
-    def _finder(self, weights: str, threads: int) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
         from coopsim.learn.weights import load_pictures
         from coopsim.nn.inference.agent_encoder import PictureEncoder
         from coopsim.nn.inference.view_finder import ViewFinder
 
         net = load_pictures(weights)
-        return ViewFinder(PictureEncoder(net), net.head, net.config.cell_m, threads)
+        return ViewFinder(PictureEncoder(net, backend), net.head, net.config.cell_m, backend)
 
 
 @DETECTORS.register("points_and_pictures")
@@ -86,14 +94,19 @@ class PointsAndPicturesDetector(CameraDetector):
     needs = SensorNeeds(lidar=True, cameras=True)
 
     def __init__(
-        self, weights: str = "points_and_pictures", least_score: float = 0.1, reach_m: float = 76.8, threads: int = 2
+        self,
+        weights: str = "points_and_pictures",
+        least_score: float = 0.1,
+        reach_m: float = 76.8,
+        threads: int = 2,
+        device: str = "cpu",
     ) -> None:
-        super().__init__(weights, least_score, reach_m, threads)
+        super().__init__(weights, least_score, reach_m, threads, device)
 
-    def _finder(self, weights: str, threads: int) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
         from coopsim.learn.weights import load_points_and_pictures
         from coopsim.nn.inference.agent_encoder import BothEncoder
         from coopsim.nn.inference.view_finder import ViewFinder
 
         net = load_points_and_pictures(weights)
-        return ViewFinder(BothEncoder(net), net.head, net.config.pictures.cell_m, threads)
+        return ViewFinder(BothEncoder(net, backend), net.head, net.config.pictures.cell_m, backend)

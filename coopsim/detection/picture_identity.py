@@ -59,7 +59,7 @@ class CropEmbedder(Embedder):
 
     def embed(self, detections: Detections, view: SensorView) -> Floats:
         from coopsim.nn.identity.cut_crops import cut_crops
-        from coopsim.nn.inference.inference import inference
+        from coopsim.nn.inference.backend import find_backend
 
         vectors = np.zeros((len(detections), self.dim))
         pictures = {name: image.rgb for name, image in view.images.items() if image.rgb is not None}
@@ -71,7 +71,7 @@ class CropEmbedder(Embedder):
         import torch
 
         rows = [np.flatnonzero(clear & (crops.camera == number)) for number in range(len(pictures))]
-        with inference():
+        with find_backend().inference():
             cut = [
                 cut_crops(rgb, crops.place_px[row], self._edge_px, self._margin)
                 for rgb, row in zip(pictures.values(), rows, strict=True)

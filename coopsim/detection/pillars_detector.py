@@ -30,6 +30,7 @@ class PillarsDetector(Detector):
         threads: agents are looked at side by side on so many; the results are the same for any number.
         covariance: weights of a network that replaces the boxes' covariances, as "dmstrack_seen", by name or path;
             None: they are the head's.
+        device: where the network computes: "cpu", "cuda", "cuda:1" or "auto"; on a GPU agents are one batch.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -46,19 +47,21 @@ class PillarsDetector(Detector):
         reach_m: float = 76.8,
         threads: int = 2,
         covariance: str | None = None,
+        device: str = "cpu",
     ) -> None:
         require_probability(least_score=least_score)
         require_between(5, 300, reach_m=reach_m)
         require_count(1, threads=threads)
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_covariance, load_detector
+        from coopsim.nn.inference.backend import find_backend
         from coopsim.nn.inference.cloud_detector import CloudDetector
 
         self._least_score, self._reach_m = least_score, reach_m
         net = load_detector(weights)
         judge = None if covariance is None else load_covariance(covariance, net)
         self.states_covariance = net.config.head == "centre" or judge is not None
-        self._network: CloudDetector = CloudDetector(net, threads, judge)
+        self._network: CloudDetector = CloudDetector(net, find_backend(device, threads), judge)
         self._sweeps = RecentSweeps(self._network.sweeps)
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:

@@ -18,7 +18,6 @@ from coopsim.learn.clip_source import ClipsAhead, ClipsOfRank, LaterClips, clips
 from coopsim.learn.clips.clip_store import ClipSource
 from coopsim.learn.clips.clips_on_ray import ClipsOnRay
 from coopsim.learn.loop.checkpoint import load_checkpoint, read_state
-from coopsim.learn.loop.devices import find_device
 from coopsim.learn.loop.ranks import Ranks, joined
 from coopsim.learn.loop.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.loop.training_card import CARD, make_card
@@ -29,6 +28,7 @@ from coopsim.learn.recipe import TrainingRecipe, find_recipe
 from coopsim.learn.samples.sample_order import SampleOrder, SampleSource
 from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
+from coopsim.nn.inference.devices import find_device
 from coopsim.nn.inference.memory import keep_freed_memory
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.rng import require_seed
@@ -40,7 +40,7 @@ def train(
     seed: int = 0,
     *,
     source: ClipSource | None = None,
-    device: str | None = None,
+    device: str = "auto",
     cache: Path | None = None,
     workers: int | str = 1,
     validate: Validate | None = None,
@@ -56,7 +56,7 @@ def train(
         out: folder for checkpoint, weights, card, log and curves.
         seed: of first weights, clips and samples.
         source: of the clips; None: the simulator, in the recipe's world, or the recordings that it names.
-        device: as "cuda"; None: a GPU if there is one.
+        device: "cpu", "cuda", "cuda:1", ...; "auto": a GPU if there is one.
         cache: folder of clips: those in it are read, others are made and stored.
         workers: processes that make clips ahead; 0: made in between; "ray": on a Ray cluster.
         validate: looks at held-out places every `validate_every` steps of the recipe.

@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from coopsim.errors import TrainingError
 from coopsim.learn.loop.averaged_net import AveragedNet
 from coopsim.learn.loop.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from coopsim.learn.loop.devices import autocast_type, to_device
 from coopsim.learn.loop.loss_watch import LossWatch
 from coopsim.learn.loop.one_cycle import one_cycle
 from coopsim.learn.loop.ranks import Ranks
@@ -26,6 +25,7 @@ from coopsim.learn.losses.losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_order import Position, SampleOrder
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask
+from coopsim.nn.inference.devices import numbers_on, to_device
 
 SAVE_EVERY_S = 60.0
 """Time between two checkpoints."""
@@ -129,10 +129,10 @@ class TrainLoop:
         for group in self._adam.param_groups:
             group["lr"] = rate * group["factor"]
         device = self.ranks.device
-        dtype = autocast_type(self.recipe.precision, device)
+        short = numbers_on(device, self.recipe.precision) is torch.bfloat16
         batch = to_device(self.task.collate(samples), device)
         self.task.progress = self._step / self.recipe.steps
-        with nullcontext() if dtype is None else torch.autocast(device.type, dtype):
+        with torch.autocast(device.type, torch.bfloat16, enabled=short):
             losses: dict[str, Tensor] = model(batch)
         if self.recipe.loss:
             losses[LOSS] = sum_of({name: part for name, part in losses.items() if name != LOSS}, self.recipe.loss)

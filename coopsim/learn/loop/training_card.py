@@ -13,10 +13,10 @@ import numpy as np
 import torch
 
 import coopsim
-from coopsim.learn.loop.devices import autocast_type
 from coopsim.learn.loop.ranks import Ranks
 from coopsim.learn.loop.training_log import mean_values
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
+from coopsim.nn.inference.devices import numbers_on
 
 CARD = "card.json"
 """Name of the file in a training's folder."""
@@ -50,7 +50,7 @@ def make_card(
         "parameters": parameters,
         "losses": {name: round(value, 4) for name, value in sorted(mean_values(losses).items()) if name != "step"},
         "held_out": {name: value for name, value in looks[-1].items() if name not in ("step", "kind")} if looks else {},
-        "precision": str(autocast_type(recipe.precision, ranks.device) or torch.float32).removeprefix("torch."),
+        "precision": str(numbers_on(ranks.device, recipe.precision)).removeprefix("torch."),
         "teacher": "none" if recipe.teacher is None else Path(recipe.teacher).stem,
         "threads": recipe.threads,
         "processes": ranks.ranks,

@@ -15,12 +15,12 @@ from torch import nn
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.clips.clip_store import ClipSource
-from coopsim.learn.loop.devices import to_device
 from coopsim.learn.losses.targets import Targets
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.nn.detector.box_code import decode_boxes
 from coopsim.nn.detector.decode import GROUPS, cell_centers
+from coopsim.nn.inference.devices import to_device
 from coopsim.support.rng import stream
 from coopsim.types import BevGrid
 

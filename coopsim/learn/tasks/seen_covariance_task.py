@@ -21,7 +21,9 @@ from coopsim.learn.recorded.recorded_windows import RecordedWindow
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile
 from coopsim.learn.weights import encoder_digest, load_detector, make_covariance
 from coopsim.nn.covariance.covariance_net import CovarianceNet
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.cloud_detector import CloudDetector
+from coopsim.nn.inference.devices import numbers_on
 
 
 class SeenCovarianceTask(TrainingTask):
@@ -46,7 +48,8 @@ class SeenCovarianceTask(TrainingTask):
         self.net = make_covariance({"features": detector.config.features, **recipe.network}, seed)
         if self.net.config.features not in (0, detector.config.features):
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}, or 0")
-        self._detector, self._most = CloudDetector(detector), 2 * recipe.block
+        backend = Backend(numbers=numbers_on(PROCESSOR.device, recipe.precision))
+        self._detector, self._most = CloudDetector(detector, backend), 2 * recipe.block
         self._kept: OrderedDict[str, RecordedWindow] = OrderedDict()
         self._metadata = {
             "kind": "covariance",

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.nn.identity.object_points import join_points, points_in_boxes
 from coopsim.nn.identity.point_encoder import PointIdentityNet
-from coopsim.nn.inference.inference import inference
+from coopsim.nn.inference.backend import PROCESSOR
 
 
 class PointLooks:
@@ -35,6 +34,6 @@ class PointLooks:
         looks, finite = np.zeros((len(boxes), self.dim)), np.isfinite(boxes).all(axis=1)
         objects = points_in_boxes(points, boxes[finite], self._most)
         # Cosines of numbers of 8 bits would not tell much apart, and the network is small.
-        with inference(), torch.autocast("cpu", enabled=False):
+        with PROCESSOR.inference():
             looks[finite] = self._net(join_points(objects)).double().numpy()
         return looks

@@ -2,24 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from coopsim.localization.recent_sweeps import RecentSweeps, turned
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet
-from coopsim.nn.detector.pillars import collate, pillarize
+from coopsim.nn.detector.pillars import Pillars, collate, pillarize
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.quick import QuickEncoder
 from coopsim.nn.inference.quick_pictures import QuickBothEncoder, QuickPictureEncoder, pictures_of
 from coopsim.types import BevGrid, SensorView
 
-Look = Callable[[BevGrid], Tensor]
-"""What an agent saw in a frame, to be encoded: a function from the cells of a canvas in the agent's compass frame to
-features (1, C, H / 2, W / 2), not negative. Looks of several agents may be encoded at once, by several threads."""
+
+class Together(Protocol):
+    """An encoder of several agents' inputs at once, in one batch."""
+
+    def __call__(self, inputs: Sequence[Any], /) -> Tensor:
+        """Return features (A, C, H / 2, W / 2), not negative."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What an agent saw in a frame, to be encoded. Looks of several agents may be encoded by several threads.
+
+    Attributes:
+        encoder: of the inputs; the same object for all looks that may be one batch.
+        gather: from the cells of a canvas in the agent's compass frame to the encoder's input.
+    """
+
+    encoder: Together
+    gather: Callable[[BevGrid], Any]
+
+
+def encoded(looks: Sequence[Look], canvases: Sequence[BevGrid]) -> Tensor:
+    """Return features (A, C, H / 2, W / 2) of A looks on canvases of one shape: a batch for each encoder among them."""
+    found: dict[int, Tensor] = {}
+    for encoder in {id(look.encoder): look.encoder for look in looks}.values():
+        rows = [row for row, look in enumerate(looks) if look.encoder is encoder]
+        made = encoder([looks[row].gather(canvases[row]) for row in rows])
+        if len(rows) == len(looks):
+            return made
+        found.update(zip(rows, made.split(1), strict=True))
+    return torch.cat([found[row] for row in range(len(looks))])
 
 
 class AgentEncoder(Protocol):
@@ -35,15 +68,20 @@ class PointEncoder:
 
     Args:
         detector: has the encoder.
+        backend: on which it computes.
     """
 
-    def __init__(self, detector: DetectorNet) -> None:
-        self._encoder, self._sweeps = QuickEncoder(detector.encoder), RecentSweeps(detector.config.sweeps)
+    def __init__(self, detector: DetectorNet, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._sweeps = QuickEncoder(detector.encoder, backend), RecentSweeps(detector.config.sweeps)
 
     def look(self, view: SensorView) -> Look:
         """Take in an agent's points; see `AgentEncoder.look`."""
         points = turned(self._sweeps.points(view), _heading_rad(view))
-        return lambda canvas: self._encoder(collate([pillarize(points, canvas)]))
+        return Look(self, partial(pillarize, points))
+
+    def __call__(self, inputs: Sequence[Pillars]) -> Tensor:
+        """Return features of agents' pillars; see `Together`."""
+        return self._encoder(collate(inputs))
 
 
 class PictureEncoder:
@@ -51,10 +89,11 @@ class PictureEncoder:
 
     Args:
         net: has the encoder.
+        backend: on which it computes.
     """
 
-    def __init__(self, net: PictureDetectorNet) -> None:
-        self._encoder = QuickPictureEncoder(net.encoder)
+    def __init__(self, net: PictureDetectorNet, backend: Backend = PROCESSOR) -> None:
+        self._encoder = QuickPictureEncoder(net.encoder, backend)
 
     def look(self, view: SensorView) -> Look:
         """Take in an agent's pictures; see `AgentEncoder.look`.
@@ -63,7 +102,11 @@ class PictureEncoder:
             InvalidValueError: an image has no colours.
         """
         pictures, compass_SE2_base = pictures_of(view), np.array([0.0, 0.0, _heading_rad(view)])
-        return lambda canvas: self._encoder(collate_pictures([PictureView(pictures, compass_SE2_base, canvas)]))
+        return Look(self, partial(PictureView, pictures, compass_SE2_base))
+
+    def __call__(self, inputs: Sequence[PictureView]) -> Tensor:
+        """Return features of agents' pictures; see `Together`."""
+        return self._encoder(collate_pictures(inputs))
 
 
 class BothEncoder:
@@ -71,10 +114,11 @@ class BothEncoder:
 
     Args:
         net: has the encoder.
+        backend: on which it computes.
     """
 
-    def __init__(self, net: PointsAndPicturesNet) -> None:
-        self._encoder, self._sweeps = QuickBothEncoder(net.encoder), RecentSweeps(1)
+    def __init__(self, net: PointsAndPicturesNet, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._sweeps = QuickBothEncoder(net.encoder, backend), RecentSweeps(1)
 
     def look(self, view: SensorView) -> Look:
         """Take in an agent's points and pictures; see `AgentEncoder.look`.
@@ -86,11 +130,16 @@ class BothEncoder:
         points, pictures = self._sweeps.points(view), pictures_of(view)
         compass_SE2_base, around = np.array([0.0, 0.0, heading_rad]), turned(points, heading_rad)
 
-        def encode(canvas: BevGrid) -> Tensor:
+        def gather(canvas: BevGrid) -> tuple[Pillars, PictureView]:
             seen = PictureView(pictures, compass_SE2_base, canvas, points_m=points[:, :3])
-            return self._encoder(collate([pillarize(around, canvas)]), collate_pictures([seen]))
+            return pillarize(around, canvas), seen
 
-        return encode
+        return Look(self, gather)
+
+    def __call__(self, inputs: Sequence[tuple[Pillars, PictureView]]) -> Tensor:
+        """Return features of agents' pillars and pictures; see `Together`."""
+        pillars, seen = zip(*inputs, strict=True)
+        return self._encoder(collate(pillars), collate_pictures(seen))
 
 
 class MixedEncoder:

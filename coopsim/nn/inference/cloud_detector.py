@@ -22,7 +22,7 @@ from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import collate, pillarize
-from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.perceiver import compass_region
 from coopsim.nn.inference.quick import QuickEncoder, folded
 from coopsim.nn.inference.quick_pictures import QuickBothEncoder
@@ -38,13 +38,14 @@ class CloudDetector:
 
     Args:
         net: the network.
-        threads: clouds are looked at side by side on so many.
+        backend: on which it computes; the covariances' network, which is tiny, stays on the processor.
         covariance: a network that replaces the covariances of `detect_around`; None: they stay those of the head.
     """
 
-    def __init__(self, net: DetectorNet, threads: int = 1, covariance: CovarianceNet | None = None) -> None:
-        self._encoder, self._head, self._covariance = QuickEncoder(net.encoder), folded(net.head), covariance
-        self._cell_m, self._threads, self.sweeps = STRIDE * net.config.cell_m, threads, net.config.sweeps
+    def __init__(self, net: DetectorNet, backend: Backend = PROCESSOR, covariance: CovarianceNet | None = None) -> None:
+        self._encoder, self._head = QuickEncoder(net.encoder, backend), backend.place(folded(net.head))
+        self._covariance, self._backend = covariance, backend
+        self._cell_m, self.sweeps = STRIDE * net.config.cell_m, net.config.sweeps
 
     def detect(
         self, points: NDArray[np.float32], region_m: tuple[float, float], heading_rad: float, least_score: float
@@ -58,7 +59,7 @@ class CloudDetector:
             least_score: smallest score of a detection.
         """
         region = compass_region(region_m, heading_rad, self._cell_m)
-        return self._detect(region, least_score, points)
+        return self._detect(region, least_score, [points])[0]
 
     def detect_around(
         self, clouds: Sequence[NDArray[np.float32]], reach_m: float, least_score: float
@@ -66,39 +67,45 @@ class CloudDetector:
         """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each."""
         detect = self._detect if self._covariance is None else self._detect_with_covariance
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
-        return side_by_side([partial(detect, region, least_score, points) for points in clouds], self._threads)
+        return self._backend.map(partial(detect, region, least_score), clouds)
 
     def detect_patches(
         self, points: NDArray[np.float32], reach_m: float, least_score: float
     ) -> tuple[Detections, Floats]:
         """Return the N detections around one agent, as `detect_around`, and their `box_patches` (N, 9 C)."""
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
-        with inference():
-            return self._seen(region, least_score, points)
+        with self._backend.inference():
+            return self._seen(region, least_score, [points])[0]
 
-    def _detect(self, region: BevGrid, least_score: float, points: NDArray[np.float32]) -> Detections:
-        with inference():
-            return self._found(self._features(region, points), region, least_score)
+    def _detect(self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]) -> list[Detections]:
+        with self._backend.inference():
+            return decode(self._head, self._features(region, clouds), region, least_score=least_score)
 
-    def _detect_with_covariance(self, region: BevGrid, least_score: float, points: NDArray[np.float32]) -> Detections:
+    def _detect_with_covariance(
+        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
+    ) -> list[Detections]:
+        with self._backend.inference():
+            seen = self._seen(region, least_score, clouds)
+        return [self._judged(*each) for each in seen]
+
+    def _judged(self, found: Detections, patches: Floats) -> Detections:
         assert self._covariance is not None
-        with inference():
-            found, patches = self._seen(region, least_score, points)
         looks = patches if self._covariance.config.features else None
         variance = self._covariance.variances(own_numbers(found.boxes.array, found.score), looks)
         return replace(found, covariance=diagonals(variance))
 
-    def _seen(self, region: BevGrid, least_score: float, points: NDArray[np.float32]) -> tuple[Detections, Floats]:
-        features = self._features(region, points)
-        found = self._found(features, region, least_score)
-        return found, box_patches(features[0].float(), torch.from_numpy(found.boxes.array), region).numpy()
+    def _seen(
+        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
+    ) -> list[tuple[Detections, Floats]]:
+        features = self._features(region, clouds)
+        found = decode(self._head, features, region, least_score=least_score)
+        boxes = [self._backend.put(torch.from_numpy(each.boxes.array)) for each in found]
+        patches = [box_patches(*each, region) for each in zip(features.float(), boxes, strict=True)]
+        return list(zip(found, (each.numpy(force=True) for each in patches), strict=True))
 
-    def _features(self, region: BevGrid, points: NDArray[np.float32]) -> Tensor:
+    def _features(self, region: BevGrid, clouds: Sequence[NDArray[np.float32]]) -> Tensor:
         pillars = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
-        return self._encoder(collate([pillarize(points, pillars)]))
-
-    def _found(self, features: Tensor, region: BevGrid, least_score: float) -> Detections:
-        return decode(self._head, features, region, least_score=least_score)[0]
+        return self._encoder(collate([pillarize(points, pillars) for points in clouds]))
 
 
 class CloudAndPicturesDetector:
@@ -106,11 +113,12 @@ class CloudAndPicturesDetector:
 
     Args:
         net: the network.
+        backend: on which it computes.
     """
 
-    def __init__(self, net: PointsAndPicturesNet) -> None:
-        self._encoder, self._head = QuickBothEncoder(net.encoder), folded(net.head)
-        self._cell_m = STRIDE * net.config.pictures.cell_m
+    def __init__(self, net: PointsAndPicturesNet, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._head = QuickBothEncoder(net.encoder, backend), backend.place(folded(net.head))
+        self._cell_m, self._backend = STRIDE * net.config.pictures.cell_m, backend
 
     def detect(
         self,
@@ -128,6 +136,6 @@ class CloudAndPicturesDetector:
         canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
         pose = np.array([0.0, 0.0, heading_rad])
         seen = PictureView(pictures, pose, canvas, points_m=turned(points, -heading_rad)[:, :3])
-        with inference():
+        with self._backend.inference():
             features = self._encoder(collate([pillarize(points, canvas)]), collate_pictures([seen]))
             return decode(self._head, features, region, least_score=least_score)[0]

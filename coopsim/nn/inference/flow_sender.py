@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import torch
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.nn.cooperative.feature_flow import LONGEST_S, FeatureFlow
 from coopsim.nn.cooperative.warp import warp
-from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.perceiver import OwnMap
 from coopsim.types import NS_PER_S, FeatureMap, Odometry, SensorView, stack_xyz_yaw
 
@@ -44,6 +43,23 @@ class _Before:
         return replace(self, base_SE3_latest=base_SE3_latest, latest_ns=time_ns)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """An agent's map and the one before.
+
+    Attributes:
+        now: the map.
+        before: the map before.
+        before_SE2_now: (3,) x m, y m, yaw rad of the frame of `now` in that of `before`.
+        interval_s: time between both.
+    """
+
+    now: FeatureMap
+    before: FeatureMap
+    before_SE2_now: Floats
+    interval_s: float
+
+
 class FlowSender:
     """Adds to the maps that agents send how they change.
 
@@ -52,10 +68,11 @@ class FlowSender:
 
     Args:
         flow: the network.
+        backend: on which it computes.
     """
 
-    def __init__(self, flow: FeatureFlow) -> None:
-        self._flow = flow
+    def __init__(self, flow: FeatureFlow, backend: Backend = PROCESSOR) -> None:
+        self._flow, self._backend = backend.place(flow), backend
         self._before: dict[str, _Before] = {}
 
     def follow(self, agent: str, time_ns: int, odometry: Odometry) -> None:
@@ -64,46 +81,49 @@ class FlowSender:
         if before is not None and time_ns > before.latest_ns:
             self._before[agent] = before.moved(time_ns, odometry)
 
-    def add(self, views: Mapping[str, SensorView], maps: Mapping[str, OwnMap], threads: int = 1) -> dict[str, OwnMap]:
+    def add(self, views: Mapping[str, SensorView], maps: Mapping[str, OwnMap]) -> dict[str, OwnMap]:
         """Return agents' maps with what changes in their messages; to be called once in each frame, in order.
 
         Args:
             views: what each agent sees.
             maps: what its encoder made of it.
-            threads: agents are computed side by side on so many.
         """
-        tasks = [partial(self._changing, view, maps[agent]) for agent, view in views.items()]
-        made = dict(zip(views, side_by_side(tasks, threads), strict=True))
+        known = {agent: steps for agent, view in views.items() if (steps := self._step(view, maps[agent])) is not None}
+        changes = dict(zip(known, self._backend.map(self._changes, list(known.values())), strict=True))
+        made = {agent: _with_change(maps[agent], changes.get(agent)) for agent in views}
         for agent, view in views.items():
             still = SE3.identity()
             self._before[agent] = _Before(view.time_ns, maps[agent].message, _heading_rad(view), still, view.time_ns)
         return made
 
-    def _changing(self, view: SensorView, own: OwnMap) -> OwnMap:
+    def _step(self, view: SensorView, own: OwnMap) -> _Step | None:
+        """Return an agent's map and the one before; None: nothing is known of how it changes."""
         before = self._before.get(view.agent)
         if before is None or not 0 < view.time_ns - before.time_ns <= (LONGEST_S + _ROUNDING_S) * NS_PER_S:
-            return own
+            return None
         before_SE2_now = _before_SE2_now(before.moved(view.time_ns, view.odometry), view)
-        change = self.change(own.message, before.content, before_SE2_now, (view.time_ns - before.time_ns) / NS_PER_S)
-        message = replace(own.message, values=np.concatenate([own.message.values, change]))
-        return replace(own, message=message)
+        return _Step(own.message, before.content, before_SE2_now, (view.time_ns - before.time_ns) / NS_PER_S)
 
-    def change(
-        self, now: FeatureMap, before: FeatureMap, before_SE2_now: Floats, interval_s: float
-    ) -> NDArray[np.float32]:
-        """Return how a map changes, (C, h, w) per second.
-
-        Args:
-            now: the map.
-            before: the map before.
-            before_SE2_now: (3,) x m, y m, yaw rad of the frame of `now` in that of `before`.
-            interval_s: time between both.
-        """
-        with inference():
-            earlier, known = warp(torch.tensor(before.values)[None], before.grid, now.grid, before_SE2_now[None])
-            change = self._flow(torch.tensor(now.values)[None], earlier, known, torch.tensor([interval_s]))
-        found: NDArray[np.float32] = change[0].numpy()
+    def _changes(self, steps: Sequence[_Step]) -> NDArray[np.float32]:
+        """Return how the maps of A agents change, (A, C, h, w) per second."""
+        with self._backend.inference():
+            now = self._backend.put(torch.from_numpy(np.stack([step.now.values for step in steps])))
+            before = self._backend.put(torch.from_numpy(np.stack([step.before.values for step in steps])))
+            placed = [
+                warp(before[k : k + 1], step.before.grid, step.now.grid, step.before_SE2_now[None])
+                for k, step in enumerate(steps)
+            ]
+            earlier, known = (torch.cat(each) for each in zip(*placed, strict=True))
+            interval_s = self._backend.put(torch.tensor([step.interval_s for step in steps]))
+            change = self._flow(now, earlier, known, interval_s)
+        found: NDArray[np.float32] = change.numpy(force=True)
         return found
+
+
+def _with_change(own: OwnMap, change: NDArray[np.float32] | None) -> OwnMap:
+    if change is None:
+        return own
+    return replace(own, message=replace(own.message, values=np.concatenate([own.message.values, change])))
 
 
 def _before_SE2_now(before: _Before, view: SensorView) -> Floats:

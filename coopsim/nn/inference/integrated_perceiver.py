@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from coopsim.geometry.se3 import SE3
-from coopsim.nn.inference.inference import inference
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.integrated_tracks import TrackRules
 from coopsim.nn.inference.query_perceiver import peaks_of
 from coopsim.nn.inference.quick import folded
@@ -53,10 +53,12 @@ class IntegratedPerceiver:
     Args:
         net: the network.
         rules: of tracks; None: nothing is tracked here.
+        backend: on which it computes.
     """
 
-    def __init__(self, net: IntegratedNet, rules: TrackRules | None) -> None:
-        self._net, self._head, self._rules = net, folded(net.cooperative.head), rules
+    def __init__(self, net: IntegratedNet, rules: TrackRules | None, backend: Backend = PROCESSOR) -> None:
+        self._net, self._head = backend.place(net), backend.place(folded(net.cooperative.head))
+        self._rules, self._backend = rules, backend
 
     def step(
         self, before: IntegratedMemory | None, time_ns: int, odom_SE3_compass: SE3, fused: Tensor, grid: BevGrid
@@ -70,15 +72,15 @@ class IntegratedPerceiver:
             fused: features (64, H, W) of all agents.
             grid: their cells, in the agent's compass frame.
         """
-        tracks, prior, dt_s, frame, next_number = self._net.nothing(), None, 0.0, 1, 1
-        with inference():
+        tracks, prior, dt_s, frame, next_number = self._backend.put(self._net.nothing()), None, 0.0, 1, 1
+        with self._backend.inference():
             peaks = peaks_of(self._net, self._head, fused[None], grid)
             if before is not None:
                 compass_SE3_before = odom_SE3_compass.inverse().compose(before.odom_SE3_compass)
                 tracks, prior = before.tracks.moved(compass_SE3_before), before.prior.moved(compass_SE3_before)
                 dt_s, frame = (time_ns - before.time_ns) / NS_PER_S, before.frame + 1
                 next_number = before.next_number
-            with torch.autocast("cpu", enabled=False):
+            with torch.autocast(self._backend.device.type, enabled=False):
                 step = self._net(fused.float(), grid, peaks, tracks, prior, dt_s)
             detected, tracks = kept_instances(step.detected), step.predicted
             if self._rules is not None:

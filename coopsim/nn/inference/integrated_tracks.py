@@ -45,9 +45,10 @@ class TrackRules:
         """
         pairs = self.association.match(as_tracked(predicted), detections_of(detected))
         born = detected.score >= self.born
-        born[torch.from_numpy(pairs[1])] = False
+        born[torch.from_numpy(pairs[1]).to(born.device)] = False
         tracks = updated_tracks(predicted, detected, pairs, born, dt_s)
-        tracks = tracks[torch.from_numpy(self.lifecycle.alive(as_tracked(tracks)))].surest(self.most)
+        alive = torch.from_numpy(self.lifecycle.alive(as_tracked(tracks))).to(born.device)
+        tracks = tracks[alive].surest(self.most)
         new = tracks.number == UNNUMBERED
         number = torch.where(new, next_number + torch.cumsum(new, 0) - 1, tracks.number)
         return replace(tracks, number=number), next_number + int(new.sum())
@@ -60,10 +61,11 @@ class TrackRules:
 def as_tracked(tracks: Instances) -> Tracked:
     """Return tracks as associations and lifecycles know them, without beliefs and looks."""
     count = len(tracks)
-    boxes, score = tracks.box.double().numpy(), tracks.score.double().numpy()
     none = np.zeros(count, dtype=np.int64)
+    boxes, score, velocity = (each.double().numpy(force=True) for each in (tracks.box, tracks.score, tracks.velocity))
+    whole = (tracks.number, tracks.label, tracks.hits, tracks.missed)
+    number, label, hits, missed = (each.numpy(force=True) for each in whole)
     return Tracked(
-        Beliefs(np.zeros((count, 0)), np.zeros((count, 0, 0))), boxes, tracks.velocity.double().numpy(),
-        tracks.number.numpy(), tracks.label.numpy(), score, score, score, tracks.hits.numpy(), tracks.missed.numpy(),
-        none, none.astype(np.bool_), EmbeddingMemory.blank(count, dim=0, window=1),
+        Beliefs(np.zeros((count, 0)), np.zeros((count, 0, 0))), boxes, velocity, number, label, score, score, score,
+        hits, missed, none, none.astype(np.bool_), EmbeddingMemory.blank(count, dim=0, window=1),
     )  # fmt: skip

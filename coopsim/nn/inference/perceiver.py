@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -18,8 +17,8 @@ from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.encoder import COARSEST, STRIDE
 from coopsim.nn.fusion import FusionContext, as_batch
-from coopsim.nn.inference.agent_encoder import Look
-from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.agent_encoder import Look, encoded
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.quick import folded
 from coopsim.types import BevGrid, Detections, FeatureMap
 from coopsim.types.messages import AGENT_KINDS
@@ -70,7 +69,7 @@ class ReceivedMap:
         if self.change is None:
             return self.values
         channels = len(self.change)
-        moved = moved_on(self.values[None, :channels], self.change[None], torch.tensor([delay_s]))[0]
+        moved = moved_on(self.values[None, :channels], self.change[None], self.values.new_tensor([delay_s]))[0]
         return torch.cat([moved, self.values[channels:]])
 
 
@@ -127,6 +126,18 @@ def compass_region(
     return BevGrid(sides[0], sides[1], cell_m)
 
 
+def canvas_around(position_m: Floats, reach_m: float, cell_m: float) -> BevGrid:
+    """Return the cells of an encoder's canvas around an agent, which lie on the world's.
+
+    Args:
+        position_m: (2,) of the agent in the world, as it is estimated.
+        reach_m: half the edge of the square.
+        cell_m: edge of a cell of the canvas.
+    """
+    x_m, y_m = way_to_world_cells(position_m, STRIDE * cell_m)
+    return BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), cell_m)
+
+
 class Perceiver:
     """What agents saw, and the cooperative network that works on it.
 
@@ -134,14 +145,14 @@ class Perceiver:
         net: of several agents.
         cell_m: edge of a cell of the encoders' canvases.
         space: number of the networks, which their messages carry.
-        threads: agents are encoded side by side on so many.
+        backend: on which they compute.
     """
 
-    def __init__(self, net: CooperativeNet, cell_m: float, space: int, threads: int = 1) -> None:
+    def __init__(self, net: CooperativeNet, cell_m: float, space: int, backend: Backend = PROCESSOR) -> None:
         self._reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
-        self._space, self._threads, self._canvas_m = space, threads, cell_m
+        self._space, self._backend, self._canvas_m = space, backend, cell_m
         self.cell_m = STRIDE * cell_m
-        self._net, self._head = net, folded(net.head)
+        self._net, self._head = backend.place(net), backend.place(folded(net.head))
         self._channels = net.message_channels
         self._accepted = (self._channels,) if net.flow is None else (self._channels, 2 * self._channels)
 
@@ -152,22 +163,21 @@ class Perceiver:
             looks: of each what it saw, see `coopsim.nn.inference.agent_encoder`.
             positions_m: (2,) of each in the world, as it is estimated: its map lies on the world's cells.
         """
-        tasks = [partial(self._encode, *each) for each in zip(looks, positions_m, strict=True)]
-        return side_by_side(tasks, self._threads)
+        return self._backend.map(self._encode, looks, positions_m)
 
     def region(self, region_m: tuple[float, float], heading_rad: float, position_m: Floats) -> BevGrid:
         """Return the world's cells around a region of an agent's base frame, see `compass_region`."""
         return compass_region(region_m, heading_rad, self.cell_m, way_to_world_cells(position_m, self.cell_m))
 
-    def _encode(self, look: Look, position_m: Floats) -> OwnMap:
-        x_m, y_m = way_to_world_cells(position_m, self.cell_m)
-        reach_m = self._reach_m
-        canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._canvas_m)
-        with inference():
-            features = look(canvas)
-            values, confidence = self._net.message(features)
-        message = FeatureMap(values[0].numpy(), canvas.coarser(STRIDE), confidence[0].numpy(), space=self._space)
-        return OwnMap(features[0], message)
+    def _encode(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[OwnMap]:
+        canvases = [canvas_around(position_m, self._reach_m, self._canvas_m) for position_m in positions_m]
+        with self._backend.inference():
+            features = encoded(looks, canvases)
+            values, confidence = (each.numpy(force=True) for each in self._net.message(features))
+        return [
+            OwnMap(own, FeatureMap(sent, canvas.coarser(STRIDE), sure, space=self._space))
+            for own, sent, canvas, sure in zip(features, values, canvases, confidence, strict=True)
+        ]
 
     def receive(self, content: FeatureMap) -> ReceivedMap:
         """Return a message as tensors.
@@ -190,34 +200,32 @@ class Perceiver:
         values = np.concatenate([content.values[: self._channels], confidence[None]])
         sent = None if content.sent is None else torch.from_numpy(content.sent.copy())
         change = torch.tensor(content.values[self._channels :]) if channels > self._channels else None
-        return ReceivedMap(content, torch.from_numpy(values), sent, change)
+        return ReceivedMap(content, *self._backend.put((torch.from_numpy(values), sent, change)))
 
     def fuse(self, own: OwnMap, region: BevGrid, received: Sequence[PlacedMap], own_kind: int = 0) -> Tensor:
         """Return fused features (64, H, W) on the cells of a region around the receiver, of kind `own_kind`."""
-        with inference():
+        with self._backend.inference():
             inside, own_mask = warp(own.features[None], own.message.grid, region, np.zeros((1, 3)))
             placed = [(each, *_warped(each, region)) for each in received]
             placed = [each for each in placed if each[2].any()]
             values = torch.cat([each[1] for each in placed]) if placed else inside[:0]
             mask = torch.cat([each[2] for each in placed]) if placed else own_mask[:0]
-            context = FusionContext(
-                torch.tensor([each[0].delay_s for each in placed]),
-                torch.tensor([each[0].kind for each in placed], dtype=torch.long),
-                values[:, -1],
-                own_kind=own_kind,
-            )
+            delay_s = torch.tensor([each[0].delay_s for each in placed])
+            kind = torch.tensor([each[0].kind for each in placed], dtype=torch.long)
+            context = FusionContext(*self._backend.put((delay_s, kind)), values[:, -1], own_kind=own_kind)
             fused: Tensor = self._net(inside[0], own_mask[0], values[:, : self._channels], mask, context)
         return fused
 
     def alone(self, received: ReceivedMap) -> Tensor:
         """Return a sender's features (64, h, w) as its message alone shows them."""
-        with inference():
-            features: Tensor = self._net.expand(received.values[None, : self._channels], torch.zeros(1))[0]
+        values = received.values[None, : self._channels]
+        with self._backend.inference():
+            features: Tensor = self._net.expand(values, values.new_zeros(1))[0]
             return features if received.sent is None else features * received.sent
 
     def detect(self, features: Tensor, grid: BevGrid, least_score: float) -> Detections:
         """Return the detections in a map of features (64, H, W), in the frame of its grid."""
-        with inference():
+        with self._backend.inference():
             return decode(self._head, as_batch(features), grid, least_score=least_score)[0]
 
 

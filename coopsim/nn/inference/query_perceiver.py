@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import torch
@@ -16,9 +15,10 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import COARSEST, STRIDE
-from coopsim.nn.inference.agent_encoder import Look
-from coopsim.nn.inference.inference import inference, side_by_side
-from coopsim.nn.inference.perceiver import REACH_M, compass_region, way_to_world_cells
+from coopsim.nn.inference.agent_encoder import Look, encoded
+from coopsim.nn.inference.backend import PROCESSOR, Backend
+from coopsim.nn.inference.devices import to_device
+from coopsim.nn.inference.perceiver import REACH_M, canvas_around, compass_region, way_to_world_cells
 from coopsim.nn.inference.quick import folded
 from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
@@ -58,14 +58,15 @@ class QueryPerceiver:
         net: of the queries.
         detector: of the points.
         space: number of the networks, which their messages carry.
-        threads: agents are computed side by side on so many.
+        backend: on which they compute.
     """
 
-    def __init__(self, net: QueryNet, detector: DetectorNet, space: int, threads: int = 1) -> None:
+    def __init__(self, net: QueryNet, detector: DetectorNet, space: int, backend: Backend = PROCESSOR) -> None:
         assert detector.config.head == "centre"
         cell_m = detector.config.cell_m
         self._reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
-        self._net, self._head, self._space, self._threads = net, folded(detector.head), space, threads
+        self._net, self._head = backend.place(net), backend.place(folded(detector.head))
+        self._space, self._backend = space, backend
         self._canvas_m, self._width = cell_m, net.config.width
 
     def see(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[SeenMap]:
@@ -75,7 +76,7 @@ class QueryPerceiver:
             looks: of each what its sensors gave, see `coopsim.nn.inference.agent_encoder`.
             positions_m: (2,) of each in the world, as it is estimated: its map lies on the world's cells.
         """
-        return side_by_side([partial(self._see, *each) for each in zip(looks, positions_m, strict=True)], self._threads)
+        return self._backend.map(self._see, looks, positions_m)
 
     def step(
         self,
@@ -96,8 +97,8 @@ class QueryPerceiver:
             received: of senders, in the order in which they are folded in.
             least_affinity: smallest affinity of a pair.
         """
-        with inference(), torch.autocast("cpu", enabled=False):
-            known, dt_s = self._net.nothing(), 0.0
+        with self._backend.inference(), torch.autocast(self._backend.device.type, enabled=False):
+            known, dt_s = self.nothing(), 0.0
             if before is not None:
                 known = before.instances.moved(odom_SE3_compass.inverse().compose(before.odom_SE3_compass))
                 dt_s = (time_ns - before.time_ns) / NS_PER_S
@@ -107,7 +108,7 @@ class QueryPerceiver:
 
     def nothing(self) -> Instances:
         """Return no instances."""
-        return self._net.nothing()
+        return self._backend.put(self._net.nothing())
 
     def carried(self, memory: QueryMemory, time_ns: int, odom_SE3_compass: SE3) -> Instances:
         """Return what an agent knew after a frame, in its compass frame at a later time, moved on by velocities."""
@@ -121,17 +122,16 @@ class QueryPerceiver:
 
     def placed(self, known: Instances, receiver_SE3_sender: SE3, delay_s: float, region: BevGrid) -> ReceivedInstances:
         """Return a sender's instances, in its compass frame, less those that are outside the receiver's region now."""
-        with inference():
-            x, y = aligned_boxes(known, receiver_SE3_sender, delay_s).box[:, :2].T
-            inside = (region.x_m[0] <= x) & (x <= region.x_m[1]) & (region.y_m[0] <= y) & (y <= region.y_m[1])
-            return ReceivedInstances(known[inside], receiver_SE3_sender, delay_s)
+        x, y = aligned_boxes(known, receiver_SE3_sender, delay_s).box[:, :2].T
+        inside = (region.x_m[0] <= x) & (x <= region.x_m[1]) & (region.y_m[0] <= y) & (y <= region.y_m[1])
+        return ReceivedInstances(known[inside], receiver_SE3_sender, delay_s)
 
     def message(self, known: Instances, heading_rad: float) -> InstanceQueries:
         """Return instances as they are sent: in the base frame, with their features and velocities as one vector."""
         placed = known.moved(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
         vectors = torch.cat([placed.semantic, placed.motion, placed.velocity / _FAST_M_S], dim=1)
         found = detections_of(placed)
-        return InstanceQueries(vectors.numpy(), found.boxes, found.score, found.label, self._space)
+        return InstanceQueries(vectors.numpy(force=True), found.boxes, found.score, found.label, self._space)
 
     def receive(self, content: InstanceQueries) -> Instances:
         """Return a message as instances in the sender's base frame: the surest that fit into an agent's mind.
@@ -156,15 +156,16 @@ class QueryPerceiver:
         first, last = self._width, 2 * self._width
         semantic, motion, velocity = vectors[:, :first], vectors[:, first:last], vectors[:, last:]
         known = replace(seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S).as_heard()
-        return known.surest(self._net.config.places)
+        return self._backend.put(known.surest(self._net.config.places))
 
-    def _see(self, look: Look, position_m: Floats) -> SeenMap:
-        x_m, y_m = way_to_world_cells(position_m, STRIDE * self._canvas_m)
-        reach_m = self._reach_m
-        canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), self._canvas_m)
-        with inference():
-            features = look(canvas)
-            return seen_map(self._net, self._head, features.float(), canvas.coarser(STRIDE))
+    def _see(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[SeenMap]:
+        canvases = [canvas_around(position_m, self._reach_m, self._canvas_m) for position_m in positions_m]
+        with self._backend.inference():
+            maps = encoded(looks, canvases).float().split(1)
+            return [
+                seen_map(self._net, self._head, features, canvas.coarser(STRIDE))
+                for features, canvas in zip(maps, canvases, strict=True)
+            ]
 
 
 def seen_map(net: QueryNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> SeenMap:
@@ -177,13 +178,13 @@ def peaks_of(net: QueryNet | IntegratedNet, head: torch.nn.Module, features: Ten
     found = decode(head, features, grid, least_score=LEAST_SCORE)[0][: net.config.places]  # type: ignore[arg-type]
     box = torch.from_numpy(found.boxes.array.astype(np.float32))
     score = torch.from_numpy(found.score.astype(np.float32))
-    return net.seen(box, score, torch.from_numpy(np.array(found.label)))
+    return to_device(net.seen(box, score, torch.from_numpy(np.array(found.label))), features.device)
 
 
 def detections_of(known: Instances) -> Detections:
     """Return instances as detections in their frame."""
-    boxes = Boxes3D.from_array(known.box.double().numpy())
-    return Detections(boxes, known.score.double().numpy(), known.label.numpy())
+    boxes = Boxes3D.from_array(known.box.double().numpy(force=True))
+    return Detections(boxes, known.score.double().numpy(force=True), known.label.numpy(force=True))
 
 
 def _numbered(found: Instances, time_ns: int, odom_SE3_compass: SE3, first: int) -> QueryMemory:

@@ -13,7 +13,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval, fuse_linear_bn_eval
 
 from coopsim.nn.detector.encoder import PillarEncoder
 from coopsim.nn.detector.pillars import PillarBatch
-from coopsim.support.precision import arithmetic
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 
 M = TypeVar("M", bound=nn.Module)
 
@@ -30,13 +30,13 @@ def folded(module: M) -> M:
     return made
 
 
-def quickened(encoder: PillarEncoder) -> PillarEncoder:
-    """Return a quicker copy of an encoder of points."""
+def quickened(encoder: PillarEncoder, numbers: torch.dtype) -> PillarEncoder:
+    """Return a quicker copy of an encoder of points, whose maps have these numbers."""
     made = folded(encoder)
     made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
     made.points_norm = nn.Identity()  # type: ignore[assignment]
     for maps in (made.scales, made.sides, made.join):
-        maps.to(torch.bfloat16 if arithmetic() == "bfloat16" else torch.float32)
+        maps.to(numbers)
         maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return made
 
@@ -46,10 +46,11 @@ class QuickEncoder:
 
     Args:
         encoder: the one that was trained.
+        backend: on which it computes.
     """
 
-    def __init__(self, encoder: PillarEncoder) -> None:
-        self._encoder = quickened(encoder)
+    def __init__(self, encoder: PillarEncoder, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._backend = backend.place(quickened(encoder, backend.numbers)), backend
 
     def __call__(self, batch: PillarBatch) -> Tensor:
         """Return features (A, C, H / 2, W / 2), not negative; without gradients.
@@ -57,6 +58,6 @@ class QuickEncoder:
         Raises:
             InvalidValueError: rows or columns of the grid do not divide by 8.
         """
-        with torch.autocast("cpu", enabled=False):
-            features: Tensor = self._encoder(batch)
+        with torch.autocast(self._backend.device.type, enabled=False):
+            features: Tensor = self._encoder(self._backend.put(batch))
         return features

@@ -10,6 +10,7 @@ from coopsim.nn.camera.lift_splat import LiftSplatEncoder
 from coopsim.nn.camera.picture_batch import PictureBatch, SeenPicture
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesEncoder
 from coopsim.nn.detector.pillars import PillarBatch
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.quick import folded, quickened
 from coopsim.types import SensorView
 
@@ -19,21 +20,22 @@ class QuickPictureEncoder:
 
     Args:
         encoder: the one that was trained.
+        backend: on which it computes.
     """
 
-    def __init__(self, encoder: LiftSplatEncoder) -> None:
-        self._encoder = folded(encoder)
+    def __init__(self, encoder: LiftSplatEncoder, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._backend = backend.place(folded(encoder)), backend
         self._encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def __call__(self, batch: PictureBatch) -> Tensor:
         """Return features (A, C, H / 2, W / 2), not negative; without gradients.
 
-        Convolutions are as `coopsim.nn.inference.inference` sets them; depths and sums on canvases are never shortened.
+        Convolutions are as `Backend.inference` sets them; depths and sums on canvases are never shortened.
 
         Raises:
             InvalidValueError: rows or columns of the canvas do not divide by 8.
         """
-        features: Tensor = self._encoder(batch)
+        features: Tensor = self._encoder(self._backend.put(batch))
         return features
 
 
@@ -42,16 +44,18 @@ class QuickBothEncoder:
 
     Args:
         encoder: the one that was trained.
+        backend: on which it computes.
     """
 
-    def __init__(self, encoder: PointsAndPicturesEncoder) -> None:
-        self._encoder = folded(encoder)
-        self._encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._encoder.points = quickened(encoder.points)
+    def __init__(self, encoder: PointsAndPicturesEncoder, backend: Backend = PROCESSOR) -> None:
+        made = folded(encoder)
+        made.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        made.points = quickened(encoder.points, backend.numbers)
+        self._encoder, self._backend = backend.place(made), backend
 
     def __call__(self, points: PillarBatch, pictures: PictureBatch) -> Tensor:
         """Return features (A, C, H / 2, W / 2), not negative; without gradients. Errors as of `QuickPictureEncoder`."""
-        features: Tensor = self._encoder(points, pictures)
+        features: Tensor = self._encoder(self._backend.put(points), self._backend.put(pictures))
         return features
 
 

@@ -9,8 +9,8 @@ from functools import partial
 from coopsim.nn.detector.centre_head import CentreHead
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.inference.agent_encoder import AgentEncoder, Look
-from coopsim.nn.inference.inference import inference, side_by_side
+from coopsim.nn.inference.agent_encoder import AgentEncoder, Look, encoded
+from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.perceiver import compass_region
 from coopsim.nn.inference.quick import folded
 from coopsim.types import BevGrid, Detections, SensorView
@@ -23,12 +23,12 @@ class ViewFinder:
         encoder: of an agent's sensor data.
         head: on its features.
         cell_m: edge of a cell of the encoder's canvas.
-        threads: agents are looked at side by side on so many.
+        backend: on which encoder and head compute.
     """
 
-    def __init__(self, encoder: AgentEncoder, head: CentreHead, cell_m: float, threads: int = 1) -> None:
-        self._encoder, self._head = encoder, folded(head)
-        self._cell_m, self._threads = STRIDE * cell_m, threads
+    def __init__(self, encoder: AgentEncoder, head: CentreHead, cell_m: float, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._head = encoder, backend.place(folded(head))
+        self._cell_m, self._backend = STRIDE * cell_m, backend
 
     def detect_around(self, views: Sequence[SensorView], reach_m: float, least_score: float) -> list[Detections]:
         """Return the detections of A agents, in a square of +-`reach_m` around each, in base frames.
@@ -41,9 +41,9 @@ class ViewFinder:
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
         # Without a pose, the axes are those of the base frame.
         looks = [self._encoder.look(replace(view, pose=None)) for view in views]
-        return side_by_side([partial(self._detect, region, least_score, look) for look in looks], self._threads)
+        return self._backend.map(partial(self._detect, region, least_score), looks)
 
-    def _detect(self, region: BevGrid, least_score: float, look: Look) -> Detections:
-        with inference():
-            features = look(BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE))
-            return decode(self._head, features, region, least_score=least_score)[0]
+    def _detect(self, region: BevGrid, least_score: float, looks: Sequence[Look]) -> list[Detections]:
+        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        with self._backend.inference():
+            return decode(self._head, encoded(looks, [canvas] * len(looks)), region, least_score=least_score)

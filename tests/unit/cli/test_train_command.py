@@ -73,7 +73,7 @@ def test_ctrl_c_before_the_first_step_promises_nothing(
         (["--option", "learning=2"], "unknown recipe option 'learning'"),
         (["--option", "steps=2"], "steps is not an option here: use --steps"),
         (["--option", "lr=-1"], "lr must be a finite number > 0, got -1"),
-        (["--device", "abacus"], "device must be cpu or a GPU that torch has, as cuda, got 'abacus'"),
+        (["--device", "abacus"], "device must be auto or one that is here (cpu"),
         (["--option", "samples.reach=2"], "unknown samples option 'reach'"),
         (["--option", "network.feature=2"], "unknown network option 'feature'"),
     ],

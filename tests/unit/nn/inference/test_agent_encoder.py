@@ -17,7 +17,7 @@ from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, load_pictures  # noqa: E402
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures  # noqa: E402
 from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder  # noqa: E402
-from coopsim.nn.inference.inference import inference  # noqa: E402
+from coopsim.nn.inference.backend import PROCESSOR, Backend  # noqa: E402
 from coopsim.nn.inference.perceiver import OwnMap, Perceiver, PlacedMap, compass_region  # noqa: E402
 from coopsim.nn.inference.quick_pictures import QuickPictureEncoder, pictures_of  # noqa: E402
 from coopsim.nn.inference.view_finder import ViewFinder  # noqa: E402
@@ -40,7 +40,7 @@ def encoder() -> MixedEncoder:
 
 def perceiver(name: str = "fcooper", threads: int = 1) -> Perceiver:
     net = load_cooperative(weights_folder() / f"{name}.safetensors", detector())
-    return Perceiver(net, detector().config.cell_m, 7, threads)
+    return Perceiver(net, detector().config.cell_m, 7, Backend(threads=threads))
 
 
 def maps(network: Perceiver, *views: SensorView) -> list[OwnMap]:
@@ -105,7 +105,7 @@ def test_maps_are_the_same_for_any_number_of_threads() -> None:
 def test_a_quick_encoder_of_pictures_gives_the_same_features() -> None:
     net, draw = picture_net_with_norms(), BevGrid((-38.4, 38.4), (-38.4, 38.4), 2.4)
     batch = collate_pictures([PictureView(pictures_of(lit_view(LIGHT)), np.zeros(3), draw)])
-    with inference():
+    with PROCESSOR.inference():
         got = QuickPictureEncoder(net.encoder)(batch).float()
     with torch.no_grad():
         expected = net.encoder(batch)
@@ -130,7 +130,7 @@ def picture_net_with_norms() -> Any:
 
 def test_a_finder_finds_lights_by_some_cameras_and_nothing_without() -> None:
     net = picture_net()
-    finder = ViewFinder(PictureEncoder(net), net.head, net.config.cell_m, 2)
+    finder = ViewFinder(PictureEncoder(net), net.head, net.config.cell_m, Backend(threads=2))
     some = lit_view(LIGHT, cameras=["camera_0", "camera_3"])
     found, dark, blind = finder.detect_around([some, lit_view(), replace(some, images={})], 38.4, 0.3)
     assert len(found) and found.covariance is not None

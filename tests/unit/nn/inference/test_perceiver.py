@@ -14,6 +14,7 @@ from tiny_networks import weights_folder  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector  # noqa: E402
 from coopsim.nn.cooperative.warp import warp  # noqa: E402
 from coopsim.nn.inference.agent_encoder import PointEncoder  # noqa: E402
+from coopsim.nn.inference.backend import Backend  # noqa: E402
 from coopsim.nn.inference.perceiver import (  # noqa: E402
     OwnMap,
     Perceiver,
@@ -30,7 +31,7 @@ def perceiver(name: str = "fcooper", threads: int = 1) -> Perceiver:
     folder = weights_folder()
     detector = load_detector(folder / "pillars.safetensors")
     net = load_cooperative(folder / f"{name}.safetensors", detector)
-    return Perceiver(net, detector.config.cell_m, 7, threads)
+    return Perceiver(net, detector.config.cell_m, 7, Backend(threads=threads))
 
 
 def maps(network: Perceiver, sweeps: list[Sweep], places: Any = None) -> list[OwnMap]:

@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch")
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.weights import make_detector  # noqa: E402
 from coopsim.nn.detector.pillars import collate, pillarize  # noqa: E402
-from coopsim.nn.inference.inference import inference  # noqa: E402
+from coopsim.nn.inference.backend import Backend  # noqa: E402
 from coopsim.nn.inference.quick import QuickEncoder, folded  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
@@ -35,11 +35,13 @@ def cloud(count: int) -> np.ndarray:
     return rng.uniform(low, high, (count, 5)).astype(np.float32)
 
 
+@pytest.mark.parametrize("numbers", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize("count", [0, 1, 700])
-def test_a_quick_encoder_gives_the_same_features(count: int) -> None:
+def test_a_quick_encoder_gives_the_same_features(count: int, numbers: torch.dtype) -> None:
     net, batch = network(), collate([pillarize(cloud(count), GRID), pillarize(cloud(50), GRID)])
-    quick = QuickEncoder(net.encoder)
-    with inference():
+    backend = Backend(numbers=numbers)
+    quick = QuickEncoder(net.encoder, backend)
+    with backend.inference():
         got = quick(batch).float()
     with torch.no_grad():
         expected = net.encoder(batch)

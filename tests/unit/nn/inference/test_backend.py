@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from coopsim.nn.inference.inference import inference, side_by_side  # noqa: E402
+from coopsim.nn.inference.backend import PROCESSOR, Backend, find_backend  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -27,9 +27,9 @@ def process_threads() -> str:
 
 
 def test_torch_is_left_as_it_was() -> None:
-    with inference():
+    with PROCESSOR.inference():
         assert torch.get_num_threads() == 1 and torch.is_inference_mode_enabled()
-        with inference():
+        with PROCESSOR.inference():
             pass
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == 2 and not torch.is_inference_mode_enabled()
@@ -45,11 +45,11 @@ def test_a_task_gives_the_same_on_any_thread(precision: str, monkeypatch: pytest
     def task() -> tuple[int, torch.Tensor, torch.Tensor]:
         both.wait(10)  # each thread has one
         outside = values @ weights
-        with inference():
+        with find_backend().inference():
             return get_ident(), outside, values @ weights
 
     with torch.autocast("cpu", torch.bfloat16):  # of a caller's own
-        (here, *one), (there, *other) = side_by_side([task, task], 2)
+        (here, *one), (there, *other) = find_backend(threads=2).side_by_side([task, task])
     assert here != there and all(torch.equal(*each) for each in zip(one, other, strict=True))
     assert torch.equal(one[0], values @ weights)  # geometry is float32
     assert one[1].dtype == getattr(torch, precision)
@@ -59,16 +59,16 @@ def test_tasks_have_one_thread_until_the_last_one_ends() -> None:
     both, one_ended = Barrier(2), Barrier(2)
 
     def short() -> tuple[int, str]:
-        with inference():
+        with PROCESSOR.inference():
             both.wait(10)
         one_ended.wait(10)
         return torch.get_num_threads(), process_threads()
 
     def long() -> tuple[int, str]:
-        with inference():
+        with PROCESSOR.inference():
             both.wait(10)
             one_ended.wait(10)
             return torch.get_num_threads(), process_threads()
 
-    assert side_by_side([short, long], 2) == [(1, "1")] * 2
+    assert Backend(threads=2).side_by_side([short, long]) == [(1, "1")] * 2
     assert torch.get_num_threads() == 2
