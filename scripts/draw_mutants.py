@@ -6,8 +6,8 @@
 
 A mutant is the library with one operator, number, truth value or function (min, max...) replaced; a test that fails
 kills it. All happens in a copy of the tracked files; the working tree stays as it is. Per mutant these tests run, until
-one fails: those that import the changed module, other unit tests of its room (in nn and learn of its folder), the
-room's conformance tests. If a kernel may hold the change, no kernel is compiled: Python runs them all, which takes
+one fails: those that import the changed module, other unit tests of its room (in nn and learn of its folder) and, with
+--conformance, its conformance tests. If a kernel may hold the change, Python runs all kernels, which takes
 no time to compile, knows no stale kernel and checks each index.
 
 What is finished is kept in a file of JSON lines (--out). `--survivors` runs only mutants again that survived, after you
@@ -147,7 +147,7 @@ def draw(root: Path, room: str, count: int, seed: int) -> list[Mutant]:
     return every[:count]
 
 
-def tests_of(root: Path, mutant: Mutant) -> list[list[str]]:
+def tests_of(root: Path, mutant: Mutant, conformance: bool) -> list[list[str]]:
     """List the tests that may kill a mutant, in the order in which to try."""
     module = Path(mutant.path).with_suffix("")
     parts = module.parts[1:-1] if mutant.room in BY_FOLDER else module.parts[1:2]
@@ -156,8 +156,8 @@ def tests_of(root: Path, mutant: Mutant) -> list[list[str]]:
     names = re.compile(rf"{re.escape(dotted)}\b")
     near = {path for path in unit.rglob("test_*.py") if names.search(path.read_text())}
     room = set(unit.joinpath(*parts).rglob("test_*.py")) - near
-    conformance = [root / f"tests/conformance/{each}.py" for each in CONFORMANCE.get(mutant.room, ())]
-    stages = (sorted(near), sorted(room), [path for path in conformance if path.exists()])
+    whole = [root / f"tests/conformance/{each}.py" for each in CONFORMANCE.get(mutant.room, ()) if conformance]
+    stages = (sorted(near), sorted(room), whole)
     return [[str(path.relative_to(root)) for path in stage] for stage in stages if stage]
 
 
@@ -171,14 +171,14 @@ def may_be_compiled(root: Path, path: str) -> bool:
 class Judge:
     """Runs tests on mutants in a copy of the library, and leaves out tests that fail on the original, too."""
 
-    def __init__(self, root: Path, kernels: Path, patience_s: float) -> None:
-        self.root, self.kernels, self.patience_s = root, kernels, patience_s
+    def __init__(self, root: Path, kernels: Path, patience_s: float, conformance: bool = False) -> None:
+        self.root, self.kernels, self.patience_s, self.conformance = root, kernels, patience_s, conformance
         self.broken: dict[bool, list[str]] = {False: [], True: []}  # by whether Python runs the kernels
 
     def verdict(self, mutant: Mutant) -> str:
         """Return "killed", "timeout" or "survived"."""
         interpret = may_be_compiled(self.root, mutant.path)
-        for tests in tests_of(self.root, mutant):
+        for tests in tests_of(self.root, mutant, self.conformance):
             while True:
                 try:
                     failed = self._run_mutant(mutant, tests, interpret)
@@ -261,6 +261,7 @@ def main(typed: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="which mutants are drawn (default: %(default)s)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no mutant after this time")
     parser.add_argument("--patience", type=float, default=15, help="minutes that tests may take (default: %(default)s)")
+    parser.add_argument("--conformance", action="store_true", help="try conformance tests, too, which takes long")
     parser.add_argument("--survivors", action="store_true", help="run only those again that survived")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutants.jsonl", help="default: %(default)s")
     asked = parser.parse_args(typed)
@@ -274,7 +275,7 @@ def main(typed: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         copied = Path(folder) / "copy"
         copy_tree(ROOT, copied)
-        judge = Judge(copied, Path(folder) / "kernels", 60 * asked.patience)
+        judge = Judge(copied, Path(folder) / "kernels", 60 * asked.patience, asked.conformance)
         for mutant in due:
             if time.monotonic() > ends_s:
                 break

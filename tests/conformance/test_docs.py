@@ -30,6 +30,9 @@ PAGES = {
 TRAINS = ("docs/learn/train_a_fusion.md", "18_train_your_own_fusion.py")
 """A page, and the example on it that takes too long here: CI runs it with all examples."""
 
+LEARNERS = "docs/learn/learners.md"
+"""A page that runs libraries for learners; `test_learners.py` shows that these take our environments."""
+
 MAY_LACK = {
     "stable_baselines3": "stable_baselines3",
     "supersuit": "supersuit",
@@ -73,15 +76,29 @@ def lacks(block: str) -> bool:
     )
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
+def _without_docstring(path: Path) -> str:
+    code = path.read_text(encoding="utf-8")
+    return "\n".join(code.splitlines()[ast.parse(code).body[0].end_lineno :]).strip()
+
+
+def left_to_run(page: str) -> list[str]:
+    """Return a page's Python, without examples on which nothing else on it builds: CI runs these with all examples."""
+    shown = [block.strip() for block in blocks(page, "python")]
+    examples = [_without_docstring(ROOT / "examples" / example) for there, example in EXAMPLES if there == page]
+    if len(shown) > len(examples) and page != TRAINS[0]:
+        return shown
+    return [block for block in shown if block not in examples]
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.long] * (page == LEARNERS)) for page in PAGES if left_to_run(page)]
+)
 def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a process of its own where a page registers something, which would be there in all tests after it.
 
     So, too, where it imports a library that may be lacking: these warn of each other.
     """
-    shown = blocks(page, "python")
-    if page == TRAINS[0]:
-        shown.remove(_without_docstring(ROOT / "examples" / TRAINS[1]) + "\n")
+    shown = left_to_run(page)
     code = "\n".join(["import coopsim", *(block for block in shown if not lacks(block))])
     monkeypatch.chdir(tmp_path)
     if "register" in code or any(imported(block) & MAY_LACK.keys() for block in shown):
@@ -94,11 +111,6 @@ def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("page", "example"), EXAMPLES)
 def test_page_shows_the_example(page: str, example: str) -> None:
     assert _without_docstring(ROOT / "examples" / example) in [block.strip() for block in blocks(page, "python")]
-
-
-def _without_docstring(path: Path) -> str:
-    code = path.read_text(encoding="utf-8")
-    return "\n".join(code.splitlines()[ast.parse(code).body[0].end_lineno :]).strip()
 
 
 @pytest.mark.parametrize(

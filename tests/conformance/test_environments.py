@@ -98,7 +98,9 @@ def test_agents_are_removed_when_the_episode_is_truncated(make_small: Make, name
 
 
 @pytest.mark.parametrize(
-    ("name", "steps"), [(name, 200 if name in ("crossing", "highway") else 30) for name in SIMULATED]
+    ("name", "steps"),
+    [(name, 30) for name in SIMULATED]
+    + [pytest.param(name, 200, marks=pytest.mark.long) for name in ("crossing", "highway")],
 )
 def test_same_seed_same_bits_step_after_step(make_small: Make, name: str, steps: int) -> None:
     noisy = {

@@ -14,6 +14,8 @@ from coopsim.bench.detect.detect_rows import EVERYWHERE
 POLICIES = ("cooptrack", "ff_tracking", "univ2x", "vic_integrated")
 PLACES = ("crossing", "roundabout")
 
+pytestmark = pytest.mark.long  # whole networks that ship, over whole scenes
+
 
 @pytest.fixture(scope="module")
 def precision() -> dict[str, float]:

@@ -25,6 +25,8 @@ from coopsim.learn.weights import load_cooperative, load_detector  # noqa: E402
 PLAIN: dict[str, Any] = {"dropout": 0.0, "thinned": 0.0, "mirrored": 0.0, "late": 0.0}
 FUSION = "where2comm"
 
+pytestmark = pytest.mark.long  # it says what weights learned, which change only when they are trained anew
+
 
 @pytest.fixture(scope="module")
 def clips() -> list[Clip]:
