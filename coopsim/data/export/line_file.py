@@ -36,6 +36,10 @@ class LineFile:
         except OSError as error:
             raise self._failed(error) from error
 
+    def discard(self) -> None:
+        """Remove what was written; for writers that do not go on later."""
+        self._part.unlink(missing_ok=True)
+
     def _write(self, mode: str, lines: Iterable[str]) -> None:
         try:
             # Opened for each call: an export that is given up leaves no open files.

@@ -7,6 +7,7 @@ streams of its own, so the world is the exported one, frame by frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,9 +65,11 @@ def write_results(
     steps = {} if "playback" in plan.options else {"max_cycles": max(plan.frames - 1, 1)}
     given = {**steps, **plan.options, **options, "expose_ground_truth": True}
     runner = PolicySpec.parse(policy).make()
-    env = listening_env(plan.environment, runner, given)
-    tracking, detection = _ResultFile(Path(folder) / TRACKING, env), _ResultFile(Path(folder) / DETECTION, env)
-    try:
+    with (
+        closing(listening_env(plan.environment, runner, given)) as env,
+        _ResultFile(Path(folder) / TRACKING, env) as tracking,
+        _ResultFile(Path(folder) / DETECTION, env) as detection,
+    ):
         if any(spec.drives for spec in env.agent_specs.values()):
             raise InvalidValueError("control must be 'traffic': cars that a policy drives go elsewhere than exported")
         every = writer.key_every(next(iter(env.agent_specs.values())).dt_s)
@@ -76,8 +79,9 @@ def write_results(
             for index in range(plan.frames):
                 actions = runner.act(observations)
                 if index % every == 0:
-                    tracks, _ = unpack_actions(env.agents, actions, [])
-                    for agent in filter(writer.exports, env.agents):
+                    # Not `env.agents`: in the last frame of an episode nobody is left to act.
+                    tracks, _ = unpack_actions(list(observations), actions, [])
+                    for agent in filter(writer.exports, observations):
                         sample = sample_token(scene_name(plan.episode_name(seed), agent), index)
                         x_to_yaw = infos[agent]["true_pose"]
                         world_SE3_base = SE3.from_xyz_yaw(x_to_yaw[:3], float(x_to_yaw[3]))
@@ -88,10 +92,6 @@ def write_results(
                     progress(1)
                 if index + 1 < plan.frames:
                     observations, _, _, _, infos = env.step(actions)
-    finally:
-        env.close()
-    tracking.close()
-    detection.close()
     return Path(folder)
 
 
@@ -113,7 +113,7 @@ def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:
 
 
 class _ResultFile:
-    """A result file, of which one sample's boxes are held in memory."""
+    """A result file, of which one sample's boxes are held in memory; an error in its context leaves no file behind."""
 
     def __init__(self, path: Path, env: CooperativeEnv) -> None:
         cameras = any(spec.cameras for spec in env.agent_specs.values())
@@ -127,7 +127,13 @@ class _ResultFile:
         self._file.append(f'{comma}"{sample}":[{",".join(map(as_line, boxes))}]')
         self._first = False
 
-    def close(self) -> None:
+    def __enter__(self) -> _ResultFile:
+        return self
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is not None:
+            self._file.discard()
+            return
         self._file.append("}}")
         self._file.close()
 

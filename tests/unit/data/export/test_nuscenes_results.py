@@ -10,12 +10,14 @@ from importlib.util import find_spec
 
 import pytest
 
+from coopsim.agents.policy import Policy
 from coopsim.cli.entry import main
 from coopsim.data.export.export_run import export
 from coopsim.data.export.nuscenes_tables.nuscenes_names import SPLIT, VERSION
 from coopsim.data.export.nuscenes_tables.nuscenes_results import DETECTION, TRACKING, write_results
 from coopsim.data.export.nuscenes_tables.nuscenes_score import score_results
 from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.types import Tracks
 
 KIT = os.environ.get("COOPSIM_NUSCENES_PYTHON", sys.executable if find_spec("nuscenes") else "")
 """A Python that has nuscenes-devkit, which needs older packages than coopsim."""
@@ -89,9 +91,36 @@ def test_tracks_are_on_the_exported_objects(run):
     assert found["car"].best.tp > 2 * found["car"].best.fp  # in another world there are no matches
 
 
+@pytest.mark.parametrize("frames", [2, 3, 4])  # key frames are 0 and 2: the last, or the one before, or both
+def test_an_episode_may_end_in_a_key_frame(frames, tmp_path):
+    options = {"connected_cars": 1, "rsus": 0, "vehicles": 3, "lidar_columns": 64}
+    export("nuscenes(key_frame_s=0.2)", "crossing", tmp_path / "export", seeds=(3, 4), frames=frames, **options)
+    results = write_results(tmp_path / "export", "no_fusion", tmp_path / "results")
+    samples = {sample["token"] for sample in load(tmp_path / "export" / VERSION / "sample.json")}
+    assert len(samples) == 2 * -(-frames // 2)
+    assert set(load(results / TRACKING)["results"]) == set(load(results / DETECTION)["results"]) == samples
+
+
+class Fails(Policy):
+    """A policy that reports nothing, and fails in the third frame."""
+
+    def track(self, agent, observation):
+        if observation.time_ns == 200_000_000:
+            raise InvalidValueError("a defect of the policy")
+        return Tracks.empty()
+
+
+def test_an_error_leaves_no_unfinished_file(run, tmp_path):
+    with pytest.raises(InvalidValueError, match="a defect of the policy"):
+        write_results(run / "export", f"{__file__}:Fails", tmp_path / "results")
+    assert list((tmp_path / "results").iterdir()) == []
+
+
 def test_the_truth_as_a_result_is_perfect(run, tmp_path):
     perfect(run, tmp_path / "truth.json")
-    for sweep in score_results(run / "export", tmp_path / "truth.json").values():
+    found = score_results(run / "export", tmp_path / "truth.json")
+    assert {"car", "pedestrian"} <= set(found)
+    for sweep in found.values():
         assert (sweep.amota, sweep.amotp) == pytest.approx((1.0, 0.0), abs=1e-6)
         assert (sweep.best.fp, sweep.best.fn, sweep.best.ids) == (0, 0, 0)
 
