@@ -124,14 +124,17 @@ class Population:
         for name, number in numbers.items():
             numbers[name] = number - min(number, excess)
             excess -= number - numbers[name]
-        if not quietly:
-            fitting = ", ".join(f"{name}={number}" for name, number in numbers.items())
-            message = f"there is room for {capacity} of {asked} ({' + '.join(names)}), so there are {fitting}"
-            warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
         vehicles = numbers.get("vehicles", self.vehicles)
         trucks = None if self.trucks is None else min(self.trucks, vehicles)
         cars = _cars_of(vehicles, self.truck_share, trucks)
-        return replace(self, **numbers, trucks=trucks, connected_cars=min(self.connected_cars, cars))
+        fitting = replace(self, **numbers, trucks=trucks, connected_cars=min(self.connected_cars, cars))
+        if not quietly:
+            there = ", ".join(f"{name}={number}" for name, number in numbers.items())
+            message = f"there is room for {capacity} of {asked} ({' + '.join(names)}), so there are {there}"
+            if fitting.connected < self.connected:
+                message += f"; only {fitting.connected} of {self.connected} connected cars are there"
+            warnings.warn(message, CrowdedWarning, stacklevel=_level_of_caller())
+        return fitting
 
 
 def require_one_of_each(numbers: Mapping[str, Any]) -> None:

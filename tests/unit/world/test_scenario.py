@@ -70,6 +70,15 @@ def test_what_shares_the_room_is_counted_together() -> None:
     assert population.connected == population.cars == 27  # no more than there are
 
 
+@pytest.mark.parametrize("agents", [{"connected_cars": 187}, {"penetration": 1.0}])
+def test_connected_cars_without_room_are_named(agents: dict[str, Any]) -> None:
+    with pytest.warns(CrowdedWarning, match="vehicles=44, .*; only 37 of 187 connected cars are there$"):
+        assert make_scenario("crossing", vehicles=220, **agents).population.connected == 37
+    with pytest.warns(CrowdedWarning) as warned:
+        assert make_scenario("crossing", vehicles=220).population.connected == 3
+    assert "connected" not in str(warned[0].message)
+
+
 @pytest.mark.parametrize(("penetration", "connected"), [(0.0, 0), (0.5, 8), (1.0, 17)])
 def test_penetration_is_a_share_of_the_cars(penetration: float, connected: int) -> None:
     scenario = make_scenario("crossing", vehicles=20, penetration=penetration)
