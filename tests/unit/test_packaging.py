@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 import tomllib
@@ -33,6 +34,20 @@ def test_every_package_is_listed() -> None:
 def test_every_folder_of_the_library_is_a_package() -> None:
     folders = {path.parent for path in (ROOT / "coopsim").rglob("*.py")}
     assert all((folder / "__init__.py").is_file() for folder in folders)
+
+
+def test_plugins_of_pytest_that_others_install_do_no_harm(tmp_path: Path) -> None:
+    """As dash's, which open3d brings: its old-style hook is a warning, and warnings are errors here."""
+    (tmp_path / "old_style.py").write_text("import pytest\n@pytest.mark.tryfirst\ndef pytest_addhooks(): pass\n")
+    facts = tmp_path / "old_style-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: old-style\nVersion: 1.0\n")
+    (facts / "entry_points.txt").write_text("[pytest11]\nold_style = old_style\n")
+    command = [sys.executable, "-m", "pytest", "--markers", "-p", "no:cacheprovider"]
+    told = subprocess.run(
+        command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
+    )
+    assert told.returncode == 0, told.stderr
 
 
 def test_every_data_file_is_listed() -> None:
