@@ -20,7 +20,14 @@ for a single agent that learns.
 from __future__ import annotations
 
 import importlib
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from coopsim.support.interrupts import tell_in_one_line
+
+if Path("".join(sys.argv[:1])).stem == "coopsim":  # the command: Ctrl-C may come while it imports
+    sys.excepthook = tell_in_one_line
 
 from coopsim.gymnasium_ids import register_environments
 

@@ -27,6 +27,7 @@ from coopsim.cli import (
 )
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.errors import CoopsimError
+from coopsim.support.interrupts import repeated_interrupts
 
 _COMMANDS = {
     "demo": demo_command,
@@ -54,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.typed = shlex.join(["coopsim", *typed])
     usual_format, warnings.formatwarning = warnings.formatwarning, _warning_in_one_line
     try:
-        return int(options.command(options))
+        with repeated_interrupts():
+            return int(options.command(options))
     except CoopsimError as error:
         print(f"coopsim: error: {error}", file=sys.stderr)
         return USER_ERROR
