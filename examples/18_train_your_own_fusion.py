@@ -2,8 +2,12 @@
 
 import sys
 
-import torch
-from torch import Tensor, nn
+try:
+    import torch
+    from torch import Tensor, nn
+except ImportError:
+    print("this example needs torch: pip install 'coopsim[learn]'")
+    raise SystemExit(0) from None
 
 import coopsim
 from coopsim.agents.learned_fusion import LearnedFusion

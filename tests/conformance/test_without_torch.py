@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 HIDE = """
 import sys
@@ -57,3 +58,9 @@ assert code != 0, code
     done = subprocess.run([sys.executable, "-c", HIDE + program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "pip install 'coopsim[learn]'" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_example_that_trains_names_the_extra() -> None:
+    example = Path(__file__).parents[2] / "examples" / "18_train_your_own_fusion.py"
+    shown = run(f"import runpy; runpy.run_path({str(example)!r})")
+    assert shown == "this example needs torch: pip install 'coopsim[learn]'\n"
