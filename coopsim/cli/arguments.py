@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import itertools
 import json
 import shlex
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import yaml
 
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.support.checks import as_runs
 
 if TYPE_CHECKING:
     from coopsim.bench.grid.cell import CellResult
@@ -170,14 +172,17 @@ def numbers(text: str) -> tuple[float, ...]:
 
 def seeds(text: str) -> tuple[int, ...]:
     """Parse integers >= 0 with commas between them; `0-4` is five of them."""
-    found: list[int] = []
+    ranges: list[range] = []
     for part in text.split(","):
         first, _, last = part.partition("-")
         ends = first, last or first
         if not all(end.strip().isdecimal() for end in ends) or int(ends[1]) < int(ends[0]):
             raise argparse.ArgumentTypeError(f"must be integers >= 0 with commas between them, or 0-4, got {text!r}")
-        found += range(int(ends[0]), int(ends[1]) + 1)
-    return tuple(found)
+        ranges.append(range(int(ends[0]), int(ends[1]) + 1))
+    try:
+        return as_runs(seeds=itertools.chain.from_iterable(ranges))
+    except InvalidValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def named_value(text: str) -> tuple[str, Any]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import numbers
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
 
 from coopsim.errors import InvalidValueError, UnknownNameError
+
+MOST_RUNS = 100_000
+"""Largest number of cells of a benchmark, and of episodes of a measurement or an export: more would be prepared for
+minutes, in gigabytes of memory, before the first one runs."""
 
 
 def require_number(accepted: str, accepts: Callable[[float], bool], **values: object) -> None:
@@ -86,6 +91,22 @@ def require_choice(name: str, value: object, accepted: Iterable[str], where: str
     known = tuple(accepted)
     if not (isinstance(value, str) and value in known):
         raise UnknownNameError(name, value, known, where)
+
+
+def as_runs(**values: object) -> tuple[Any, ...]:
+    """Return the elements of an iterable that is given by name; of a huge range no more than `MOST_RUNS` are read.
+
+    Raises:
+        InvalidValueError: it has no elements in an order, none at all, or more than `MOST_RUNS`.
+    """
+    ((name, given),) = values.items()
+    in_order = isinstance(given, Iterable) and not isinstance(given, (str, bytes, Mapping, Set))
+    taken = tuple(itertools.islice(given, MOST_RUNS + 1)) if in_order else ()
+    if not taken:
+        raise InvalidValueError(f"{name} must be a list of at least one, in brackets in YAML, got {given!r}")
+    if len(taken) > MOST_RUNS:
+        raise InvalidValueError(f"{name} must be a list of at most {MOST_RUNS:,}, got more")
+    return taken
 
 
 def require_instance(wanted: type[Any], **values: object) -> None:

@@ -56,6 +56,15 @@ def mine(tmp_path: Path) -> str:
     return f"{tmp_path / 'mine.py'}:Mine"
 
 
+@pytest.mark.parametrize("command", ["bench --policies no_fusion", "detect", "export opv2v crossing --out nowhere"])
+def test_more_seeds_than_anybody_runs_are_refused_in_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([*command.split(), "--seeds", "0-4,7-999999999999"])
+    told = capsys.readouterr().err
+    assert left.value.code == 2 and told.count("\n") == 1
+    assert "argument --seeds: seeds must be a list of at most 100,000, got more" in told
+
+
 def test_demo_prints_one_table_and_writes_report_and_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

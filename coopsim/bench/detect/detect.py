@@ -70,14 +70,14 @@ def measure_detection(
         stored = None if files is None else _stored(files, job)
         if stored is not None:
             table.take(jobs[job], job, stored)
-    waiting = [job for job in jobs if job not in table.episodes]
+    waiting = {job.key: job for job in jobs if job not in table.episodes}
     done = len(jobs) - len(waiting)
     on_progress(DetectProgress(len(jobs), done, None, table.rows))
     if not waiting:
         return table.rows
-    with closing(engine.run(iter(waiting))) as outcomes:
+    with closing(engine.run(iter(waiting.values()))) as outcomes:
         for outcome in outcomes:
-            job = next(each for each in waiting if each.key == outcome.job.key)  # ours; the outcome has a copy
+            job = waiting[outcome.job.key]  # ours; the outcome has a copy
             if outcome.perceived is not None:
                 if files is not None:
                     files.put(job.key, outcome.perceived)

@@ -19,7 +19,16 @@ from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.conditions import scenario_options
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import is_recordings_folder
-from coopsim.support.checks import require_choice, require_count, require_non_negative, require_positive
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import (
+    MOST_RUNS,
+    as_runs,
+    require_choice,
+    require_count,
+    require_non_negative,
+    require_positive,
+)
+from coopsim.support.rng import require_seed
 
 LEARNED_DETECTOR = "pillars"
 
@@ -64,6 +73,9 @@ class DetectPlan:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "seeds", as_runs(seeds=self.seeds))
+        for seed in self.seeds:
+            require_seed(seed)
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
         require_choice("receivers", self.receivers, RECEIVERS)
@@ -75,6 +87,9 @@ class DetectPlan:
             require_non_negative(position_noise_m=noise_m, heading_noise_deg=noise_deg)
         for delay_ms in self.delays_ms:
             require_non_negative(delay_ms=delay_ms)
+        episodes = len(self.disturbances) * len(self.policies) * len(self.environments) * len(self.seeds)
+        if episodes > MOST_RUNS:
+            raise InvalidValueError(f"seeds times rows must be at most {MOST_RUNS:,} episodes, got {episodes:,}")
 
     @property
     def disturbances(self) -> list[Disturbance]:

@@ -14,6 +14,8 @@ from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import plain_options
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
+    MOST_RUNS,
+    as_runs,
     require_choice,
     require_count,
     require_non_negative,
@@ -78,7 +80,7 @@ class Grid:
 
     def __post_init__(self) -> None:
         for name in LISTS:
-            object.__setattr__(self, name, _listed(name, getattr(self, name)))
+            object.__setattr__(self, name, as_runs(**{name: getattr(self, name)}))
         for name in ("policies", "scenarios"):
             for value in getattr(self, name):
                 if not isinstance(value, str):
@@ -103,6 +105,10 @@ class Grid:
         for name in set(LISTS) - {"position_noises_m", "heading_noises_deg"}:
             _require_distinct(name, getattr(self, name))
         _require_distinct("position_noises_m with heading_noises_deg", tuple(self._poses()))
+        if len(self) > MOST_RUNS:
+            raise InvalidValueError(
+                f"seeds, policies and conditions must make at most {MOST_RUNS:,} cells, got {len(self):,}"
+            )
         self._check_options()
 
     def __len__(self) -> int:
@@ -152,16 +158,12 @@ LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frame
 """The attributes that are lists."""
 
 
-def _listed(name: str, given: Any) -> tuple[Any, ...]:
-    if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise InvalidValueError(f"{name} must be a list of at least one, in brackets in YAML, got {given!r}")
-    return tuple(given)
-
-
 def _require_distinct(name: str, values: Sequence[Any]) -> None:
-    for k, value in enumerate(values):
-        if value in values[:k]:
+    met = set[Any]()
+    for value in values:
+        if value in met:
             raise InvalidValueError(f"{name} must be distinct, got {value!r} twice")
+        met.add(value)
 
 
 def _check_each(name: str, values: Sequence[Any], check: Any) -> None:

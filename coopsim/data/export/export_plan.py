@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -42,7 +43,7 @@ class ExportPlan:
         for seed in self.seeds:
             require_seed(seed)
         if not self.seeds or len(set(self.seeds)) < len(self.seeds):
-            raise InvalidValueError(f"seeds must be distinct, at least one, got {list(self.seeds)}")
+            raise InvalidValueError(f"seeds must be distinct, at least one, got {reprlib.repr(self.seeds)}")
         try:
             json.dumps(dict(self.options))
         except TypeError as error:

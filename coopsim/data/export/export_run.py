@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from coopsim.data.export.export_frame import ExportFrame
 from coopsim.data.export.export_picture import frame_picture
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.export_source import ExportSource
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import as_runs
 from coopsim.support.files import write_whole_bytes
 
 
@@ -21,7 +24,7 @@ def export(
     environment: str | Path,
     folder: str | Path,
     *,
-    seeds: tuple[int, ...] = (0,),
+    seeds: Iterable[int] = (0,),
     frames: int = 100,
     progress: Callable[[int], object] | None = None,
     **options: Any,
@@ -44,7 +47,9 @@ def export(
         CoopsimError: the format, the environment or an option is not known or not accepted; the folder holds something
             else, or cannot be written.
     """
-    plan = ExportPlan(format, str(environment), tuple(seeds), frames, options)
+    if not isinstance(folder, (str, os.PathLike)):
+        raise InvalidValueError(f"folder must be a path, got {folder!r}")
+    plan = ExportPlan(format, str(environment), as_runs(seeds=seeds), frames, options)
     writer, report = make_export_format(format), progress or (lambda count: None)
     with closing(ExportSource(plan, writer.usual_options)) as source:
         writer.require(source.agents)

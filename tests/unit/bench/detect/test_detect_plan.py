@@ -34,6 +34,11 @@ def test_the_detector_is_of_policies_that_have_none() -> None:
         {"receivers": "masts"},
         {"boxes": "box"},
         {"protocol": "kitti"},
+        {"seeds": 5},
+        {"seeds": ()},
+        {"seeds": (-1,)},
+        {"seeds": range(10**12)},
+        {"seeds": range(50_001)},  # of two policies each
     ],
 )
 def test_wrong_values_are_refused(wrong: dict[str, object]) -> None:

@@ -104,8 +104,11 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path):
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "out").write_text("")
-    with pytest.raises(InvalidValueError, match="cannot make the folder"):
-        _export(tmp_path / "out")
+    for folder in (tmp_path / "out", tmp_path / "out" / "below"):
+        with pytest.raises(InvalidValueError, match=f"cannot make the folder {folder}: {tmp_path / 'out'} is a file"):
+            _export(folder)
+    with pytest.raises(InvalidValueError, match="folder must be a path, got None"):
+        _export(None)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -123,6 +126,8 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
         ({"vehicels": 3}, UnknownNameError, "Did you mean 'vehicles'"),
         ({"frames": 0}, InvalidValueError, "frames must be an integer >= 1"),
         ({"seeds": (1, 1)}, InvalidValueError, "seeds must be distinct"),
+        ({"seeds": 5}, InvalidValueError, "seeds must be a list of at least one, .* got 5"),
+        ({"seeds": range(10**12)}, InvalidValueError, "seeds must be a list of at most 100,000"),
         ({"max_cycles": 3}, InvalidValueError, "max_cycles must be left out"),
         ({"detector": object()}, InvalidValueError, "options must be plain data"),
     ],
