@@ -9,7 +9,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from coopsim.config.spec import instantiate
+from coopsim.config.spec import instantiate, parse_spec
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.registry import Registry
 
 if TYPE_CHECKING:
@@ -35,11 +36,20 @@ ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", 
 def make_policy(name: str, /, **parameters: Any) -> Policy:
     """Make the policy called `name` with `parameters`.
 
+    Args:
+        name: also with parameters, as "late_fusion(hits=2)".
+        **parameters: further ones.
+
     Raises:
         UnknownNameError: there is no such policy, or no such parameter; the message lists the close ones.
-        InvalidValueError: a parameter's value is not accepted, or a required one is missing.
+        InvalidValueError: a parameter's value is not accepted, is given twice, or a required one is missing.
     """
-    return instantiate("policy", name, POLICIES.get(name), parameters)
+    if not isinstance(name, str):  # callers may ignore the annotation
+        raise UnknownNameError("policy", name, POLICIES.names())
+    registered, written = parse_spec("policy", name)
+    for twice in parameters.keys() & written.keys():
+        raise InvalidValueError(f"{twice} must be given once, got {name!r} and {twice}={parameters[twice]!r}")
+    return instantiate("policy", registered, POLICIES.get(registered), written | parameters)
 
 
 def policies_on_boxes() -> tuple[str, ...]:
@@ -100,7 +110,7 @@ def single_env(
 
 def is_scenario_file(name: object) -> bool:
     """Return whether `name` is the path of a scenario file, and not the name of an environment, nor a folder."""
-    if isinstance(name, Path) and name.is_dir():
+    if isinstance(name, (str, Path)) and Path(name).is_dir():
         return False
     return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
 
@@ -109,7 +119,7 @@ def is_recordings_folder(name: object) -> bool:
     """Return whether `name` is the path of a folder, as recordings are, and not the name of an environment."""
     if isinstance(name, str) and newest(name.removeprefix(f"{NAMESPACE}/")) in ENVIRONMENTS:
         return False
-    return isinstance(name, (str, Path)) and Path(name).is_dir()
+    return isinstance(name, (str, Path)) and name != "" and Path(name).is_dir()
 
 
 def scenario_file_options(path: str | Path) -> Mapping[str, Any]:

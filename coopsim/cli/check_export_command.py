@@ -28,7 +28,8 @@ def run(options: argparse.Namespace) -> int:
     for problem in problems[:_MOST]:
         print(problem)
     if problems:
-        print(f"{len(problems)} problems" if len(problems) <= _MOST else f"more than {_MOST} problems")
+        count = f"more than {_MOST}" if len(problems) > _MOST else str(len(problems))
+        print(f"{count} problem{'s' * (len(problems) > 1)}")
         return FAILED
     print(f"{options.folder} is as it should be")
     return 0

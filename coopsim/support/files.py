@@ -27,7 +27,9 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidValueError(f"cannot make the folder {folder}: {error.strerror}") from error
+        files = [place for place in (folder, *folder.parents) if place.is_file()]
+        why = f"{files[0]} is a file" if files else error.strerror
+        raise InvalidValueError(f"cannot make the folder {folder}: {why}") from error
 
 
 def write_whole(path: str | os.PathLike[str], text: str) -> Path:

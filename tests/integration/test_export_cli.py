@@ -38,6 +38,8 @@ def test_a_check_names_file_and_field_and_fails(tmp_path, capsys):
     said = capsys.readouterr().out.splitlines()
     assert f"{broken.relative_to(tmp_path)}: ego_speed: must be a number of km/h" in said[1]
     assert said[-1] == "2 problems"  # the other: its checksum
+    assert main(["check-export", str(tmp_path), "--format", "opv2v"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "1 problem"
 
 
 @pytest.mark.parametrize(
@@ -57,6 +59,7 @@ def test_a_check_names_file_and_field_and_fails(tmp_path, capsys):
         (["export", "opv2v", "crossing", "--out", "x", "--option", "uplink=points"], "uplink must be left out"),
         (["export", "opv2v", "crossing", "--out", "x", "--option", "lidar=null"], "every agent needs a LiDAR"),
         (["export", "opv2v", "crossing", "--out", "/proc/none/x"], "cannot make the folder /proc/none/x"),
+        (["export", "opv2v", "", "--out", "x"], "unknown environment ''"),
         (["check-export", "none"], "there is no folder none"),
         (["check-export", "."], "has no export.json"),
         (["check-export", ".", "--format", "kiti"], "Did you mean 'kitti'"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import coopsim
 from coopsim.agents.late_fusion import LateFusion
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.config.spec import split_specs
@@ -109,3 +110,12 @@ def test_a_slip_is_told(written: str, error: type[CoopsimError], message: str, t
     (tmp_path / "broken.py").write_text("def")
     with pytest.raises(error, match=message):
         PolicySpec.parse(written.format(folder=tmp_path)).make()
+
+
+def test_make_policy_takes_a_spec() -> None:
+    """As `evaluate` and the commands do."""
+    assert repr(coopsim.make_policy("late_fusion(hits=2)", age=3)) == repr(LateFusion(hits=2, age=3))
+    with pytest.raises(InvalidValueError, match=r"hits must be given once, got 'late_fusion\(hits=2\)' and hits=3"):
+        coopsim.make_policy("late_fusion(hits=2)", hits=3)
+    with pytest.raises(UnknownNameError, match=r"unknown policy 'late_fusoin'. Did you mean 'late_fusion'"):
+        coopsim.make_policy("late_fusoin(hits=2)")
