@@ -29,6 +29,12 @@ FEWEST = Population(vehicles=9, truck_share=0.1, pedestrians=0, connected_cars=3
 FEWEST_STARTS = 20
 """Every town has at least so many starts for vehicles."""
 
+MOVING = ("motorcycles", "buses", "vans", "vehicles")
+
+MOST_TOGETHER = ((MOVING, 500), (("parked",), 150), (("pedestrians", "children", "bicycles", "scooters"), 4000))
+"""No town takes more on its roads, at its kerbs and on its pavements. Of 30 with nine junctions and three lanes the
+largest has room for 434, 110 and 2,922."""
+
 _ALWAYS, _PER_JUNCTION = 5, 3.2  # vehicles: with more of them, some wait at junctions for half a minute
 _JUNCTION_M = 36.0  # around the middle of a junction: the middles of its movements
 _PER_VEHICLE_M = 80.0  # of lanes, at least

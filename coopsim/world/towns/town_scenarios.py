@@ -11,22 +11,17 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.episode_scenarios import EpisodeScenarios
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
-from coopsim.world.scenario import DENSE, NUMBERS, Scenario, rooms, wanted_numbers
+from coopsim.world.scenario import NUMBERS, Scenario, rooms, wanted_numbers
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST
+from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST, MOST_TOGETHER, MOVING
 
 TOWN = "town"
 """Name of the scenario."""
 
 TOWN_KEYS = tuple(field.name for kind in (PlaceSeeds, TownOptions) for field in fields(kind))
 """Options of towns, besides those of all scenarios."""
-
-_COUNTED = tuple(name for name in DENSE if name != "trucks")
-"""Numbers that together are all actors: trucks are among the vehicles."""
-
-_MOVING = ("motorcycles", "buses", "vans", "vehicles")
 
 
 class TownScenarios(EpisodeScenarios):
@@ -57,7 +52,7 @@ class TownScenarios(EpisodeScenarios):
         self._asked = dict(numbers)
         self._agents = self._constant_agents()
         most = Population(**self._wanted(MOST))
-        self.most_actors = sum(getattr(most, name) for name in _COUNTED)
+        self.most_actors = sum(min(room, sum(getattr(most, name) for name in names)) for names, room in MOST_TOGETHER)
         self.of(0)
 
     def of(self, seed: int) -> Scenario:
@@ -79,8 +74,8 @@ class TownScenarios(EpisodeScenarios):
             _require_room(name, asked.get(name, 0), getattr(FEWEST, name), "places for them")
         agents = {"rsus": asked.get("rsus", FEWEST.rsus), "drones": asked.get("drones", 0)}
         fewest = wanted_numbers(TOWN, FEWEST, self._density, asked) | {"connected_cars": 0, "rsus": 1}
-        everybody = self._reduced(Population(**fewest), FEWEST_STARTS, _MOVING)
-        cars = everybody.within(FEWEST_STARTS, *_MOVING, quietly=True).cars
+        everybody = self._reduced(Population(**fewest), FEWEST_STARTS, MOVING)
+        cars = everybody.within(FEWEST_STARTS, *MOVING, quietly=True).cars
         if asked.get("penetration") is None:
             _require_room("connected_cars", asked.get("connected_cars", 0), cars, "cars")
             return agents | {"connected_cars": asked.get("connected_cars", min(FEWEST.connected_cars, cars))}
@@ -95,8 +90,10 @@ class TownScenarios(EpisodeScenarios):
     def _fitting(self, population: Population, layout: Layout) -> Population:
         """Reduce what is too much for a place: what was not asked for quietly, and first."""
         for room, names in rooms(layout):
-            names = _MOVING if "vehicles" in names else names
+            names = MOVING if "vehicles" in names else names
             population = self._reduced(population, room, names).within(room, *names)
+        for names, most in MOST_TOGETHER:
+            population = population.within(most, *names)
         return population
 
     def _reduced(self, population: Population, room: int, names: Sequence[str]) -> Population:
@@ -108,7 +105,8 @@ class TownScenarios(EpisodeScenarios):
 
 def _at_most(usual: Population, most: Population) -> Population:
     """Return the usual population of a place with no number of vehicles or people above the largest that is usual."""
-    return replace(usual, **{name: min(getattr(usual, name), getattr(most, name)) for name in _COUNTED})
+    counted = [name for names, _ in MOST_TOGETHER for name in names]
+    return replace(usual, **{name: min(getattr(usual, name), getattr(most, name)) for name in counted})
 
 
 def _require_room(name: str, number: object, most: int, room: str) -> None:

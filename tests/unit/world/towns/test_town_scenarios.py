@@ -72,6 +72,14 @@ def test_no_town_has_more_actors_than_are_told() -> None:
             assert there <= scenarios.most_actors
 
 
+@pytest.mark.filterwarnings("ignore::coopsim.errors.CrowdedWarning")
+def test_a_wish_that_no_town_fulfils_makes_no_larger_state() -> None:
+    crowd = towns(vehicles=10**6, vans=10**6, parked=10**6, pedestrians=10**6, children=10**6)
+    assert crowd.most_actors == 500 + 150 + 4000
+    assert crowd.of(0).population.parked <= len(crowd.of(0).layout.bays)
+    assert towns(vehicles=40).most_actors == towns(vehicles=30).most_actors + 10
+
+
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
