@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import coopsim
+from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, encode_message
 from coopsim.comms.uplinks.budget import WithinBudget
 from coopsim.comms.uplinks.selection import SELECTIONS, Selection
@@ -67,6 +68,16 @@ def test_what_fits_is_sent_as_it_is() -> None:
 
 def test_by_score_the_surest_are_sent() -> None:
     assert said(within(150, "score"), observe(boxes([10, 20, 30, 40], [0.2, 0.9, 0.4, 0.8]))) == [20.0, 40.0]
+
+
+@pytest.mark.parametrize(("away_m", "unseen"), [(0.0, 0.0), (20.0, 0.22120), (40.0, 0.63212), (80.0, 0.98168)])
+def test_by_need_objects_count_by_how_likely_nobody_else_has_them_in_sight(away_m: float, unseen: float) -> None:
+    """By the distance to the other: 1 - exp(-(d / 40 m)^2)."""
+    need, found = SELECTIONS.get("need")(np.random.default_rng(0)), boxes([100.0], [0.5])
+    other = ShareDetections().message("cav_1", observe(Detections.empty(), x=100.0 - away_m))
+    assert other is not None
+    need.hear(observe(found, other), DecodeOnce())
+    assert need.utility("cav_0", observe(found)) == pytest.approx([0.5 * unseen], abs=1e-5)
 
 
 def test_by_need_what_is_close_to_another_agent_is_left_to_it() -> None:

@@ -82,8 +82,7 @@ def test_old_foreign_and_broken_requests_do_not_count() -> None:
     made = uplink(sure, request_block=8)
     asked = said(made, "cav_1", observe(0))
     without = said(uplink(sure), "cav_1", observe(0))
-    far = replace(asked, pose=PoseEstimate(np.array([1e300, 0, 0, 0])))
-    broken = [replace(asked, payload=asked.payload[:30]), replace(asked, codec="nobody's"), without, far]
+    broken = [replace(asked, payload=asked.payload[:30]), replace(asked, codec="nobody's"), without]
     for heard in ([], broken):
         made.hear("cav_0", observe(0, (0, 0), *heard))
         assert not made._asked["cav_0"]
@@ -92,6 +91,18 @@ def test_old_foreign_and_broken_requests_do_not_count() -> None:
     assert set(made._asked["cav_0"]) == {"cav_1"}
     made.hear("cav_0", observe(12 * FRAME_NS))
     assert not made._asked["cav_0"]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(("away_m", "counts"), [(9_999.0, True), (10_001.0, False), (1e300, False)])
+def test_requests_count_up_to_ten_kilometres_away(axis: int, side: int, away_m: float, counts: bool) -> None:
+    made = uplink({"cav_0": np.eye(16) * 0.9, "cav_1": np.full(GRID.shape, 0.95)}, request_block=8)
+    here, there = np.array([4_000.0, -6_000.0]), np.array([4_000.0, -6_000.0])
+    there[axis] += side * away_m
+    asked = replace(said(made, "cav_1", observe(0)), pose=PoseEstimate(np.array([*there, 0.0, 0.0])))
+    made.hear("cav_0", observe(0, here, asked))
+    assert set(made._asked["cav_0"]) == ({"cav_1"} if counts else set())
 
 
 def test_under_a_budget_the_thrifty_codec_is_taken() -> None:

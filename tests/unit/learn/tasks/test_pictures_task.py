@@ -13,6 +13,7 @@ from pictured_clips import PicturedClips
 from tiny_pictures import TINY_BOTH, TINY_PICTURES, tiny_points, tiny_view
 
 from coopsim.errors import InvalidValueError
+from coopsim.learn.losses.picture_losses import label_loss
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.tasks.pictures_task import PicturesTask
 from coopsim.learn.train import make_task
@@ -53,6 +54,13 @@ def stored(task: PicturesTask, folder: Path) -> Path:
 
 def batch_for(task: PicturesTask) -> Any:
     return task.collate(task.cut(PicturedClips(frames=1).clip(0), np.random.default_rng(0)))
+
+
+def test_losses_of_pictures_are_means_over_the_groups_of_one_size(points: Path) -> None:
+    task = task_of("pictures", points).eval()
+    batch = batch_for(task)
+    (seen,), (label,) = task.net.encoder.pictures.look(batch.pictures), batch.label
+    assert task(batch)["label"].item() == pytest.approx(label_loss(seen.label, label).item())
 
 
 @each_kind

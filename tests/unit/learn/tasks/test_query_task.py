@@ -22,11 +22,13 @@ from coopsim.learn.losses.query_losses import (  # noqa: E402
     labelled,
 )
 from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
+from coopsim.learn.tasks.query_look import QueryLook  # noqa: E402
 from coopsim.learn.tasks.query_task import QueryTask, taught_steps  # noqa: E402
 from coopsim.learn.train import train  # noqa: E402
 from coopsim.learn.weights import encoder_digest, load_detector, load_queries  # noqa: E402
 from coopsim.nn.queries.cooptrack_fusion import ComparedInstances  # noqa: E402
 from coopsim.nn.queries.instances import Instances  # noqa: E402
+from coopsim.nn.queries.query_net import QueryStep  # noqa: E402
 
 torch.set_num_threads(1)
 CLIPS = SyntheticClips(agents=3, objects=4, frames=4)
@@ -52,6 +54,14 @@ def objects(places: list[list[float]], shown: list[bool] | None = None, label: i
 def found(places: list[list[float]]) -> Instances:
     truth = objects(places)
     return Instances.seen(truth.box, torch.full((len(places),), 0.5), truth.label, 16, 4)
+
+
+@pytest.mark.parametrize(("score", "precision"), [(0.3, 1 / 2), (np.nextafter(np.float32(0.3), np.float32(0)), 1.0)])
+def test_instances_count_as_found_from_a_score_of_three_tenths(score: float, precision: float) -> None:
+    look, known = QueryLook(), found([[0.0, 0.0], [30.0, 0.0]])
+    known = replace(known, score=torch.tensor([0.9, float(score)]))
+    look.add(QueryStep(known, torch.zeros(2, 9), []), objects([[0.0, 0.0]]))
+    assert look.values()["precision"] == precision and look.values()["recall"] == 1.0
 
 
 def test_instances_are_of_the_nearest_object_of_their_kind() -> None:

@@ -34,6 +34,23 @@ def test_a_box_is_a_bit_larger_but_stands_off_the_ground() -> None:
     assert sorted(np.round(found[:, 3] * 100).astype(int)) == [0, 2, 4, 7]
 
 
+@pytest.mark.parametrize(
+    ("size", "face"),
+    [
+        ([3.7, 1.0, 1.0], [2.0, 0.0, 0.0]),
+        ([3.7, 1.0, 1.0], [-2.0, 0.0, 0.0]),
+        ([1.0, 3.7, 1.0], [0.0, 2.0, 0.0]),
+        ([1.0, 1.0, 3.7], [0.0, 0.0, 2.0]),
+        ([1.0, 1.0, 0.7], [0.0, 0.0, 0.1 - 0.35]),
+    ],
+)
+def test_points_on_a_face_of_the_larger_box_are_in_it(size: list[float], face: list[float]) -> None:
+    """The face is 15 cm beyond the box, and 10 cm above its underside."""
+    box = np.array([[0.0, 0.0, 0.0, *size, 0.0]])
+    on, beyond = np.array([[*face, 0.5]]), np.array([[*(1.001 * np.array(face)), 0.5]])
+    assert [len(points_in_boxes(each, box, 9)[0]) for each in (on, beyond)] == [1, 0]
+
+
 def test_the_choice_of_points_does_not_depend_on_their_order() -> None:
     rng = np.random.default_rng(0)
     cloud = _cloud(rng.uniform(-0.8, 0.8, (300, 3)))
