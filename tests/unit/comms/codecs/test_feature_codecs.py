@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from coopsim.comms.codecs.feature_codec import CONFIDENCE_ERROR, FeaturesCodec
+from coopsim.comms.codecs.feature_codec import FeaturesCodec
 from coopsim.comms.codecs.feature_values import FEATURE_NUMBERS, FeatureNumber
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
@@ -61,7 +61,7 @@ def test_dense_maps_come_back_within_the_stated_errors(number: FeatureNumber, co
     assert got.grid == sent.grid
     assert (got.confidence is not None) == stated
     if got.confidence is not None:
-        assert np.abs(got.confidence - confidence).max() <= CONFIDENCE_ERROR
+        assert np.abs(got.confidence - confidence).max() <= 0.5 / 255 + 1e-6
 
 
 @EVERY_NUMBER
@@ -87,7 +87,7 @@ def test_of_sparse_maps_the_surest_cells_come_back(
     kept = sent.values.reshape(channels, sure.size)[:, cells]
     back = got.values.reshape(channels, sure.size)[:, cells]
     assert (np.abs(back - kept) <= feature_error(kept, number)).all()
-    assert np.abs(got.confidence.ravel()[cells] - sure[cells]).max(initial=0) <= CONFIDENCE_ERROR
+    assert np.abs(got.confidence.ravel()[cells] - sure[cells]).max(initial=0) <= 0.5 / 255 + 1e-6
 
 
 @EVERY_NUMBER
@@ -114,7 +114,7 @@ def test_a_request_and_the_networks_number_go_along(codec: Any) -> None:
     assert len(payload) == plain + request.size
     got = codec.decode(payload)
     assert got.space == 0xDEADBEEF and got.request is not None and got.request_block == 3
-    np.testing.assert_allclose(got.request, request, atol=CONFIDENCE_ERROR)
+    np.testing.assert_allclose(got.request, request, atol=0.5 / 255 + 1e-6)
     for cut in range(len(payload)):
         with pytest.raises(CodecError):
             codec.decode(payload[:cut])
