@@ -75,6 +75,7 @@ def test_cameras_change_nothing_but_the_pictures(make_small: Make) -> None:
 def test_truth_is_in_infos_and_never_observed(make_small: Make) -> None:
     env = make_small("crossing", cameras=[TINY], **ALL, **RAYS)
     observations, infos = env.reset(seed=2)
+    assert len(env.agents) > 1
     for agent in env.agents:
         assert observations[agent]["cameras"]["front"].keys() == {"rgb", "depth"}
         labelled = infos[agent]["segmentation"]["front"]

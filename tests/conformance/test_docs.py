@@ -122,7 +122,9 @@ def test_page_shows_the_example(page: str, example: str) -> None:
     ],
 )
 def test_yaml_is_accepted(page: str, accept: Callable[[Path], Any], tmp_path: Path) -> None:
-    for number, block in enumerate(blocks(page, "yaml")):
+    shown = blocks(page, "yaml")
+    assert shown
+    for number, block in enumerate(shown):
         path = tmp_path / f"{number}.yaml"
         path.write_text(block)
         assert accept(path) is not None

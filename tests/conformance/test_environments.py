@@ -39,6 +39,7 @@ def play(env: Any, seed: int, policy: str = "late_fusion") -> list[Any]:
     while env.agents:
         history.append(env.step(tracker.act(observations)))
         observations = history[-1][0]
+    assert len(history) > 1 and all(step[0] for step in history)
     return history
 
 
@@ -75,6 +76,7 @@ def test_observations_actions_and_state_are_in_their_spaces(make_small: Make, na
     policy = coopsim.make_policy("late_fusion")
     observations, _ = env.reset(seed=0)
     policy.reset(env.agent_specs)
+    assert env.agents
     while env.agents:
         actions = policy.act(observations)
         for agent in env.agents:

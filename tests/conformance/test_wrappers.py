@@ -59,6 +59,7 @@ def play(env: Any, seed: int) -> list[Any]:
         assert set(env.agents) <= set(observations)
         observations, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
         history.append(observations)
+    assert len(history) > 1 and all(history)
     for frame in history:
         for agent, observation in frame.items():
             assert env.observation_space(agent).contains(observation), agent
@@ -109,6 +110,7 @@ def test_v2v4real_has_shapes(v2v4real: Path) -> None:
     env = FixedTracks(FixedSize(env), tracks=2)
     observations, _ = env.reset(seed=0)
     for _ in range(30):
+        assert len(observations) == 2
         for agent, observation in observations.items():
             assert env.observation_space(agent).contains(observation)
             assert observation["detections_mask"].sum() > 0 and observation["messages_mask"].sum() == 1

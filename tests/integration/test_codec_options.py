@@ -32,6 +32,7 @@ def test_a_policy_runs_with_every_codec_for_what_it_needs(policy: str) -> None:
 
 
 def test_a_recording_is_replayed_with_every_codec(recordings: Path) -> None:
+    assert codecs_of("detections")
     for codec in codecs_of("detections"):
         env = coopsim.parallel_env("replay", path=recordings, detections=("ego", "1"), codec=codec)
         assert {spec.codec for spec in env.agent_specs.values()} == {codec}

@@ -37,6 +37,7 @@ def frames(env: Any) -> list[Any]:
     while True:
         observations, _, _, _, infos = env.step(policy.act(observations))
         if not env.agents:
+            assert len(played) > 1 and all(seen for seen, _ in played)
             return played
         for agent in env.agents:
             assert env.observation_space(agent).contains(observations[agent])

@@ -49,6 +49,7 @@ def run() -> Make:
 
 def test_every_lidar_has_its_sweep(run: Make) -> None:
     observations, infos = run(lidar={"roof": ROOF, "bumper": BUMPER})
+    assert len(observations) > 1
     for agent, observation in observations.items():
         assert list(observation["sweeps"]) == list(infos[agent]["instances"]) == ["roof", "bumper"]
         assert all(len(points) > 100 for points in observation["sweeps"].values())
@@ -105,6 +106,7 @@ def test_without_a_lidar_there_are_detections_and_truth_but_no_points(run: Make)
 
 def test_without_a_lidar_the_same_seed_gives_the_same_bits(run: Make) -> None:
     first, again = run(lidar=None), run(lidar=None)
+    assert any(len(seen["detections"]["box"]) for seen in first[0].values())
     for agent in first[0]:
         np.testing.assert_array_equal(first[0][agent]["detections"]["box"], again[0][agent]["detections"]["box"])
 
@@ -112,6 +114,7 @@ def test_without_a_lidar_the_same_seed_gives_the_same_bits(run: Make) -> None:
 def test_weather_is_everybodys() -> None:
     fog = Weather(fog_visibility_m=30.0)
     clear, foggy = (make(lidar={"roof": ROOF}, weather=weather).reset(seed=5)[0] for weather in (None, fog))
+    assert len(clear) > 1
     for agent in clear:
         reach_m = [np.linalg.norm(seen[agent]["sweeps"]["roof"][:, :3], axis=1).max() for seen in (clear, foggy)]
         assert reach_m[1] < 35.0 < reach_m[0]

@@ -39,6 +39,7 @@ def play(env: Any) -> list[Any]:
         frames.append((observations, infos))
         for agent, observation in observations.items():
             assert env.observation_space(agent).contains(observation)
+    assert len(frames) > 1 and all(infos for _, infos in frames)
     return frames
 
 

@@ -191,6 +191,7 @@ def test_an_export_is_read_as_it_was_sensed(name: str, options: dict[str, Any], 
         for agent in reversed(written[0].agents)
     }
     env, frames = replayed(tmp_path, lidar_height_m=heights, **options)
+    assert written
     for true, frame in zip(written, frames, strict=True):
         assert frame.time_ns == true.time_ns
         car = true.agents[0]

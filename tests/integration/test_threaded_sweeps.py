@@ -51,6 +51,7 @@ def assert_same(one: Any, other: Any) -> None:
 )
 def test_threads_change_no_bit(options: dict[str, Any]) -> None:
     alone = frames(1, **options)
+    assert len(alone) > 1
     for threads in (2, 5):
         for one, other in zip(alone, frames(threads, **options), strict=True):
             assert_same(one, other)

@@ -27,6 +27,7 @@ def boxes_over(frames: int, **options: object) -> list[np.ndarray]:
     while env.agents:
         observations, *_ = env.step({name: {"tracks": pack_tracks(Tracks.empty())} for name in env.agents})
         seen.append(observations["cav_0"]["detections"]["box"])
+    assert any(map(len, seen))
     return seen
 
 

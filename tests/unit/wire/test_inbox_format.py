@@ -39,7 +39,9 @@ def contents(message: Message) -> tuple[Any, ...]:
 @pytest.mark.parametrize("covariances", [False, True])
 def test_all_together_are_packed_and_read_as_each_by_itself(covariances: bool) -> None:
     wire, packed = heard_by_two(covariances=covariances)
-    for name, observation in wire.unpack_all(packed).items():
+    unpacked = wire.unpack_all(packed)
+    assert any(observation.inbox for observation in unpacked.values())
+    for name, observation in unpacked.items():
         alone = wire.unpack(packed[name])
         again = wire.pack(alone)
         assert [*map(contents, observation.inbox)] == [*map(contents, alone.inbox)]

@@ -33,12 +33,14 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def frames():
     env = coopsim.parallel_env("crossing", expose_ground_truth=True, uplink="none", detector="none", **OPTIONS)
     shown = [frame for frame, _ in zip(env.frames(SEED), range(FRAMES), strict=False)]
+    assert len(shown) == FRAMES
     yield env, shown
     env.close()
 
 
 def _numbered(frame):
     """The agents with the names of their folders."""
+    assert len(frame.agents) > 1
     return {_folder(name, agent.body.actor_id): agent for name, agent in frame.agents.items()}
 
 
@@ -92,7 +94,7 @@ def test_objects_are_those_that_the_agent_hits_with_half_their_sizes(exported, f
             parameters, _, _ = load(exported, number, f"{2 * index:06d}")
             hit = set(np.unique(agent.instances["lidar"])) - {0, -1}
             listed = {**boxes(parameters["vehicles"]), **boxes(parameters["others"])}
-            assert {each - OBJECT_NUMBER for each in listed} == hit
+            assert hit and {each - OBJECT_NUMBER for each in listed} == hit
             for each, box in listed.items():
                 (row,) = np.flatnonzero(actors.id == each - OBJECT_NUMBER)
                 np.testing.assert_allclose(box[:3], actors.boxes.center[row] * MIRROR, atol=1e-3)

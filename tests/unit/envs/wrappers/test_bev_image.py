@@ -121,6 +121,7 @@ def test_every_layer_of_the_map_has_its_plane() -> None:
 def test_float32_is_the_same_picture_from_0_to_1() -> None:
     of = scene(found((5, 0, 0, 0.3)), points=[[1, 2, 3]])
     whole, real = (painted(BevImageView(dtype=dtype), of) for dtype in ("uint8", "float32"))
+    assert any(plane.any() for plane in whole.values())
     for name, plane in whole.items():
         np.testing.assert_allclose(real[name], plane / 255, atol=1e-6)
         assert real[name].dtype == np.float32

@@ -35,6 +35,7 @@ def test_rigs_are_as_frequent_as_asked_and_mounted_within_the_ranges() -> None:
 
 def test_agents_of_a_clip_differ_in_the_pitch_of_their_kind_alone() -> None:
     rigs = _draw(RIGS, 3)
+    assert rigs["cav"]
     for kind, pitch_deg in (("rsu", 20), ("drone", 45)):
         for car, other in zip(rigs["cav"], rigs[kind], strict=True):
             assert np.isclose(other.pitch_rad - car.pitch_rad, np.radians(pitch_deg))

@@ -25,8 +25,10 @@ def test_blocks_keep_their_nearest_surface_and_its_class() -> None:
 
 
 def test_pictures_of_a_clip_have_the_shapes_of_their_cameras() -> None:
-    for scene in seeing_clip().scenes:
-        assert scene.pixels is not None and scene.pixels.shape == scene.returns.shape
+    clip = seeing_clip()
+    assert clip.scenes
+    for scene in clip.scenes:
+        assert scene.agents and scene.pixels is not None and scene.pixels.shape == scene.returns.shape
         for column, agent in enumerate(scene.agents):
             (picture,) = agent.pictures
             assert picture.calibration.size == (180, 320)

@@ -71,7 +71,9 @@ def test_clips_show_what_an_environment_of_their_world_shows() -> None:
     recipe = replace(SMALL, start_s=(0.0, 0.0), density=(1.0, 1.0), rain_share=1.0, drone_share=1.0)
     env = _environment(draw_world(recipe, 0, 1), 2)
     observations, infos = env.reset()
-    for scene in SimulatedClips(recipe, 0).clip(1).scenes:
+    scenes = SimulatedClips(recipe, 0).clip(1).scenes
+    assert len(scenes) > 1
+    for scene in scenes:
         assert [agent.kind for agent in scene.agents] == ["cav", "cav", "rsu", "drone"]
         assert scene.time_ns == env.time_ns
         rows = np.column_stack([scene.object_id, scene.label, scene.boxes, scene.velocity])

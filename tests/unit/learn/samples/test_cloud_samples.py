@@ -84,7 +84,9 @@ def test_a_mirror_turns_points_boxes_and_velocities_alike() -> None:
 @pytest.mark.parametrize("mirrored", [0.0, 1.0])
 def test_targets_lie_on_points_and_unseen_objects_are_no_targets(merged: float, mirrored: float) -> None:
     settings = SampleSettings(merged=merged, mirrored=mirrored, thinned=0.0, crop_cells=None, dropout=0.0)
-    for sample in detector_samples(clip(), np.random.default_rng(1), settings):
+    samples = detector_samples(clip(), np.random.default_rng(1), settings)
+    assert sum(sample.targets.objects for sample in samples) > 1
+    for sample in samples:
         targets = sample.targets
         grid = BevGrid((-76.8, 76.8), (-76.8, 76.8), 1.2)
         centre = cell_centers(targets.cell, grid) + targets.code[:, :2] * 1.2
@@ -106,6 +108,7 @@ def test_parts_have_one_shape_and_batches_join_them() -> None:
 
 def test_the_same_stream_draws_the_same_samples() -> None:
     one, other = (detector_samples(clip(), np.random.default_rng(5), SampleSettings()) for _ in range(2))
+    assert one
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a.pillars.features, b.pillars.features)
 

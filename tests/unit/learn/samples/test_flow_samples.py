@@ -22,7 +22,9 @@ CLIP = clip_of_moving_agents(5)
 
 def samples(seed: int = 0, **changed: object) -> list[FlowSample]:
     given = {"dropout": 0.0, "late": 1.0, "thinned": 0.0, "mirrored": 0.0, "reach_m": 76.8, **changed}
-    return flow_samples(CLIP, np.random.default_rng(seed), SampleSettings(**given), 2.4)  # type: ignore[arg-type]
+    drawn = flow_samples(CLIP, np.random.default_rng(seed), SampleSettings(**given), 2.4)  # type: ignore[arg-type]
+    assert len(drawn) == 5 and all(sample.scene.views for sample in drawn)
+    return drawn
 
 
 @pytest.mark.parametrize("mirrored", [0.0, 1.0])

@@ -30,7 +30,9 @@ def hit(sample, view) -> float:
 
 @pytest.mark.parametrize("mirrored", [0.0, 1.0])
 def test_every_true_object_is_where_a_map_shows_it(mirrored: float) -> None:
-    for sample in scene_samples(clip(3), np.random.default_rng(0), SampleSettings(mirrored=mirrored, **PLAIN)):
+    samples = scene_samples(clip(3), np.random.default_rng(0), SampleSettings(mirrored=mirrored, **PLAIN))
+    assert len(samples) == len(clip(3).scenes)
+    for sample in samples:
         assert len(sample.views) == 3
         assert all(hit(sample, view) == 1 for view in sample.views)
 
@@ -44,7 +46,9 @@ def test_with_errors_of_poses_some_are_not() -> None:
 @pytest.mark.parametrize("mirrored", [0.0, 1.0])
 def test_maps_lie_on_cells_of_the_world_whatever_the_errors_of_poses(mirrored: float) -> None:
     settings = SampleSettings(noise_m=1.0, noise_deg=2.0, mirrored=mirrored, dropout=0.0)
-    for sample in scene_samples(clip(3), np.random.default_rng(0), settings):
+    samples = scene_samples(clip(3), np.random.default_rng(0), settings)
+    assert len(samples) == len(clip(3).scenes)
+    for sample in samples:
         cells = np.concatenate([view.source_SE2_target[:, :2] for view in sample.views]) / (4 * sample.grid.cell_m)
         assert np.abs(cells).max() > 1
         np.testing.assert_allclose(cells, np.round(cells), atol=1e-6)
@@ -58,8 +62,8 @@ def test_a_share_of_samples_has_no_errors() -> None:
 
 
 def test_truth_is_what_the_receiver_or_a_sender_has_seen() -> None:
-    for number, sample in enumerate(scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**PLAIN))):
-        scene = clip(3).scenes[number]
+    samples = scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**PLAIN))
+    for sample, scene in zip(samples, clip(3).scenes, strict=True):
         seen = (scene.returns > 0).any(axis=1).sum()
         assert all(view.targets.objects <= seen for view in sample.views)
         assert max(view.targets.objects for view in sample.views) > (scene.returns > 0).sum(axis=0).max()
@@ -81,7 +85,9 @@ def test_views_know_the_kinds_of_all() -> None:
         replace(each, agents=tuple(replace(agent, kind=kind) for agent, kind in zip(each.agents, kinds, strict=True)))
         for each in made.scenes
     )
-    for sample in scene_samples(replace(made, scenes=scenes), np.random.default_rng(0), SampleSettings(**PLAIN)):
+    samples = scene_samples(replace(made, scenes=scenes), np.random.default_rng(0), SampleSettings(**PLAIN))
+    assert len(samples) == len(scenes)
+    for sample in samples:
         assert [view.own_kind for view in sample.views] == [0, 1, 2]
         assert [view.kind.tolist() for view in sample.views] == [[1, 2], [0, 2], [0, 1]]
 

@@ -19,7 +19,9 @@ torch.set_num_threads(1)
 
 
 def samples(taught: bool, **settings: float) -> list[CooperativeSample]:
-    return scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**settings), taught=taught)  # type: ignore[arg-type]
+    drawn = scene_samples(clip(3), np.random.default_rng(0), SampleSettings(**settings), taught=taught)  # type: ignore[arg-type]
+    assert drawn and all(sample.views for sample in drawn)
+    return drawn
 
 
 @pytest.mark.parametrize("mirrored", [0.0, 1.0])
@@ -35,6 +37,7 @@ def test_every_object_of_the_targets_has_points(mirrored: float) -> None:
         near = torch.nn.functional.max_pool2d(hit.view(1, rows, columns).float(), 2)[0]
         near = torch.nn.functional.max_pool2d(near[None], 3, 1, 1)[0]
         now = view.targets.heat[0, 0] == 1
+        assert now.any()
         assert near[now].mean() > 0.9  # of objects in late messages only, some have no points now
 
 

@@ -52,7 +52,9 @@ def one_van(x_m: float, y_m: float, pose: np.ndarray, camera: Camera) -> Clip:
 
 
 def draw(seed: int = 0, settings: SampleSettings = SETTINGS, **options: bool) -> list[PictureSample]:
-    return picture_samples(clip(), np.random.default_rng(seed), settings, CELL_M, **options)
+    drawn = picture_samples(clip(), np.random.default_rng(seed), settings, CELL_M, **options)
+    assert drawn
+    return drawn
 
 
 def in_base(sample: PictureSample) -> np.ndarray:
@@ -173,6 +175,7 @@ def test_whole_samples_have_all_pictures_as_they_are_on_the_whole_map() -> None:
 
 def test_cells_have_the_nearest_surface_of_their_blocks_and_its_class() -> None:
     (sample, *_), agent = draw(2, whole=True), clip().scenes[0].agents[0]
+    assert len(agent.pictures) == 3
     for depth_m, label, picture in zip(sample.depth_m, sample.label, agent.pictures, strict=True):
         blocks = picture.depth_m.astype(np.float32)
         for row in range(depth_m.shape[0]):

@@ -101,6 +101,7 @@ def test_a_pitched_camera_looks_down_or_up(shoot: Shoot, above_m: float, pitch_r
     floor_and_ceiling = [ground(), box_part([0.0, 0.0, 30.5], (300.0, 300.0, 1.0))]
     lens = Intrinsics.from_fov(321, 181)
     images = shoot(static=floor_and_ceiling, body=mast, intrinsics=lens, above_m=above_m, pitch_rad=pitch_rad)
+    assert images
     for image in images.values():
         expected_m = (MAST_M + above_m - plane_m) / np.sin(pitch_rad)
         assert image.depth[90, 160] == pytest.approx(expected_m, rel=1e-3)
@@ -150,7 +151,9 @@ def test_paint_shows_and_the_roof_is_lighter_than_the_side_in_the_shade(shoot: S
 
 
 def test_pictures_are_as_large_as_said(shoot: Shoot) -> None:
-    for image in shoot(static=[ground()], intrinsics=Intrinsics.from_fov(48, 31)).values():
+    images = shoot(static=[ground()], intrinsics=Intrinsics.from_fov(48, 31))
+    assert images
+    for image in images.values():
         assert image.rgb.shape == (31, 48, 3) and image.depth.shape == (31, 48)
 
 

@@ -35,6 +35,7 @@ def test_clearances_are_the_last_places_near_another_line(town: Layout) -> None:
         for lane in lanes
     ]
     got = clearances(town.network, town.movements, 3.4)
+    assert len(town.movements) > 1
     for a, start_a in enumerate(town.movements):
         for b, start_b in enumerate(town.movements):
             gap_m = np.linalg.norm(lines[a][:, None] - lines[b], axis=2).min(axis=0)
@@ -57,6 +58,7 @@ def test_stripes_are_painted_where_a_crosswalk_is_on_a_lane(town: Layout) -> Non
 
 
 def test_positions_along_a_lane_are_those_one_by_one(town: Layout) -> None:
+    assert town.network.lanes
     for lane in town.network.lanes.values():
         along = np.linspace(0.0, lane.length, 7)
         for aside in (0.0, 1.7):

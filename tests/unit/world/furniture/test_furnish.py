@@ -119,11 +119,12 @@ def test_numbers_are_whole_millimetres_and_depend_on_the_seed_alone() -> None:
 def test_crowns_do_not_reach_into_buildings_or_masts() -> None:
     layout, entries = furnished("urban_grid")
     solid = shapely.union_all([shapely.Polygon(outline) for outline in layout.road_map.buildings])
-    for entry in entries:
-        if entry["kind"] == "tree":
-            spot = shapely.Point(entry["at"])
-            assert spot.distance(solid) > entry["crown_m"] / 2 - 0.2
-            assert min(np.hypot(*(rsu.translation[:2] - entry["at"])) for rsu in layout.rsus) > entry["crown_m"] / 2
+    trees = [entry for entry in entries if entry["kind"] == "tree"]
+    assert trees and layout.road_map.buildings and layout.rsus
+    for tree in trees:
+        spot = shapely.Point(tree["at"])
+        assert spot.distance(solid) > tree["crown_m"] / 2 - 0.2
+        assert min(np.hypot(*(rsu.translation[:2] - tree["at"])) for rsu in layout.rsus) > tree["crown_m"] / 2
 
 
 def test_a_furnished_layout_is_furnished_around_what_it_has() -> None:

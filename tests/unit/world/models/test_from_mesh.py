@@ -70,8 +70,8 @@ def test_bodies_that_are_inside_out_are_turned() -> None:
     inside_out.invert()
     inside_out.apply_translation((9.0, 0.0, 0.0))
     model = model_from_mesh(trimesh.util.concatenate([BOX, inside_out]), "two", ObjectClass.TRUCK)
-    for body in trimesh.Trimesh(model.vertices, model.faces).split():
-        assert body.volume > 0
+    bodies = trimesh.Trimesh(model.vertices, model.faces).split()
+    assert len(bodies) == 2 and all(body.volume > 0 for body in bodies)
 
 
 def test_holes_are_accepted_with_a_warning() -> None:

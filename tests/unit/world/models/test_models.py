@@ -164,7 +164,9 @@ def test_a_model_that_is_none_is_refused(changes: dict[str, object], message: st
 
 @pytest.mark.parametrize("name", SCENARIOS.names())
 def test_scenery_faces_outwards(name: str) -> None:
-    for part in make_scenario(name).layout.static:
+    parts = make_scenario(name).layout.static
+    assert parts
+    for part in parts:
         mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
         if part.name in FLAT:
             assert (mesh.face_normals[:, 2] > 0.999).all(), part.name

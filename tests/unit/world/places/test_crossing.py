@@ -23,6 +23,7 @@ def test_buildings_hide_every_arm_from_its_neighbours() -> None:
 
 def test_walls_stand_on_their_footprints() -> None:
     walls = [part for part in make_scenario("crossing").layout.static if part.name == "building"]
+    assert walls
     for wall, outline in zip(walls, MAP.buildings, strict=True):
         assert MultiPoint(wall.vertices[:, :2]).convex_hull.equals(Polygon(outline))
         assert wall.vertices[:, 2].min() == 0.0 and wall.vertices[:, 2].max() > 4

@@ -231,8 +231,9 @@ def test_leaving_out_what_is_out_of_reach_changes_nothing_within() -> None:
 def test_agrees_with_embree_in_drawn_towns(place: int, detail: str) -> None:
     world = World(make_scenario(draw_place(place), detail=detail), place)
     scene = SceneGeometry(world.models, world.static).triangles(world.actors())
-    pattern = PATTERNS.get("HDL-32E")
-    for body in world.agents().values():
+    pattern, bodies = PATTERNS.get("HDL-32E"), world.agents().values()
+    assert len(bodies) > 1
+    for body in bodies:
         where = body.world_SE3_base.compose(pose((0.0, 0.0, body.height_m + 0.4)))
         got, want = rays_of(pattern, 500).cast(scene, where), by_embree(scene, where, pattern, 500)
         require_agreement(got, want)

@@ -12,6 +12,7 @@ def test_every_arm_has_a_crosswalk(seed):
     plan = draw_plan(seed, TownOptions())
     walks = dress_streets(plan, seed)["walks"]
     middles = np.array([np.mean([walks["nodes"][name] for name in pair], axis=0) for pair in walks["crosswalks"]])
+    assert plan.junctions
     for junction in plan.junctions:
         for arm in junction.arms:
             out = np.array([np.cos(arm.heading_rad), np.sin(arm.heading_rad)])
@@ -24,6 +25,7 @@ def test_crosswalks_are_square_to_their_street():
     plan = draw_plan(3, TownOptions())
     walks = dress_streets(plan, 3)["walks"]
     headings = [arm.heading_rad for junction in plan.junctions for arm in junction.arms]
+    assert len(walks["crosswalks"]) >= len(headings) > 2
     for pair in walks["crosswalks"][: len(headings)]:
         across = np.subtract(*(walks["nodes"][name] for name in pair))
         turns = [abs(np.cos(np.arctan2(across[1], across[0]) - heading)) for heading in headings]

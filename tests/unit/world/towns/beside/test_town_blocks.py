@@ -61,6 +61,7 @@ def shapes_of(town):
 
 def test_nothing_stands_in_something_else(town):
     shapes = shapes_of(town)
+    assert shapes["lane"] and shapes["way"] and shapes["crosswalk"] and shapes["building"]
     for name, others in PAIRS:
         tree = STRtree(shapes[name])
         for other in others.split():

@@ -24,7 +24,9 @@ def test_rounds_pass_every_side_of_the_town_once(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_parts_of_a_round_join(seed):
-    for each in trace_rounds(draw_plan(seed, TownOptions())):
+    rounds = trace_rounds(draw_plan(seed, TownOptions()))
+    assert rounds and all(each.sides for each in rounds)
+    for each in rounds:
         for side, after in zip(each.sides, [*each.sides[1:], each.sides[0]], strict=True):
             # Lanes of turning loops are a little narrower than those of streets.
             assert np.linalg.norm(side.kerb[-1] - after.kerb[0]) < 0.1
@@ -34,6 +36,7 @@ def test_parts_of_a_round_join(seed):
 def test_lines_beside_a_street_are_as_far_from_all_kerbs(seed):
     rounds = trace_rounds(draw_plan(seed, TownOptions()))
     lines = kerb_lines_of(rounds)
+    assert rounds
     for each in rounds:
         distance_m = distances_to_lines(each.clear_beside(2.6, lines), *lines)
         assert distance_m.min() > 1.8  # at the ends of parking strips the line has corners

@@ -39,6 +39,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another() -> None:
 def test_streets_of_many_towns_keep_their_distance_and_lead_from_stop_line_to_stop_line() -> None:
     for seed in range(15):
         plan = draw_plan(seed, TownOptions())
+        assert plan.junctions and len(plan.streets) > 2
         for a, b in itertools.combinations(plan.streets, 2):
             shared = {a.begin.junction, a.end.junction} & {b.begin.junction, b.end.junction} - {None}
             spots = [street.position(np.linspace(*street.span_m, 30)) for street in (a, b)]

@@ -19,6 +19,7 @@ def test_every_lane_leads_on_and_every_lane_outwards_of_an_arm_is_reached() -> N
 def test_one_drives_on_the_right() -> None:
     plan = draw_plan(1, TownOptions(junctions=2))
     roads = lay_roads(plan)
+    assert any(lane.way.stretch(lane.piece).curvature_1_m == 0.0 for lane in roads.lanes)
     for lane in roads.lanes:
         street, along = lane.way.street, (lane.piece.begin[1] + lane.piece.end[1]) / 2
         start, end = (np.array(roads.nodes[name]) for name in lane.road)
@@ -30,6 +31,7 @@ def test_one_drives_on_the_right() -> None:
 
 def test_lengths_of_pieces_are_those_of_their_middle_lines() -> None:
     roads = lay_roads(draw_plan(2, TownOptions(junctions=2, lanes=2)))
+    assert {lane.way.stretch(lane.piece).curvature_1_m == 0.0 for lane in roads.lanes} == {True, False}
     for lane in roads.lanes:
         start, end = (np.array(roads.nodes[name]) for name in lane.road)
         straight = lane.way.stretch(lane.piece).curvature_1_m == 0.0
