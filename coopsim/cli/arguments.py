@@ -174,8 +174,8 @@ def seeds(text: str) -> tuple[int, ...]:
     """Parse integers >= 0 with commas between them; `0-4` is five of them."""
     ranges: list[range] = []
     for part in text.split(","):
-        first, _, last = part.partition("-")
-        ends = first, last or first
+        first, dash, last = part.partition("-")
+        ends = first, last if dash else first
         if not all(end.strip().isdecimal() for end in ends) or int(ends[1]) < int(ends[0]):
             raise argparse.ArgumentTypeError(f"must be integers >= 0 with commas between them, or 0-4, got {text!r}")
         ranges.append(range(int(ends[0]), int(ends[1]) + 1))

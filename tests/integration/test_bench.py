@@ -306,6 +306,7 @@ def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.C
     ("flags", "message"),
     [
         (["--seeds", "3-1"], "must be integers >= 0 with commas between them, or 0-4"),
+        (["--seeds", "0-"], "must be integers >= 0 with commas between them, or 0-4, got '0-'"),
         (["--option", "vehicles"], "must be name=value"),
         (["--polices", "a"], "Did you mean --policies"),
     ],

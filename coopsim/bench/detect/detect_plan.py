@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -76,6 +77,8 @@ class DetectPlan:
         object.__setattr__(self, "seeds", as_runs(seeds=self.seeds))
         for seed in self.seeds:
             require_seed(seed)
+        if len(set(self.seeds)) < len(self.seeds):
+            raise InvalidValueError(f"seeds must be distinct, got {reprlib.repr(self.seeds)}")
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
         require_choice("receivers", self.receivers, RECEIVERS)

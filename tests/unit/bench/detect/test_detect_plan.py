@@ -37,6 +37,7 @@ def test_the_detector_is_of_policies_that_have_none() -> None:
         {"seeds": 5},
         {"seeds": ()},
         {"seeds": (-1,)},
+        {"seeds": (1, 1)},  # the rows would never be complete
         {"seeds": range(10**12)},
         {"seeds": range(50_001)},  # of two policies each
     ],
