@@ -63,6 +63,10 @@ class InvalidActionError(CoopsimError, ValueError):
     """An action is malformed, or is for an agent that is not in the environment."""
 
 
+class IsolatedPolicyError(CoopsimError, RuntimeError):
+    """A policy in a process of its own raised an error, took too long, answered nonsense, or its process died."""
+
+
 class EpisodeStateError(CoopsimError, RuntimeError):
     """A call at the wrong moment, as `step` before `reset` or after the end."""
 

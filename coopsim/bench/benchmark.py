@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coopsim.bench.engine.job import Job, Outcome
 from coopsim.bench.engine.jobs_on_ray import run_on_ray
@@ -19,6 +19,7 @@ from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.policy_spec import PolicySpec
@@ -27,6 +28,9 @@ from coopsim.catalog import NAMESPACE, newest
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.processes import cores
+
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
 
 ENGINES = ("local", "ray")
 
@@ -98,6 +102,7 @@ def benchmark(
     engine: Engine | None = None,
     retry_failed: bool = False,
     command: str = "",
+    isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_broken: Callable[[StoreError], object] = lambda error: None,
 ) -> list[CellResult]:
@@ -113,6 +118,7 @@ def benchmark(
         engine: runs the cells; None: processes of this machine, as many as cores.
         retry_failed: also run cells whose stored result is a traceback.
         command: what others type to get the same numbers; the store keeps it.
+        isolation: what keeps policies from the world.
         on_progress: called before the first cell and after each.
         on_broken: called for each broken file of the store; its cell is run again.
 
@@ -123,11 +129,11 @@ def benchmark(
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     engine = engine or Engine()
-    policies = check(grid)
+    policies = check(grid, isolation)
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
-    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics) for cell in grid.cells()]
-    store.begin([job.key for job in jobs], Provenance.of(grid, command).as_data())
+    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation) for cell in grid.cells()]
+    store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
     progress = Progress(len(jobs), len(results))
@@ -145,7 +151,7 @@ def benchmark(
     return [results[job.cell] for job in jobs]
 
 
-def check(grid: Grid) -> dict[str, PolicySpec]:
+def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpec]:  # noqa: B008  (frozen)
     """Look up everything that a grid names, and make every policy and its environments once.
 
     Returns:
@@ -154,22 +160,32 @@ def check(grid: Grid) -> dict[str, PolicySpec]:
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
-    specs = {text: PolicySpec.parse(text) for text in grid.policies}
-    policies = {text: spec.make() for text, spec in specs.items()}
-    # Policies with the same needs meet the same environments.
-    unlike = {(policy.needs, type(policy)): text for text, policy in policies.items()}
+    isolation.require(grid.options)
     for scenario in grid.scenarios:
         if newest(scenario.removeprefix(f"{NAMESPACE}/")).startswith("replay-"):
             raise InvalidValueError(
                 f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
             )
         _require_no_condition(scenario)
+    specs, met = {text: PolicySpec.parse(text) for text in grid.policies}, set()
+    for text, spec in specs.items():
+        with isolation.described(spec) as policy:
+            # Policies with the same needs meet the same environments.
+            kind = policy.needs, type(policy)
+            if kind not in met:
+                _try_environments(grid, policy, text)
+            met.add(kind)
+    return specs
+
+
+def _try_environments(grid: Grid, policy: Policy, text: str) -> None:
+    """Make the environments of a policy in the hardest conditions of each scenario."""
+    for scenario in grid.scenarios:
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
         hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
-        for condition, text in itertools.product(sorted(hardest), unlike.values()):
+        for condition in sorted(hardest):
             options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
-            listening_env(scenario, policies[text], options).close()
-    return specs
+            listening_env(scenario, policy, options).close()
 
 
 def _require_no_condition(scenario: str) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
+from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
 from coopsim.bench.report.table import columns, format_value, score_row
@@ -30,7 +32,12 @@ _PROTOCOLS = {"count": "false positives counted", "ignore": "false positives ign
 
 
 def evaluate_each(
-    path: str | Path, detections: Sequence[str] | None, policies: Sequence[str], **options: Any
+    path: str | Path,
+    detections: Sequence[str] | None,
+    policies: Sequence[str],
+    *,
+    isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
+    **options: Any,
 ) -> Iterator[tuple[str, RecordingsEvaluation | Exception]]:
     """Run policies over a set of recordings. Each step of the iterator gives a name, and its evaluation or exception.
 
@@ -40,6 +47,7 @@ def evaluate_each(
         path: folder of the recordings.
         detections: as of `evaluate_recordings`.
         policies: as `PolicySpec` reads them.
+        isolation: what keeps policies from the recordings.
         **options: as of `evaluate_recordings`, the same for all policies.
 
     Raises:
@@ -48,16 +56,22 @@ def evaluate_each(
     """
     of_environment = {name: value for name, value in options.items() if name != "sequences"}
     replayed = replay_keywords(path, detections, of_environment)
-    for name in policies:
-        listening_env("replay", PolicySpec.parse(name).make(), replayed).close()
-    return ((name, _evaluation_or_error(name, path, detections, options)) for name in policies)
+    isolation.require(options)
+    specs = {name: PolicySpec.parse(name) for name in policies}
+    for spec in specs.values():
+        with isolation.described(spec) as policy:
+            listening_env("replay", policy, replayed).close()
+
+    def evaluated(spec: PolicySpec) -> RecordingsEvaluation:
+        with isolation.policy(spec) as policy:
+            return evaluate_recordings(policy, path, detections, seed=isolation.seed(0), **options)
+
+    return ((name, _evaluation_or_error(partial(evaluated, spec))) for name, spec in specs.items())
 
 
-def _evaluation_or_error(
-    name: str, path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]
-) -> RecordingsEvaluation | Exception:
+def _evaluation_or_error(evaluate: Callable[[], RecordingsEvaluation]) -> RecordingsEvaluation | Exception:
     try:
-        return evaluate_recordings(name, path, detections, **options)
+        return evaluate()
     except RecordingError:
         raise
     except Exception as error:  # a user's policy may raise anything, and the others go on

@@ -66,6 +66,11 @@ class PolicySpec:
         """The one spelling of the policy with its parameters, as it stands in results."""
         return spell_spec(self.target, self.parameters)
 
+    @property
+    def place(self) -> str:
+        """Module or file of the class; empty for a registered name."""
+        return self.target.rpartition(":")[0]
+
     def policy_class(self) -> type[Policy]:
         """Look up the policy's class.
 

@@ -142,6 +142,35 @@ def add_options(parser: argparse._ActionsContainer, of: str) -> None:
     )
 
 
+def add_isolation(parser: argparse._ActionsContainer) -> None:
+    """Declare `--isolate` and `--salt`."""
+    parser.add_argument(
+        "--isolate",
+        type=seconds,
+        nargs="?",
+        const=60.0,
+        metavar="SECONDS",
+        help="run each policy in a process of its own, which gets observations alone; time limit of a frame: 60 s",
+    )
+    parser.add_argument(
+        "--salt",
+        type=Path,
+        metavar="FILE",
+        help="a secret that, with the seeds, decides the episodes (16 bytes or more)",
+    )
+
+
+def seconds(text: str) -> float:
+    """Parse a positive number of seconds."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number of seconds > 0, got {text!r}")
+    return value
+
+
 def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Return the options that were given by `--option`.
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    add_isolation,
     add_options,
     count,
     named_options,
@@ -64,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)"
     )
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
+    add_isolation(how)
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
     add_report(parser.add_argument_group("report"))
 
@@ -74,6 +76,7 @@ def run(options: argparse.Namespace) -> int:
 
     from coopsim.bench.benchmark import Engine, benchmark
     from coopsim.bench.grid.grid_file import find_grid
+    from coopsim.bench.isolated.isolation import Isolation
 
     engine = Engine(options.engine, options.workers, options.address)
     source = find_grid(options.preset, options.grid, more_policies=options.policy, **_flag_values(options))
@@ -89,13 +92,14 @@ def run(options: argparse.Namespace) -> int:
             _show(bar, progress, engine.at_once, conditions)
 
         try:
-            _require_metrics(grid, options.metrics)
+            _require_metrics(grid, options.metrics, import_policies=options.isolate is None)
             results = benchmark(
                 grid,
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
                 command=without_flags(options.typed, _NO_NUMBER),
+                isolation=Isolation.of(options.isolate, options.salt),
                 on_progress=show,
                 on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
             )
@@ -113,12 +117,12 @@ def run(options: argparse.Namespace) -> int:
     return FAILED if failed else 0
 
 
-def _require_metrics(grid: Grid, metrics: Sequence[str]) -> None:
+def _require_metrics(grid: Grid, metrics: Sequence[str], *, import_policies: bool) -> None:
     """Refuse a metric that nobody has registered, now and not after the last cell."""
     from coopsim.bench.policy_spec import PolicySpec
     from coopsim.metrics.built_in import all_metrics
 
-    for text in grid.policies if metrics else ():
+    for text in grid.policies if metrics and import_policies else ():
         PolicySpec.parse(text).policy_class()  # a policy's file may register one
     for name in metrics:
         require_choice("metric", name, all_metrics())

@@ -8,7 +8,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coopsim.cli.arguments import FAILED, INTERRUPTED, add_recordings, policies, replay_options
+from coopsim.cli.arguments import FAILED, INTERRUPTED, add_isolation, add_recordings, policies, replay_options
 
 if TYPE_CHECKING:
     from coopsim.bench.evaluate import RecordingsEvaluation
@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B(x=1)",
         help="as in `bench` (default: all without LiDAR)",
     )
+    add_isolation(parser)
     add("--out", type=Path, default=Path("coopsim-leaderboard"), metavar="FOLDER", help="default: %(default)s")
 
 
@@ -34,13 +35,16 @@ def run(options: argparse.Namespace) -> int:
     """Run the command. Return the exit status."""
     from tqdm import tqdm
 
+    from coopsim.bench.isolated.isolation import Isolation
     from coopsim.bench.leaderboard import evaluate_each
     from coopsim.catalog import policies_on_boxes
     from coopsim.support.files import make_folder
 
     make_folder(options.out)
     ranked = options.policies or policies_on_boxes()
-    each = evaluate_each(options.path, options.detections, ranked, **replay_options(options))
+    isolation = Isolation.of(options.isolate, options.salt)
+    given = replay_options(options)
+    each = evaluate_each(options.path, options.detections, ranked, isolation=isolation, **given)
     results: dict[str, RecordingsEvaluation] = {}
     failed = 0
     interrupted = False

@@ -19,7 +19,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def start_python(program: str, *arguments: str, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+def start_python(
+    program: str, *arguments: str, pass_fds: Sequence[int] = (), environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
     """Start a Python process that runs `program`, with pipes as its standard input and output.
 
     It begins anew, without the caller's script (as `multiprocessing` would, which then needs a guard) and without the
@@ -29,13 +31,14 @@ def start_python(program: str, *arguments: str, pass_fds: Sequence[int] = ()) ->
         program: Python code.
         *arguments: its `sys.argv[1:]`.
         pass_fds: file descriptors that it inherits under the same numbers.
+        environment: its environment variables, besides those of one thread and of the path; None: ours.
     """
     path = os.pathsep.join(place or os.getcwd() for place in sys.path)  # "" is where an interpreter was started
     return subprocess.Popen(
         [sys.executable, "-P", "-c", program, *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
+        env={**(os.environ if environment is None else environment), **ONE_THREAD, "PYTHONPATH": path},
         start_new_session=True,
         pass_fds=pass_fds,
     )

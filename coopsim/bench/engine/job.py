@@ -20,6 +20,7 @@ import coopsim
 from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.metric_spec import MetricSpec, keep_named
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
@@ -37,6 +38,7 @@ class Job:
         policy: the cell's policy.
         decided_by: the cell's `fingerprint`.
         metrics: the registered metrics of its result, besides the built-in ones.
+        isolation: what keeps the policy from the world.
     """
 
     cell: Cell
@@ -44,13 +46,20 @@ class Job:
     policy: PolicySpec
     decided_by: str
     metrics: tuple[MetricSpec, ...] = ()
+    isolation: Isolation = Isolation()
 
     @classmethod
     def of(
-        cls, cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: tuple[MetricSpec, ...] = ()
+        cls,
+        cell: Cell,
+        options: Mapping[str, Any],
+        policy: PolicySpec,
+        metrics: tuple[MetricSpec, ...] = (),
+        isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     ) -> Job:
         """Make the job of a cell."""
-        return cls(cell, options, policy, fingerprint(cell, options, policy, metrics), metrics)
+        decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data())
+        return cls(cell, options, policy, decided_by, metrics, isolation)
 
     @property
     def key(self) -> str:
@@ -126,13 +135,15 @@ def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
 def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
-    policy = job.policy.make()
     for metric in job.metrics:
         metric.load()
-    evaluation = evaluate(policy, cell.condition.scenario, seed=cell.seed, on_frame=on_frame, **options)
+    seed = job.isolation.seed(cell.seed)
+    with job.isolation.policy(job.policy) as policy:
+        evaluation = evaluate(policy, cell.condition.scenario, seed=seed, on_frame=on_frame, **options)
     result = result_of(cell, evaluation)
     return replace(
         result,
+        place_seed=job.isolation.told_place(seed, result.place_seed),
         values=keep_named(result.values, job.metrics),
         agents={name: keep_named(values, job.metrics) for name, values in result.agents.items()},
     )

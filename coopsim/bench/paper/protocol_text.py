@@ -90,8 +90,15 @@ def _seen(provenance: Provenance) -> list[str]:
     named = f"the detector {detector}" if isinstance(detector, str) else "the environment's default detector"
     return [
         "All policies of a condition and seed meet the same traffic, sweeps, poses and losses. Policies that track "
-        f"boxes get those of {named}; policies with a network of their own look at the same sweeps themselves."
+        f"boxes get those of {named}; policies with a network of their own look at the same sweeps themselves.",
+        *_isolation(provenance.isolation),
     ]
+
+
+def _isolation(said: Mapping[str, Any]) -> list[str]:
+    lines = ["each policy ran in a process of its own, which got observations alone"] if "own processes" in said else []
+    salted = "a run's episode is decided by its seed and a secret salt, whose digest is sha256"
+    return [*lines, *([f"{salted} {said['salt']}"] if "salt" in said else [])]
 
 
 def _policies(table: ResultTable, provenance: Provenance) -> list[str]:

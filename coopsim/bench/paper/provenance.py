@@ -16,6 +16,7 @@ from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell
 from coopsim.bench.grid.conditions import environment_options
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
+from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import package_versions, sources_digest
 from coopsim.errors import StoreError
@@ -42,6 +43,7 @@ class Provenance:
         digests: of the weights, by name or path.
         training: what `TrainingPlaces` says of the weights, by name or path.
         left_out: policies that "all" does not stand for as their weights do not ship, with the reason.
+        isolation: `Isolation.as_data`; empty: policies ran in the environment's process, by the seeds themselves.
     """
 
     command: str = ""
@@ -56,17 +58,17 @@ class Provenance:
     digests: Mapping[str, str] = field(default_factory=dict)
     training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
+    isolation: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, grid: Grid, command: str = "") -> Self:
+    def of(cls, grid: Grid, command: str = "", isolation: Isolation = Isolation()) -> Self:  # noqa: B008  (frozen)
         """Find the provenance of a grid that `coopsim.bench.benchmark.check` has accepted."""
         sends, weights = {}, {}
         for text in grid.policies:
-            with watch_weights() as found:
-                policy = PolicySpec.parse(text).make()
-            sends[text], weights[text] = policy.needs.uplink, sorted(found.values())
-        first = PolicySpec.parse(grid.policies[0]).make()
-        with watch_weights() as sensing:
+            with watch_weights() as found, isolation.described(PolicySpec.parse(text)) as policy:
+                sends[text] = policy.needs.uplink
+            weights[text] = sorted(found.values())
+        with isolation.described(PolicySpec.parse(grid.policies[0])) as first, watch_weights() as sensing:
             for condition in {each.scenario: each for each in grid.conditions()}.values():
                 cell = Cell(grid.policies[0], condition, grid.seeds[0], grid.frames)
                 listening_env(condition.scenario, first, environment_options(cell, grid.options)).close()
@@ -82,6 +84,7 @@ class Provenance:
             sorted(sensing.values()),
             **_described({*sensing.values(), *(name for names in weights.values() for name in names)}),
             left_out=dict(grid.left_out),
+            isolation=isolation.as_data(),
         )
 
     @classmethod

@@ -11,6 +11,7 @@ from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
+from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.paper_files import paper_files
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.policy_spec import PolicySpec
@@ -74,8 +75,11 @@ def publish(
         make_folder(parent)
     written = [write_whole(path, text) for path, text in contents.items()]
     report = write_bench_report(folder / "report.html", table, about)  # complete, even if the clips are interrupted
-    if clips:
-        shown, notes = film(worst_moments(table, clips), make_rerun(origin.grid.get("options", {})), clip_time_s)
+    isolation = origin.isolation
+    if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
+        shown, notes = film(
+            worst_moments(table, clips), make_rerun(origin.grid.get("options", {}), isolation), clip_time_s
+        )
         write_bench_report(report, table, about, shown, notes)
     return (report, *written)
 
@@ -103,12 +107,13 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def make_rerun(options: Mapping[str, Any]) -> RunCell:
+def make_rerun(options: Mapping[str, Any], isolation: Mapping[str, Any]) -> RunCell:
     """Return a function that runs a cell as the benchmark does, and calls another after every frame."""
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
         try:
-            job = Job.of(cell, options, PolicySpec.parse(cell.policy))
+            apart = Isolation(FRAME_LIMIT_S if isolation else None)
+            job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)
         except CoopsimError as error:  # the cell's policy or files are gone
             return CellResult(cell, traceback=str(error))
         return run_job(job, on_frame).result

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,13 @@ _MOST_ITEMS = 1_000_000
 _CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensors")
 
 
-def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metrics: Sequence[MetricSpec] = ()) -> str:
+def fingerprint(
+    cell: Cell,
+    options: Mapping[str, Any],
+    policy: PolicySpec,
+    metrics: Sequence[MetricSpec] = (),
+    isolation: Mapping[str, Any] | None = None,
+) -> str:
     """Return everything that decides the result of a cell, as JSON with sorted keys.
 
     That is the cell, the options of the environment, the contents of files that they or the policy's parameters name,
@@ -47,13 +54,15 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
         options: further options of its environment; plain data.
         policy: the cell's policy.
         metrics: registered metrics whose values are in the result.
+        isolation: `Isolation.as_data`; a policy in a process of its own is not imported here.
 
     Raises:
         InvalidValueError: an option is not plain data.
     """
     # A version alone would not do: sources under development keep theirs.
     code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": sources_digest("coopsim")}}
-    sources = [("policy", policy.policy_class().__module__, policy.source)]
+    place = policy.place if isolation else ""
+    sources = [("policy", place or policy.policy_class().__module__, policy.source)]
     sources += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
     for name, module, source in sources:
         package = module.partition(".")[0]
@@ -69,6 +78,7 @@ def fingerprint(cell: Cell, options: Mapping[str, Any], policy: PolicySpec, metr
     decided = {
         "layout": LAYOUT, "cell": asdict(cell), "options": plain, "metrics": names, "code": code, "files": files
     }  # fmt: skip
+    decided |= {"isolation": dict(isolation)} if isolation else {}
     return json.dumps(decided, sort_keys=True)
 
 
@@ -144,16 +154,18 @@ def _versions(package: str) -> dict[str, str]:
 
 @cache
 def sources_digest(package: str) -> str:
-    """Return a digest of the sources, data and weights of an imported package, 64 hexadecimal digits."""
+    """Return a digest of the sources, data and weights of a package, 64 hexadecimal digits; it is not imported."""
     return _digest(b"\0".join(_sources(package)))
 
 
 def _sources(package: str) -> Iterator[bytes]:
-    module = sys.modules[package]
-    if not hasattr(module, "__path__"):
-        yield Path(str(module.__file__)).read_bytes()
+    module = sys.modules.get(package)
+    spec = find_spec(package) if module is None else None  # of a policy in a process of its own
+    roots = getattr(module, "__path__", None) if spec is None else spec.submodule_search_locations
+    if roots is None:
+        yield Path(str(getattr(module, "__file__", None) or (spec and spec.origin))).read_bytes()
         return
-    for root in module.__path__:
+    for root in roots:
         for folder, folders, names in os.walk(root, followlinks=True):
             folders.sort()
             for name in sorted(names):

@@ -261,7 +261,8 @@ _NO_GHOSTS = _Ghosts(*(np.zeros((0, 3) if name == "size" else 0) for name in _Gh
 
 def _room(boxes: Boxes3D) -> Floats:
     """Return the factor on position noise, (N, 1): a person's box is not missed by a car's error."""
-    return np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
+    room: Floats = np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
+    return room
 
 
 def _logistic(logit: Floats) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import coopsim
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings
 from coopsim.bench.leaderboard import evaluate_each, mota_over_recall, plot, to_csv, to_markdown, write_leaderboard
 from coopsim.cli import main
@@ -132,10 +133,10 @@ def test_the_command_writes_all_three_files(
 def test_ctrl_c_keeps_the_policies_that_are_finished(
     recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def evaluated(name: str, *arguments: Any, **options: Any) -> RecordingsEvaluation:
-        if name == finished_before:
+    def evaluated(policy: coopsim.Policy, *arguments: Any, **options: Any) -> RecordingsEvaluation:
+        if type(policy) is coopsim.POLICIES.get(finished_before):
             raise KeyboardInterrupt
-        return evaluate_recordings(name, *arguments, **options)
+        return evaluate_recordings(policy, *arguments, **options)
 
     monkeypatch.setattr("coopsim.bench.leaderboard.evaluate_recordings", evaluated)
     out = tmp_path / "out"

@@ -1,0 +1,198 @@
+"""Policies in processes of their own do the same, get nothing but observations, and fail alone."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import coopsim
+from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.grid.grid import Grid
+from coopsim.bench.isolated.isolation import Isolation
+from coopsim.bench.leaderboard import evaluate_each
+from coopsim.bench.paper.provenance import Provenance
+from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store.store import Store
+from coopsim.cli import main
+from coopsim.errors import InvalidValueError, IsolatedPolicyError
+
+SALT = b"a secret of enough bytes"
+OPTIONS: dict[str, Any] = {"vehicles": 12, "max_cycles": 6, "loss": 0.2, "latency_s": 0.1, "position_noise_m": 0.2}
+APART = Isolation(60.0)
+
+NOSY = """
+import os, sys, threading
+import numpy as np
+import coopsim
+from coopsim.types import Tracks
+
+class Nosy(coopsim.Policy):
+    def reset(self, agent_specs, seed=0):
+        super().reset(agent_specs, seed)
+        self.counts["seed"] = seed % 2**62
+        self.counts["imported envs"] = sum(name.startswith("coopsim.envs.parallel") for name in sys.modules)
+        known = " ".join([*os.environ, *os.environ.values(), *sys.argv])
+        self.counts["salt in sight"] = "secret" in known or "SECRET" in known
+        self.counts["descriptors"] = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+
+    def track(self, agent, observation):
+        return Tracks.empty()
+"""
+
+BROKEN = """
+import os, time
+import coopsim
+from coopsim.types import Tracks
+
+class Raising(coopsim.Policy):
+    def track(self, agent, observation):
+        raise ValueError("no such luck")
+
+class Dying(coopsim.Policy):
+    def track(self, agent, observation):
+        os._exit(3)
+
+class Hanging(coopsim.Policy):
+    def track(self, agent, observation):
+        if observation.time_ns > 100_000_000:
+            time.sleep(600)
+        return Tracks.empty()
+
+class Babbling(coopsim.Policy):
+    def track(self, agent, observation):
+        for descriptor in range(3, 32):
+            try:
+                os.write(descriptor, b"\\x05" + bytes(7) + b"nonse")
+            except OSError:
+                pass
+        return Tracks.empty()
+"""
+
+
+def tracks_of(policy: coopsim.Policy, **options: Any) -> tuple[list[np.ndarray], Any]:
+    """Return the boxes of all tracks by frame, and the evaluation."""
+    frames: list[np.ndarray] = []
+
+    def note(env: Any) -> None:
+        frames.append(np.concatenate([each.boxes.array for each in env.bev_frame(points=False).tracks.values()]))
+
+    return frames, coopsim.evaluate(policy, "crossing", seed=2, on_frame=note, **(OPTIONS | options))
+
+
+def require_the_same(spec: PolicySpec, **options: Any) -> None:
+    here, score = tracks_of(spec.make(), **options)
+    with APART.policy(spec) as policy:
+        there, other = tracks_of(policy, **options)
+    assert sum(map(len, here)) > 10
+    for one, two in zip(here, there, strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert score.messages == other.messages and score.counts == other.counts and score.method == other.method
+    assert score.score.values == pytest.approx(other.score.values, rel=0, abs=0, nan_ok=True)
+
+
+@pytest.mark.parametrize("name", ["no_fusion", "late_fusion", "coop_fuse", "track_to_track"])
+def test_the_same_tracks_messages_and_scores_as_in_one_process(name: str) -> None:
+    require_the_same(PolicySpec.parse(name), lidar=None)
+
+
+def test_the_same_of_a_policy_with_a_network() -> None:
+    pytest.importorskip("torch")
+    require_the_same(PolicySpec.parse("attfuse"), lidar="VLP-16", lidar_columns=256, vehicles=6, max_cycles=4)
+
+
+def file_of(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "theirs.py"
+    path.write_text(text)
+    return path
+
+
+def test_the_process_has_no_seed_no_salt_and_no_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MY_SECRET", "secret")
+    spec = PolicySpec.parse(f"{file_of(tmp_path, NOSY)}:Nosy")
+    with Isolation(60.0, SALT).policy(spec) as policy:
+        counts = coopsim.evaluate(policy, "crossing", seed=7, lidar=None, **OPTIONS).counts
+    assert counts["seed"] not in (7, Isolation(None, SALT).seed(7))
+    assert counts["imported envs"] == 0 and counts["salt in sight"] == 0 and counts["descriptors"] < 6
+    assert "coopsim_policy_theirs" not in sys.modules, "the class is not imported here"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Raising", "raised an error in its own process(.|\n)*ValueError: no such luck"),
+        ("Dying", r"is gone: its process ended \(exit status 3\)"),
+        ("Hanging", "has not answered within 1 s"),
+        ("Babbling", "answered nonsense"),
+    ],
+)
+def test_a_broken_policy_fails_by_a_named_error(name: str, message: str, tmp_path: Path) -> None:
+    spec = PolicySpec.parse(f"{file_of(tmp_path, BROKEN)}:{name}")
+    started = time.monotonic()
+    with pytest.raises(IsolatedPolicyError, match=message), Isolation(1.0).policy(spec) as policy:
+        coopsim.evaluate(policy, "crossing", lidar=None, **OPTIONS)
+    assert time.monotonic() - started < 100.0
+
+
+def test_no_process_is_left_behind() -> None:
+    with APART.policy(PolicySpec.parse("no_fusion")) as policy:
+        process = policy._process  # type: ignore[attr-defined]
+        assert process.poll() is None
+    assert process.poll() is not None
+    with pytest.raises(IsolatedPolicyError, match="unknown parameter"):
+        APART.policy(PolicySpec.parse("no_fusion(colour=3)")).__enter__()
+
+
+def test_a_benchmark_goes_on_without_the_broken_and_says_what_it_did(tmp_path: Path) -> None:
+    grid = Grid((f"{file_of(tmp_path, BROKEN)}:Raising", "no_fusion"), frames=3, options={"lidar": None, "vehicles": 6})
+    out, salted = tmp_path / "out", Isolation(60.0, SALT)
+    broken, whole = benchmark(grid, out, engine=Engine(workers=1), isolation=salted)
+    assert broken.failed and broken.reason == "ValueError: no such luck"
+    assert not whole.failed
+    (plain,) = benchmark(
+        Grid(("no_fusion",), frames=3, options=grid.options), tmp_path / "plain", engine=Engine(workers=1)
+    )
+    assert plain.values != whole.values, "with the salt, seed 0 is another episode"
+    again = benchmark(grid, out, engine=Engine(workers=1), isolation=salted)
+    assert [each.failed for each in again] == [True, False], "taken from the store"
+    provenance = Provenance.from_data(Store(out).provenance())
+    assert provenance.isolation == salted.as_data() and len(provenance.isolation["salt"]) == 64
+    raw = b"".join(path.read_bytes() for path in out.rglob("*") if path.is_file())
+    assert SALT not in raw and str(salted.seed(0)).encode() not in raw
+
+
+def test_the_seed_of_a_drawn_place_does_not_tell_that_of_a_salted_episode() -> None:
+    salted = Isolation(None, SALT)
+    seed = salted.seed(3)
+    assert salted.told_place(seed, seed) not in (None, seed, 3)
+    assert salted.told_place(seed, 1004) == 1004 and salted.told_place(seed, None) is None
+    assert Isolation().told_place(3, 3) == 3
+    assert seed == Isolation(5.0, SALT).seed(3) != Isolation(None, SALT + b"!").seed(3)
+
+
+def test_recordings_are_ranked_in_processes_of_their_own(recordings: Path) -> None:
+    options: dict[str, Any] = {"sequences": None}
+    here, there = (
+        dict(evaluate_each(recordings, ("ego",), ("no_fusion",), isolation=each, **options))
+        for each in (Isolation(), APART)
+    )
+    one, other = here["no_fusion"], there["no_fusion"]
+    assert not isinstance(one, Exception) and not isinstance(other, Exception)
+    assert one.count.values == other.count.values
+
+
+def test_what_is_not_accepted_is_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = tmp_path / "salt"
+    short.write_bytes(b"short")
+    with pytest.raises(InvalidValueError, match="salt must have at least 16 bytes, got 5"):
+        Isolation.of(None, short)
+    with pytest.raises(InvalidValueError, match="salt: cannot read"):
+        Isolation.of(None, tmp_path / "none")
+    with pytest.raises(InvalidValueError, match="budget_bytes must be None for policies in processes of their own"):
+        benchmark(Grid(("late_fusion",), options={"budget_bytes": 400}), tmp_path, isolation=APART)
+    assert main(["bench", "--policies", "no_fusion", "--isolate", "--salt", str(short), "--out", str(tmp_path)]) != 0
+    assert "salt must have at least 16 bytes" in capsys.readouterr().err
