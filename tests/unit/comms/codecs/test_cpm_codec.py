@@ -215,6 +215,13 @@ def whole_object() -> dict[str, Any]:
     return found
 
 
+@pytest.mark.parametrize(("label", "number"), [("CAR", 5), ("BUS", 6), ("VAN", 7), ("TRUCK", 8)])
+def test_vehicles_have_the_standards_numbers(label: str, number: int) -> None:
+    """TrafficParticipantType of TS 102 894-2: passengerCar, bus, lightTruck, heavyTruck."""
+    classified = whole_object() | {"classification": [{"objectClass": ("vehicleSubClass", number), "confidence": 90}]}
+    assert CODEC.decode(raw([classified])).objects.label.tolist() == [int(ObjectClass[label])]
+
+
 def test_other_containers_and_objects_that_are_no_boxes_are_passed_over() -> None:
     good = whole_object()
     unknown = {"objectClass": ("otherSubClass", 1), "confidence": 90}

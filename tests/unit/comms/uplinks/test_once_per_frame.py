@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -102,3 +103,4 @@ def test_a_frame_that_was_changed_on_its_way_is_not_stepped_twice() -> None:
 def test_content_is_compared_through_structs_and_nan_equals_nan() -> None:
     assert same(view(), view()) and not same(view(), view(x=2.0))
     assert same({"a": [1]}, {"a": [1]}) and not same({"a": 1}, {"b": 1}) and not same(1, "1")
+    assert same({"a": 1}, MappingProxyType({"a": 1})) and not same(1, 1.0)

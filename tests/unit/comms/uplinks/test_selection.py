@@ -105,6 +105,13 @@ def test_of_two_who_see_an_object_the_surer_one_goes_on_reporting_it() -> None:
     assert said(uplinks["cav_1"], observe(theirs), "cav_1") == [90.0]
 
 
+@pytest.mark.parametrize(("new_score", "sent_m"), [(0.58, 10.0), (0.62, 300.0)])
+def test_an_object_of_the_last_message_counts_three_times(new_score: float, sent_m: float) -> None:
+    uplink = within(110)
+    assert said(uplink, observe(boxes([10], 0.2))) == [10.0]
+    assert said(uplink, observe(boxes([10, 300], [0.2, new_score]), time_ns=1)) == [sent_m]
+
+
 def test_what_was_said_long_ago_or_cannot_be_read_binds_nobody() -> None:
     uplink, found = within(110), boxes([10, 20], [0.5, 0.4])
     theirs = ShareDetections().message("cav_1", observe(boxes([-390], 0.9), x=400.0))

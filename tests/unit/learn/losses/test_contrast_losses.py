@@ -33,6 +33,13 @@ def test_pairs_of_one_object_are_not_told_apart() -> None:
     assert float(found) == pytest.approx(-float(sum(rows + columns)) / 8)
 
 
+def test_without_pairs_there_is_no_loss_and_a_gradient_of_nothing() -> None:
+    first, scale = _unit(0, 4).requires_grad_(), torch.tensor(2.0, requires_grad=True)
+    loss = paired_contrast(first, first, torch.arange(0), scale)
+    loss.backward()
+    assert float(loss.detach()) == 0.0 and scale.grad == 0.0
+
+
 def test_the_temperature_is_learned_but_not_without_bound() -> None:
     first = _unit(4, 4)
     scale = torch.tensor(1.0, dtype=torch.float64, requires_grad=True)

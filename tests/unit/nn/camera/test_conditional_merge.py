@@ -24,6 +24,12 @@ def test_kernels_are_mixtures_of_experts() -> None:
     assert not torch.allclose(conv(POINTS, SURE), conv(POINTS, SURE.flip(0)))
 
 
+def test_kernels_begin_as_those_of_an_ordinary_convolution() -> None:
+    """Uniform up to one over the root of the channels in, as torch's layers are."""
+    largest = ConditionalConv(16, 500, 4).kernels.detach().abs().amax()
+    assert 0.99 * 16**-0.5 < largest <= 16**-0.5
+
+
 def test_a_fresh_merge_is_the_canvas_of_points_and_can_learn() -> None:
     merge = ConditionalMerge(3, experts=2)
     merged = merge(POINTS, PICTURES, SURE)

@@ -123,10 +123,11 @@ def test_the_graph_compares_pairs_within_reach_alone() -> None:
     net = started(GraphAssociation(WIDTH))
     own, others = some_instances(5, 1), some_instances(3, 2)
     own = replace(own, box=torch.cat([torch.tensor([[0.0, 0], [3, 0], [6, 0], [30, 0], [60, 0]]), own.box[:, 2:]], 1))
-    others = replace(others, box=torch.cat([torch.tensor([[0.0, 1], [31, 0], [-40, 0]]), others.box[:, 2:]], 1))
+    others = replace(others, box=torch.cat([torch.tensor([[0.0, 1], [31, 0], [-10, 0]]), others.box[:, 2:]], 1))
+    others.box[2, 2] = own.box[0, 2]  # exactly as far as the reach
     logits = net(own, others)
-    near = torch.cdist(own.box[:, :3], others.box[:, :3]) <= 10.0
-    assert near.sum() == 4 and bool((logits[~near] == IMPOSSIBLE).all()) and bool((logits[near] > IMPOSSIBLE).all())
+    near = (own.box[:, None, :3] - others.box[:, :3]).norm(dim=-1) <= 10.0
+    assert near.sum() == 5 and bool((logits[~near] == IMPOSSIBLE).all()) and bool((logits[near] > IMPOSSIBLE).all())
     query = net.query(net.own(torch.cat([own.semantic, own.motion], 1)))[1]
     key = net.key(net.others(torch.cat([others.semantic, others.motion], 1)))[0]
     edge = net.mix(net.edge((own.box[1, :3] - others.box[0, :3]) / 5.0))
