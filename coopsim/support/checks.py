@@ -100,8 +100,8 @@ def as_runs(**values: object) -> tuple[Any, ...]:
         InvalidValueError: it has no elements in an order, none at all, or more than `MOST_RUNS`.
     """
     ((name, given),) = values.items()
-    in_order = isinstance(given, Iterable) and not isinstance(given, (str, bytes, Mapping, Set))
-    taken = tuple(itertools.islice(given, MOST_RUNS + 1)) if in_order else ()
+    unordered = isinstance(given, (str, bytes, Mapping, Set))
+    taken = tuple(itertools.islice(given, MOST_RUNS + 1)) if isinstance(given, Iterable) and not unordered else ()
     if not taken:
         raise InvalidValueError(f"{name} must be a list of at least one, in brackets in YAML, got {given!r}")
     if len(taken) > MOST_RUNS:

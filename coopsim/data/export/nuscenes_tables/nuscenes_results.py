@@ -61,10 +61,10 @@ def write_results(
         CoopsimError: the folder is no such export, or the policy or an option is not accepted.
     """
     plan, writer = read_plan(Path(export))
-    make_folder(Path(folder))
     steps = {} if "playback" in plan.options else {"max_cycles": max(plan.frames - 1, 1)}
     given = {**steps, **plan.options, **options, "expose_ground_truth": True}
     runner = PolicySpec.parse(policy).make()
+    make_folder(Path(folder))
     with (
         closing(listening_env(plan.environment, runner, given)) as env,
         _ResultFile(Path(folder) / TRACKING, env) as tracking,

@@ -73,6 +73,7 @@ def test_gradients_reach_every_weight(name: str) -> None:
     values, confidence = net.message(draw(2, 64, *SIZE, seed=9))
     context = FusionContext(torch.tensor([0.0, 0.3]), torch.zeros(2), confidence)
     net(own, own_mask, values, mask, context).square().sum().backward()
+    assert {"compress", "neck"} <= {key.partition(".")[0] for key, _ in net.named_parameters()}
     for part in (net.compress, net.expand, net.fusion, net.neck):
         for key, weights in part.named_parameters():
             assert weights.grad is not None and weights.grad.isfinite().all() and weights.grad.any(), key

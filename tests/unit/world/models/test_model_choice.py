@@ -35,6 +35,7 @@ def test_what_only_stands_is_chosen_for_parked_vehicles_alone() -> None:
         moving, parked = models_of(MODELS, cls), models_of(MODELS, cls, parked=True)
         assert not any(MODELS[k].stands for k in moving)
         assert set(parked) - set(moving) == {k for k in parked if MODELS[k].stands}
+    assert any(MODELS[k].stands for k in models_of(MODELS, ObjectClass.CAR, parked=True))
 
 
 def test_a_class_without_a_model_is_refused() -> None:
