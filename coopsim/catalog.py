@@ -26,6 +26,9 @@ ENVIRONMENTS_HOME = "coopsim.envs"
 
 SCENARIO_SUFFIXES = (".yaml", ".yml")
 
+WRITING_OPTIONS = ("record",)
+"""Options of environments that name a path to write: users alone give them, no file does."""
+
 POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", group="coopsim.policies")
 """Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
@@ -106,6 +109,21 @@ def single_env(
     home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single.single_agent_env")
     env: SingleAgentEnv = home.SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)
     return env
+
+
+def refuse_writing(options: Mapping[str, Any], where: str) -> None:
+    """Refuse options that name a path to write, from anybody but the user.
+
+    Args:
+        options: of an environment, from a file.
+        where: the file, for the error.
+
+    Raises:
+        InvalidValueError: there is such an option.
+    """
+    for name in WRITING_OPTIONS:
+        if options.get(name) is not None:
+            raise InvalidValueError(f"{where} must not say which file to write, got {name}: {options[name]!r}")
 
 
 def is_scenario_file(name: object) -> bool:

@@ -205,6 +205,8 @@ def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError],
     for job in jobs:
         try:
             result = store.get(job.key)
+            if result is not None and result.cell != job.cell:
+                raise StoreError(f"{store.path_of(job.key)} is broken: it is of another cell, {result.cell}")
         except StoreError as error:
             on_broken(error)
             continue

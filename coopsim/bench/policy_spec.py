@@ -106,6 +106,11 @@ class PolicySpec:
             raise InvalidValueError(f"policy {self.text!r} cannot be made: {_describe(error)}") from error
 
 
+def names_code(text: str) -> bool:
+    """Return whether a policy's text is the place of a class, whose module or file is run, and no registered name."""
+    return ":" in text.partition("(")[0]
+
+
 def _is_file(target: str) -> bool:
     return target.rpartition(":")[0].endswith(".py")
 

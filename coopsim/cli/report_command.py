@@ -15,6 +15,8 @@ HELP = "write the report, tables and figures of a benchmark's folder again, fini
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
+    trust = "run policies again that the results name as module:Class or file.py:Class, for clips"
+    parser.add_argument("--trust", action="store_true", help=trust)
     add_report(parser)
 
 
@@ -31,15 +33,15 @@ def run(options: argparse.Namespace) -> int:
     from coopsim.bench.store.store import Store
 
     results = stored_results(options.out)
-    write_files(options.out, results, options)
+    write_files(options.out, results, options, trust=options.trust)
     asked = Store(options.out).asked()
     if len(results) < asked:
         print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
     return 0
 
 
-def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace) -> None:
-    """Write the files of a folder's results, and print the leaderboard and their paths."""
+def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace, *, trust: bool) -> None:
+    """Write the files of a folder's results, and print the leaderboard and their paths; `trust` as of `publish`."""
     from coopsim.bench.paper.provenance import Provenance
     from coopsim.bench.report.bench_text import leaderboard_text
     from coopsim.bench.report.publish import publish
@@ -53,6 +55,7 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         metrics=options.metrics,
         clips=options.clips,
         with_plots=options.plots,
+        trust=trust,
     )
     print(leaderboard_text(ResultTable.of(results), options.metrics))
     for path in written:

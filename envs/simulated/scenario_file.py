@@ -10,7 +10,7 @@
 | `options` | fields of `CommonOptions` and `SimulationOptions`; objects are mappings of their fields; for |
 | | the scenario `town` also those of `PlaceSeeds` and `TownOptions` |
 
-Paths in it are relative to the file.
+Paths in it are relative to the file. No key names a path to write or code to run.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from coopsim.catalog import WRITING_OPTIONS
 from coopsim.config.checked_entry import Entry
 from coopsim.config.yaml_file import FileEntry, Section, read_yaml
 from coopsim.envs.options import CommonOptions
@@ -45,7 +46,7 @@ _SECTIONS = {
         field.name
         for kind in (CommonOptions, SimulationOptions, PlaceSeeds, TownOptions)
         for field in fields(kind)
-        if field.name not in ("render_mode", "seed")
+        if field.name not in ("render_mode", "seed", *WRITING_OPTIONS)
     ],
 }
 
@@ -101,6 +102,7 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     """
     root = read_yaml(find_scenario_file(path), ScenarioFileError)
     belongs = {name: f"below {section}" for section, names in _SECTIONS.items() for name in names}
+    belongs |= dict.fromkeys(WRITING_OPTIONS, "to the command or call: a file does not say where to write")
     top = root.fields((), (*_TOP, *_SECTIONS), belongs)
     for section, names in _SECTIONS.items():
         if section in top:

@@ -35,6 +35,7 @@ _NOT_OPTIONS: Mapping[str, str] = {
     "seed": "seeds",
     "uplink": "policies, each of which has its own",
     "threads": "workers",
+    "record": "`coopsim record`",
 }
 """Options of an environment that are set by another part of the grid, and by which."""
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
+from coopsim.bench.policy_spec import names_code
 from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice
@@ -68,7 +69,12 @@ class GridSource:
 
 
 def find_grid(
-    preset: str | None = None, path: str | Path | None = None, *, more_policies: Sequence[str] = (), **overrides: Any
+    preset: str | None = None,
+    path: str | Path | None = None,
+    *,
+    more_policies: Sequence[str] = (),
+    trust: bool = False,
+    **overrides: Any,
 ) -> GridSource:
     """Find a grid by the name of a preset or the path of a file; without both, `overrides` are all of it.
 
@@ -76,12 +82,13 @@ def find_grid(
         preset: one of `PRESETS`.
         path: path of a file.
         more_policies: policies in addition to those of the file or of `overrides`.
+        trust: run code that the file names: policies as `module:Class` or `file.py:Class`.
         **overrides: attributes of `Grid`.
 
     Raises:
         UnknownNameError: there is no such preset.
         InvalidValueError: both a preset and a file are given.
-        GridFileError: the file is missing or has an unknown key; names the line.
+        GridFileError: the file is missing, has an unknown key, or names code without `trust`; names the line.
     """
     if preset is not None and path is not None:
         raise InvalidValueError(f"a preset and a file are one grid too many, got {preset!r} and {str(path)!r}")
@@ -93,8 +100,21 @@ def find_grid(
         root = read_yaml(Path(path), GridFileError)
         root.fields((), ATTRIBUTES)
         file = root.value
+        if not (trust or overrides.get("policies")):
+            _refuse_code(file)
     if more_policies:
         named = overrides.get("policies") or file.get("policies") or ()
         if isinstance(named, (list, tuple)):  # `Grid` refuses anything else
             overrides["policies"] = (*named, *more_policies)
     return GridSource(file, overrides)
+
+
+def _refuse_code(file: Section) -> None:
+    """Refuse policies of a file whose code would be run; `Grid` refuses what is no list of texts."""
+    named = file.get("policies")
+    for text in named if isinstance(named, list) else ():
+        if isinstance(text, str) and names_code(text):
+            problem = (
+                f"policies name code to run, {text!r}: give it by --policies, or add --trust if you trust the file"
+            )
+            raise GridFileError(problem).at(file.place("policies"))

@@ -135,7 +135,7 @@ def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
     rerun = run(replace(cell, frames=frames), film.add)
     name = f"{cell.policy}, seed {cell.seed}"
     if rerun.failed:
-        return f"{name}: it failed when it was run again"
+        return f"{name}: it failed when it was run again: {rerun.reason}"
     if not np.array_equal(rerun.rewards, result.rewards[:frames], equal_nan=True):
         return f"{name}: run again it gave other rewards, so something changed since"
     return film

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,15 @@ from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.paper_files import paper_files
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.policy_spec import PolicySpec, names_code
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
 from coopsim.bench.results.moments import worst_moments
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.errors import CoopsimError
+from coopsim.catalog import refuse_writing
+from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_count, require_non_negative
 from coopsim.support.files import make_folder, write_whole
 
@@ -39,6 +40,7 @@ def publish(
     clips: int = 5,
     clip_time_s: float = 120.0,
     with_plots: bool = False,
+    trust: bool = False,
 ) -> tuple[Path, ...]:
     """Write `report.html`, `report.md` and `results.csv`, what papers need, and plots as SVG files if asked for.
 
@@ -54,12 +56,14 @@ def publish(
         clips: largest number of clips of the worst moments; 0: nothing is run.
         clip_time_s: no further clip is begun after this time.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
+        trust: run policies again that the results name as `module:Class` or `file.py:Class`; False: they have no clips.
 
     Returns:
         The paths of the files.
 
     Raises:
-        InvalidValueError: there are no results, they do not fit together, or a file cannot be written.
+        InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link or a
+            metric's name leads out of the folder.
         UnknownNameError: the results have no such metric.
     """
     require_count(0, clips=clips)
@@ -71,15 +75,16 @@ def publish(
     if with_plots:
         for metric in table.shown:
             contents |= {folder / "plots" / name: text for name, text in plots(table, metric).items()}
+    report = folder / "report.html"
+    _require_within(folder, (report, *contents))
     for parent in {path.parent for path in contents}:
         make_folder(parent)
     written = [write_whole(path, text) for path, text in contents.items()]
-    report = write_bench_report(folder / "report.html", table, about)  # complete, even if the clips are interrupted
+    write_bench_report(report, table, about)  # complete, even if the clips are interrupted
     isolation = origin.isolation
     if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
-        shown, notes = film(
-            worst_moments(table, clips), make_rerun(origin.grid.get("options", {}), isolation), clip_time_s
-        )
+        rerun = make_rerun(origin.grid.get("options", {}), isolation, trust=trust)
+        shown, notes = film(worst_moments(table, clips), rerun, clip_time_s)
         write_bench_report(report, table, about, shown, notes)
     return (report, *written)
 
@@ -107,14 +112,31 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def make_rerun(options: Mapping[str, Any], isolation: Mapping[str, Any]) -> RunCell:
-    """Return a function that runs a cell as the benchmark does, and calls another after every frame."""
+def _require_within(folder: Path, paths: Iterable[Path]) -> None:
+    """Refuse paths that lead out of a folder, which may be a stranger's: by links in it, or by names of metrics."""
+    whole = folder.resolve()
+    for path in paths:
+        if not path.resolve().is_relative_to(whole):
+            raise InvalidValueError(f"cannot write {path}: it leads out of {folder}, to {path.resolve()}")
+
+
+def make_rerun(options: Mapping[str, Any], isolation: Mapping[str, Any], *, trust: bool = False) -> RunCell:
+    """Return a function that runs a cell as the benchmark does, and calls another after every frame.
+
+    Args:
+        options: of the environments, as the results' folder has them.
+        isolation: of the policies, as the results' folder has it.
+        trust: run code that the cell's policy names, too.
+    """
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
         try:
+            if names_code(cell.policy) and not trust:
+                raise InvalidValueError("its policy names code, which is run only with --trust")
+            refuse_writing(options, "the results' options")
             apart = Isolation(FRAME_LIMIT_S if isolation else None)
             job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)
-        except CoopsimError as error:  # the cell's policy or files are gone
+        except CoopsimError as error:  # the cell's policy or files are gone, or not trusted
             return CellResult(cell, traceback=str(error))
         return run_job(job, on_frame).result
 

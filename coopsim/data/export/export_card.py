@@ -157,7 +157,15 @@ def read_card(folder: Path) -> dict[str, Any]:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ExportError(f"{path} cannot be read: {error}") from error
-    wanted = {"format": str, "seeds": list, "frames": int, "state": str, "episodes": dict}
+    wanted = {
+        "format": str,
+        "environment": str,
+        "options": dict,
+        "seeds": list,
+        "frames": int,
+        "state": str,
+        "episodes": dict,
+    }
     for name, kind in wanted.items():
         if not isinstance(content, dict) or not isinstance(content.get(name), kind):
             raise ExportError(f"{path}: {name} must be a {kind.__name__}")

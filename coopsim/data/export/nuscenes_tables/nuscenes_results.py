@@ -15,7 +15,8 @@ import numpy as np
 
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.data.export.export_card import DONE, read_card
+from coopsim.catalog import refuse_writing
+from coopsim.data.export.export_card import CARD, DONE, read_card
 from coopsim.data.export.export_format import make_export_format
 from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.line_file import LineFile
@@ -107,6 +108,7 @@ def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:
         raise InvalidValueError(f"{export} must be an export as nuscenes, got one as {card['format']}")
     if card["state"] != DONE:
         raise InvalidValueError(f"{export} must be a finished export: run the command that made it again")
+    refuse_writing(card["options"], f"{export / CARD}: options")
     return ExportPlan(
         card["format"], card["environment"], tuple(card["seeds"]), card["frames"], card["options"]
     ), writer
