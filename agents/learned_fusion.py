@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from coopsim.nn.detector.detector_net import DetectorNet
     from coopsim.nn.inference.agent_encoder import AgentEncoder
     from coopsim.nn.inference.flow_sender import FlowSender
-    from coopsim.nn.inference.perceiver import OwnMap, ReceivedMap
+    from coopsim.nn.inference.perceiver import OwnMap, Perceiver, ReceivedMap
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
 """Codecs: all cells, and as many of the surest ones as a budget has room for."""
@@ -76,9 +77,9 @@ class LearnedFusion(PerceivingPolicy):
         self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self._backend)
         self._encoder = self.make_encoder(detector)
         self._flow = self.make_flow(net)
-        self._encode: EncodeOnce[OwnMap] = EncodeOnce(
-            lambda view: self._encoded({view.agent: view})[view.agent], self._encoded
-        )
+        # Without this policy in it: the uplink may outlive it, and what it holds itself must not keep it alive.
+        encode = partial(_encoded, self._encoder, self._perceiver, self._flow)
+        self._encode: EncodeOnce[OwnMap] = EncodeOnce(encode_all=encode)
         self._uplink: ShareMaps | None = None
         self._served: set[str] = set()
 
@@ -161,13 +162,6 @@ class LearnedFusion(PerceivingPolicy):
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)
         return found.transform(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
 
-    def _encoded(self, views: Mapping[str, SensorView]) -> dict[str, OwnMap]:
-        """Return the maps of several agents, made side by side."""
-        looks = [self._encoder.look(view) for view in views.values()]
-        places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
-        maps = dict(zip(views, self._perceiver.encode(looks, places), strict=True))
-        return maps if self._flow is None else self._flow.add(views, maps)
-
     def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""
         sender_SE3_compass = self.compass_SE3_sender(agent, observation, heard).inverse()
@@ -176,3 +170,13 @@ class LearnedFusion(PerceivingPolicy):
 
     def _kind(self, sender: str) -> int:
         return self._kinds.index(self.specs[sender].kind) if sender in self.specs else 0
+
+
+def _encoded(
+    encoder: AgentEncoder, perceiver: Perceiver, flow: FlowSender | None, views: Mapping[str, SensorView]
+) -> dict[str, OwnMap]:
+    """Return the maps of several agents, made side by side."""
+    looks = [encoder.look(view) for view in views.values()]
+    places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
+    maps = dict(zip(views, perceiver.encode(looks, places), strict=True))
+    return maps if flow is None else flow.add(views, maps)

@@ -22,6 +22,7 @@ from coopsim.fusion.alignment import ReceivedBoxes
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
+from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.facing import facing_forwards
 from coopsim.tracking.tracker import Tracker
@@ -97,6 +98,7 @@ class PerceivingPolicy(TrackingPolicy):
             )
         self._tracking = self.tracking_policy()
         self._heard: dict[str, dict[str, Heard]] = {}
+        self._decode = WeakMethod(self.decode)  # which is remembered beside what it gave
         super().__post_init__()
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.nn.inference.backend import find_backend
@@ -208,7 +210,7 @@ class PerceivingPolicy(TrackingPolicy):
         """Take in the inbox, and return the newest message of each sender, in the order of their names."""
         known, now_ns = self._heard[agent], observation.time_ns
         inbox = [message for message in within_reach(observation) if message.sender != agent]
-        received = self.read(agent, inbox, self.decode)
+        received = self.read(agent, inbox, self._decode)
         places = self._places(agent, observation, received)
         for (message, content), odom_SE3_sender in zip(received, places, strict=True):
             captured_ns, before = min(message.captured_ns, now_ns), known.get(message.sender)

@@ -28,7 +28,7 @@ from coopsim.comms.uplinks.uplink import Uplink, named_uplink
 from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
 from coopsim.sensors.camera.rig_names import rig_camera_names
 from coopsim.support.checks import require_choice, require_flag
-from coopsim.support.overrides import is_newer
+from coopsim.support.methods import is_newer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, Tracks
 from coopsim.types.maneuvers import IDLE

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import weakref
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
@@ -19,6 +20,7 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.support.checks import require_between, require_probability
+from coopsim.support.methods import WeakMethod
 from coopsim.types import AgentSpec, BevGrid, Detections, InstanceQueries, Message, Observation, SensorView, Tracks
 from coopsim.types.valid_detections import drop_unreportable
 
@@ -84,18 +86,21 @@ class QueryPolicy(PerceivingPolicy):
         net = load_queries(self.weights, detector, self.fusion)
         self._perceiver = QueryPerceiver(net, detector, int(digest(self.weights)[:8], 16), self._backend)
         self._encoder = PointEncoder(detector, self._backend)
-        self._see: EncodeOnce[SeenMap] = EncodeOnce(lambda view: self._seen({view.agent: view})[view.agent], self._seen)
+        self._see: EncodeOnce[SeenMap] = EncodeOnce(encode_all=WeakMethod(self._seen))
         self._own: dict[str, StepOnce[_OwnChain, Instances]] = {}
-        self._uplink: ShareInstances | None = None
+        # By a weak reference: the uplink holds this policy.
+        self._uplink: Callable[[], ShareInstances | None] = lambda: None
         self._sending: dict[str, AgentSpec] = {}
         self._chains: dict[str, FrameChain[QueryMemory]] = {}  # of what agents know with the help of others
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
-        if self._uplink is None or spec.name in self._sending:  # an episode begins
-            self._uplink, self._sending = ShareInstances(self._shared, spec.codec or self.codec), {}
+        uplink = self._uplink()
+        if uplink is None or spec.name in self._sending:  # an episode begins
+            uplink, self._sending = ShareInstances(self._shared, spec.codec or self.codec), {}
+            self._uplink = weakref.ref(uplink)
         self._sending[spec.name] = spec
         self._alone(spec.name).begin_sending(spec.name)
-        return self._uplink
+        return uplink
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
@@ -177,7 +182,7 @@ class QueryPolicy(PerceivingPolicy):
     def _alone(self, agent: str) -> StepOnce[_OwnChain, Instances]:
         """Return what steps an agent's own mind, once a frame."""
         if agent not in self._own:
-            self._own[agent] = StepOnce(_OwnChain, partial(self._step_alone, agent))
+            self._own[agent] = StepOnce(_OwnChain, partial(WeakMethod(self._step_alone), agent))
         return self._own[agent]
 
     def _step_alone(self, agent: str, chain: _OwnChain, observation: Observation) -> Instances:

@@ -18,6 +18,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.localization.odometry_frame import OdometryFrame, stated_poses
 from coopsim.support.checks import require_choice, require_flag
+from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Fusion, Measurements
 from coopsim.tracking.tracker import Tracker
@@ -97,9 +98,10 @@ class TrackingPolicy(Policy):
         first = RECEIVER if spec.frame_owner in (None, spec.name) else spec.frame_owner
         alignment = PoseAlignment.of(self.specs, spec.name) if self.align else None
         state = self._states[spec.name] = _AgentState(
-            self.fuse, spec.is_object, spec.frame_owner, alignment, self._covariance
+            WeakMethod(self.fuse), spec.is_object, spec.frame_owner, alignment, self._covariance
         )
-        state.tracks = DELAYED.get(self.delayed)(self.make_tracker, state.fuse_and_remember, first)
+        make, fuse = WeakMethod(self.make_tracker), WeakMethod(state.fuse_and_remember)
+        state.tracks = DELAYED.get(self.delayed)(make, fuse, first)
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         self._states[agent].frame.move(observation)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.overrides import is_newer
+from coopsim.support.methods import is_newer
 from coopsim.support.registry import Registry
 from coopsim.types import AgentSpec, Detections, SensorView
 

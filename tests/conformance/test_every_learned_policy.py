@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import struct
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,6 +19,7 @@ from tiny_networks import FUSIONS, QUERIES, learned, tiny_detector
 
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
+from coopsim.bench.evaluate import listening_env, run_episode
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.envelope import decode_features, decode_queries
@@ -435,3 +438,20 @@ def test_alignment_follows_a_moving_agent_once_a_frame(name: str) -> None:
         policy.track("cav_0", replace(at, odometry=Odometry(np.array([step_m if k else 0.0, 0, 0, 0]))))
     (heard,) = policy._heard["cav_0"].values()
     np.testing.assert_allclose(heard.odom_SE3_sender.translation[:2], ELSEWHERE[:2], atol=1e-3)
+
+
+@EVERY
+def test_a_policy_ends_when_nobody_has_it_any_more(name: str) -> None:
+    """With all its maps, without waiting for Python to look for cycles, after an episode with messages."""
+    policy = make(name)
+    env = listening_env("crossing", policy, {name: each for name, each in SMALL.items() if name != "detector"})
+    gc.collect()
+    gc.disable()
+    try:
+        run_episode(env, policy, seed=0)
+        env.close()
+        kept = weakref.ref(policy)
+        del policy, env
+        assert kept() is None
+    finally:
+        gc.enable()

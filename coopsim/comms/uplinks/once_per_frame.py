@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
@@ -25,16 +26,19 @@ class EncodeOnce(Generic[T]):
     nothing of another frame or episode is ever mistaken for this one.
 
     Args:
-        encode: the result of one view; a pure function.
+        encode: the result of one view; a pure function. Only needed without `encode_all`.
         encode_all: the results of several agents' views at once, by agent; None: `encode` for each.
     """
 
     def __init__(
         self,
-        encode: Callable[[SensorView], T],
+        encode: Callable[[SensorView], T] | None = None,
         encode_all: Callable[[Mapping[str, SensorView]], Mapping[str, T]] | None = None,
     ) -> None:
-        self._encode_all = encode_all or (lambda views: {agent: encode(view) for agent, view in views.items()})
+        if encode_all is None:
+            assert encode is not None
+            encode_all = partial(_each, encode)
+        self._encode_all = encode_all
         self._latest: dict[str, tuple[SensorView, T]] = {}
 
     def __call__(self, view: SensorView) -> T:
@@ -55,6 +59,10 @@ class EncodeOnce(Generic[T]):
             return False
         compared = ("odometry", "pose", "sweeps", "images")
         return all(same(getattr(latest[0], name), getattr(view, name)) for name in compared)
+
+
+def _each(encode: Callable[[SensorView], T], views: Mapping[str, SensorView]) -> dict[str, T]:
+    return {agent: encode(view) for agent, view in views.items()}
 
 
 @dataclass
