@@ -10,12 +10,18 @@ import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
+_LONGEST, _SHOWN_END = 4000, 500
+"""Most letters of a line of a message, and of its end where it is longer."""
+
 
 class CoopsimError(Exception):
     """Root of all coopsim errors."""
 
     place: str | None = None
     """"file:line" of the error, if known; the message then begins with it."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*(_shortened(each) if isinstance(each, str) else each for each in args))
 
     def at(self, place: str | None) -> Self:
         """Set the place of an error that has none yet, and return the error."""
@@ -130,3 +136,14 @@ class MissingDependencyError(CoopsimError, ImportError):
 
 class CrowdedWarning(UserWarning):
     """There is no space for all requested actors; the message says how many there are instead."""
+
+
+def _shortened(message: str) -> str:
+    """Return a message whose lines lack their middle if they are too long, as where they show a stranger's value."""
+    return message if len(message) <= _LONGEST else "\n".join(map(_shortened_line, message.split("\n")))
+
+
+def _shortened_line(line: str) -> str:
+    left = len(line) - _LONGEST
+    start, end = line[: _LONGEST - _SHOWN_END], line[-_SHOWN_END:]
+    return line if left <= 0 else f"{start} ... ({left} letters left out) ... {end}"

@@ -110,7 +110,8 @@ def benchmark(
 
     Policies, scenarios and options are looked up and tried before the first cell runs. Each cell is stored as soon as
     it is finished, so after any interruption the same call continues and ends in the same results. A cell whose policy
-    raises has a traceback instead of values, and the others go on.
+    raises has a traceback instead of values, and the others go on. So has one whose machine died, which is not stored:
+    the same call runs it again.
 
     Args:
         grid: the cells.
@@ -143,7 +144,8 @@ def benchmark(
     schedule = Schedule(job for job in jobs if job.cell not in results)
     with closing(engine.run(schedule)) as outcomes:
         for outcome in outcomes:
-            store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
+            if not outcome.lost:
+                store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
             results[outcome.job.cell] = outcome.result
             schedule.learn(outcome)
             progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)

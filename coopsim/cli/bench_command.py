@@ -83,13 +83,14 @@ def run(options: argparse.Namespace) -> int:
     given = {"more_policies": options.policy, "trust": options.trust, **_flag_values(options)}
     source = find_grid(options.preset, options.grid, **given)
     grid = source.grid()
-    conditions, finished = list(grid.conditions()), 0
+    conditions, finished, lost = list(grid.conditions()), 0, 0
     # The remaining time is ours: the bar's own assumes that all cells take equally long.
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
     with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
 
         def show(progress: Progress) -> None:
-            nonlocal finished
+            nonlocal finished, lost
+            lost += progress.outcome is not None and progress.outcome.lost
             finished = progress.stored + progress.done  # a hidden bar does not count
             _show(bar, progress, engine.at_once, conditions)
 
@@ -113,10 +114,12 @@ def run(options: argparse.Namespace) -> int:
             print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
     write_files(options.out, results, options, trust=True)  # the grid's policies, which have run already
-    failed = sum(result.failed for result in results)
+    failed = sum(result.failed for result in results) - lost
+    if lost:
+        print(f"coopsim: {lost} of {len(grid)} cells were not run; the same command runs them", file=sys.stderr)
     if failed:
         print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
-    return FAILED if failed else 0
+    return FAILED if failed or lost else 0
 
 
 def _require_metrics(grid: Grid, metrics: Sequence[str], *, import_policies: bool) -> None:

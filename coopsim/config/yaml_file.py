@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -15,6 +16,9 @@ from coopsim.errors import CoopsimError
 
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
 """Keys whose texts may be the path of a file."""
+
+
+_MOST_REPEATED = 100_000
 
 
 class Section(dict[str, Any]):
@@ -162,6 +166,8 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:
     """
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=_Loader)
+        if node is not None:
+            refuse_many_aliases(node)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         what = "" if isinstance(error, ConstructorError) else "this is no YAML: "
@@ -169,6 +175,37 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:  # not UTF-8, or 1000 brackets, too
         raise kind(f"cannot read {path}: {(isinstance(error, OSError) and error.strerror) or error}") from error
     return FileEntry(path, node or yaml.ScalarNode("tag:yaml.org,2002:null", ""), ROOT, 1, kind)
+
+
+def refuse_many_aliases(root: yaml.Node) -> None:
+    """Refuse a document whose aliases stand for so many values that to expand them takes all memory.
+
+    Raises:
+        ConstructorError: they stand for more than 100,000 values that are written elsewhere.
+    """
+    sizes: dict[yaml.Node, int] = {}
+
+    def size(node: yaml.Node) -> int:
+        if node not in sizes:
+            sizes[node] = 0  # of an alias that is part of what it stands for
+            parts = node.value if isinstance(node, yaml.CollectionNode) else ()
+            parts = itertools.chain.from_iterable(parts) if isinstance(node, yaml.MappingNode) else parts
+            sizes[node] = 1 + sum(map(size, parts))
+        return sizes[node]
+
+    repeated = size(root) - len(sizes)
+    if repeated > _MOST_REPEATED:
+        problem = f"aliases must stand for at most {_MOST_REPEATED} values, they stand for {repeated:.3g}"
+        raise ConstructorError(problem=problem, problem_mark=root.start_mark)
+
+
+def load_bounded(loader: Any) -> Any:
+    """Return the one document of a PyYAML loader as plain data; raises as that does, and for too many aliases."""
+    node = loader.get_single_node()
+    if node is None:
+        return None
+    refuse_many_aliases(node)
+    return loader.construct_document(node)
 
 
 def path_from(folder: str | Path, path: str) -> str:

@@ -65,7 +65,7 @@ def read_header(
         return {name: (str(each["dtype"]), tuple(map(int, each["shape"]))) for name, each in header.items()}, texts
     except OSError as error:
         raise InvalidValueError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         if isinstance(error, InvalidValueError):
             raise
         raise InvalidValueError(f"{path}: is no safetensors file") from error

@@ -30,7 +30,7 @@ from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.nn.inference.devices import find_device
 from coopsim.nn.inference.memory import keep_freed_memory
-from coopsim.support.files import make_folder, write_whole
+from coopsim.support.files import locked, make_folder, write_whole
 from coopsim.support.rng import require_seed
 
 
@@ -63,7 +63,8 @@ def train(
         show: called after each step.
 
     Raises:
-        InvalidValueError, UnknownNameError: of the recipe, or `out` holds another training.
+        InvalidValueError, UnknownNameError: of the recipe, or `out` holds another training, or is in use by another
+            process.
         TrainingError: the losses are no numbers, or diverge; the last checkpoint is kept.
     """
     recipe, folder = find_recipe(recipe), Path(out)
@@ -73,7 +74,7 @@ def train(
     torch.set_num_threads(recipe.threads)
     keep_freed_memory()
     try:
-        with joined(find_device(device)) as ranks:
+        with joined(find_device(device)) as ranks, locked(folder) if ranks.writes else nullcontext():
             task = make_task(recipe, seed).to(ranks.device)
             with _clips(task, recipe, seed, source, cache, workers, ranks) as clips:
                 order = SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, ranks.rank)

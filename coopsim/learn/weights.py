@@ -225,13 +225,19 @@ def read_texts(name_or_path: str | Path) -> dict[str, str]:
 
 def read_config(name_or_path: str | Path) -> dict[str, Any]:
     """Return the options from which the network of a file is made."""
-    return dict(json.loads(read_texts(name_or_path)["config"]))
+    found = _said(find_weights(name_or_path), read_texts(name_or_path), "config")
+    return found if isinstance(found, dict) else {}
 
 
 def card(name_or_path: str | Path) -> dict[str, Any]:
     """Return the card of weights: how they were made, and what was measured with them; empty if there is none."""
     path = find_weights(name_or_path).with_suffix(".json")
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+    if not path.exists():
+        return {}
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise InvalidValueError(f"{path}: is no card of weights") from error
 
 
 def digest(name_or_path: str | Path) -> str:
@@ -257,12 +263,9 @@ def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
     Raises:
         InvalidValueError: the description is broken, or for other classes.
     """
-    try:
-        config, classes = json.loads(texts["config"]), json.loads(texts["classes"])
-    except (KeyError, ValueError) as error:
-        raise InvalidValueError(f"{path}: does not say which network its weights are for") from error
+    config, classes = (_said(path, texts, key) for key in ("config", "classes"))
     if classes != list(CLASS_NAMES):
-        other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes)))
+        other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes if isinstance(classes, list) else ())))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
     made = {
         "detector": make_detector,
@@ -369,9 +372,20 @@ def _loaded_cooperative(path: Path, _digest: str) -> CooperativeNet:
 
 
 def _loaded(path: Path) -> nn.Module:
-    net = network_of(path, read_texts(path))
-    net.load_state_dict(read_tensors(path, net.state_dict()))
+    texts = read_texts(path)
+    with torch.device("meta"):  # takes no memory: a small file may describe a huge network
+        wanted = network_of(path, texts).state_dict()
+    tensors = read_tensors(path, wanted)
+    net = network_of(path, texts)
+    net.load_state_dict(tensors)
     return net.eval().requires_grad_(False)
+
+
+def _said(path: Path, texts: Mapping[str, str], key: str) -> Any:
+    try:
+        return json.loads(texts[key])
+    except (KeyError, ValueError, RecursionError) as error:
+        raise InvalidValueError(f"{path}: does not say which network its weights are for") from error
 
 
 def _require_encoder(path: Path, texts: Mapping[str, str], detector: DetectorNet | None) -> None:

@@ -50,7 +50,7 @@ class Spool:
             self._end, self._process = 0, os.getpid()
         place, left = Place(self._file, self._end, len(content)), memoryview(content)
         while left:
-            left = left[os.pwrite(self._file.number, left, place.start + len(content) - len(left)) :]
+            left = left[_write_at(self._file.number, left, place.start + len(content) - len(left)) :]
         self._end += len(content)
         return place
 
@@ -66,12 +66,26 @@ class Place(NamedTuple):
         """Return the bytes."""
         parts, done = [], 0
         while done < self.length:  # the system may read fewer at a time
-            part = os.pread(self.file.number, self.length - done, self.start + done)
+            part = _read_at(self.file.number, self.length - done, self.start + done)
             if not part:
                 raise OSError("the temporary file of a log of tracks has been cut short")
             parts.append(part)
             done += len(part)
         return b"".join(parts)
+
+
+def _read_at(number: int, length: int, start: int) -> bytes:
+    if hasattr(os, "pread"):
+        return os.pread(number, length, start)
+    os.lseek(number, start, os.SEEK_SET)  # Windows
+    return os.read(number, length)
+
+
+def _write_at(number: int, content: memoryview, start: int) -> int:
+    if hasattr(os, "pwrite"):
+        return os.pwrite(number, content, start)
+    os.lseek(number, start, os.SEEK_SET)  # Windows
+    return os.write(number, content)
 
 
 class GrowingColumns:

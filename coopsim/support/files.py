@@ -1,12 +1,26 @@
-"""Files that are written whole or not at all, and their folders."""
+"""Files that are written whole or not at all, and their folders, which one process holds at a time."""
 
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import Any, Self
 
 from coopsim.errors import InvalidValueError
+
+fcntl: Any
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+LOCK = ".lock"
+"""Name of the file in a folder that a process holds; it says which process."""
 
 
 def require_writable(path: Path) -> None:
@@ -71,14 +85,109 @@ def write_durably(path: Path, content: bytes) -> None:
     """
     try:
         _replace(path, content, durable=True)
-        if hasattr(os, "O_DIRECTORY"):  # the new name is in the folder, which is a file of its own
-            folder = os.open(path.parent, os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+        _sync_folder(path.parent)
     except OSError as error:
         raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
+
+
+class WrittenFiles:
+    """The files that are written in a `with` block, to be made durable together, which takes less than one by one.
+
+    Args:
+        folder: that they lie in.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._paths = folder, dict[Path, None]()
+
+    def __enter__(self) -> Self:
+        self._before = _written.set(self._paths)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _written.reset(self._before)
+
+    def sync(self) -> None:
+        """Wait until all that were written since the last call survive a power failure.
+
+        Raises:
+            InvalidValueError: the disk reports an error.
+        """
+        folders = {parent for path in self._paths for parent in path.parents if parent.is_relative_to(self._folder)}
+        try:
+            for path in filter(Path.exists, self._paths):  # parts may have been joined
+                with open(path, "rb+") as file:
+                    os.fsync(file.fileno())
+            for folder in (*folders, self._folder.parent):
+                _sync_folder(folder)
+        except OSError as error:
+            raise InvalidValueError(f"cannot write {self._folder}: {error.strerror}") from error
+        self._paths.clear()
+
+
+_written: ContextVar[dict[Path, None] | None] = ContextVar("_written", default=None)
+
+
+def note_written(path: Path) -> None:
+    """Add a file that got its name just now to those of the block of `WrittenFiles` that runs, if one does."""
+    written = _written.get()
+    if written is not None:
+        written[path] = None
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold an existing folder for this process alone. Where the system has no `flock`, as Windows, nothing is held.
+
+    The lock ends with the process, however that ends.
+
+    Raises:
+        InvalidValueError: another process, or another call in this one, holds the folder; or it cannot be written.
+    """
+    if fcntl is None:
+        yield
+        return
+    path = folder / LOCK
+    try:
+        handle = _lock(path)
+    except BlockingIOError:
+        holder = path.read_bytes()[:100].decode(errors="replace") if path.exists() else "unknown"
+        raise InvalidValueError(
+            f"{folder} is in use by process {holder}: wait until it ends, or take another folder"
+        ) from None
+    except OSError as error:
+        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _lock(path: Path) -> int:
+    """Lock a file and write into it who did. The one that held it may remove it meanwhile: then another is made."""
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
+                os.ftruncate(handle, 0)
+                os.write(handle, f"{os.getpid()} on {socket.gethostname()}".encode())
+                return handle
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable, which is a file of its own."""
+    if hasattr(os, "O_DIRECTORY"):
+        handle = os.open(folder, os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _is_special(target: Path) -> bool:
@@ -86,21 +195,17 @@ def _is_special(target: Path) -> bool:
 
 
 def _replace(target: Path, content: bytes, *, durable: bool = False) -> None:
-    handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".tmp")
+    temporary = target.with_name(f"tmp{secrets.token_hex(8)}.tmp")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with open(temporary, "xb") as file:  # the system itself takes away the rights that the user's mask names
+            if target.exists():
+                os.chmod(temporary, target.stat().st_mode)
             file.write(content)
             if durable:
                 file.flush()
-                os.fsync(handle)
-        os.chmod(temporary, target.stat().st_mode if target.exists() else 0o666 & ~_umask())
+                os.fsync(file.fileno())
         os.replace(temporary, target)
     except BaseException:
-        os.unlink(temporary)
+        temporary.unlink(missing_ok=True)  # an interrupt may come after it got its name
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)  # it can be read only by setting it
-    os.umask(mask)
-    return mask
+    note_written(target)

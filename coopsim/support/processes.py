@@ -46,4 +46,9 @@ def start_python(
 
 def cause_of_end(status: int) -> str:
     """Return how a process ended, from the status that `Popen.wait` returns: "exit status 1" or "SIGKILL"."""
-    return f"exit status {status}" if status >= 0 else signal.Signals(-status).name
+    if status >= 0:
+        return f"exit status {status}"
+    try:
+        return signal.Signals(-status).name
+    except ValueError:  # most real-time signals have no name
+        return f"signal {-status}"

@@ -76,6 +76,10 @@ class DetectJob:
         """Return the outcome where the process died."""
         return DetectOutcome(self, None, f"the process that ran this episode died: {how}\n")
 
+    def lost(self, how: str) -> DetectOutcome:
+        """Return the outcome where the machine or the cluster died."""
+        return DetectOutcome(self, None, f"this episode was not run: {how}\n")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectOutcome:

@@ -24,6 +24,8 @@ from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.metric_spec import MetricSpec, keep_named
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
+from coopsim.errors import InvalidValueError
+from coopsim.support.checks import require_count
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -74,6 +76,10 @@ class Job:
         """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
         return Outcome(self, CellResult(self.cell, traceback="the process that ran this cell died\n"), {"died": how})
 
+    def lost(self, how: str) -> Outcome:
+        """Return the outcome where the cell was not run, for no fault of its own."""
+        return Outcome(self, CellResult(self.cell, traceback="the cell was not run\n"), {"died": how}, lost=True)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
@@ -83,11 +89,13 @@ class Outcome:
         job: the job.
         result: the same in every run.
         circumstances: data that differ between runs: seconds, machine, versions, and how a process died.
+        lost: whether it says nothing of the cell, as where its machine died: it is not stored.
     """
 
     job: Job
     result: CellResult
     circumstances: Mapping[str, Any] = field(default_factory=dict)
+    lost: bool = False
 
     @property
     def seconds(self) -> float:
@@ -114,8 +122,14 @@ def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
 
 
 def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
-    """Return the evaluation of a cell as its result."""
+    """Return the evaluation of a cell as its result.
+
+    Raises:
+        InvalidValueError: the policy's `counts` are no integers of 64 bits by name, or its `method` is no text.
+    """
     score = evaluation.score
+    if not isinstance(evaluation.method, str):
+        raise InvalidValueError(f"method must be a text, got {evaluation.method!r}")
     return CellResult(
         cell,
         values=_as_floats(score.values),
@@ -123,13 +137,21 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         rewards=np.asarray(evaluation.rewards, np.float64),
         messages=asdict(evaluation.messages),
         place_seed=evaluation.place_seed,
-        counts=dict(evaluation.counts),
+        counts=_as_counts(evaluation.counts),
         method=evaluation.method,
     )
 
 
 def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
+
+
+def _as_counts(counts: Mapping[str, int]) -> dict[str, int]:
+    for name, count in counts.items():
+        if not isinstance(name, str):
+            raise InvalidValueError(f"counts must be by name, got {name!r}")
+        require_count(-(2**63), 2**63 - 1, **{f"counts[{name!r}]": count})
+    return {name: int(count) for name, count in counts.items()}
 
 
 def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
@@ -151,7 +173,8 @@ def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
 
 def traceback_of(error: Exception) -> str:
     """Format a traceback without what differs between runs: our callers, and addresses of objects."""
-    return _ADDRESS.sub("0x...", "".join(traceback.format_exception(error)))
+    text = "".join(traceback.format_exception(error)).encode(errors="backslashreplace").decode()  # as names of files
+    return _ADDRESS.sub("0x...", text)
 
 
 _warm = False

@@ -10,6 +10,10 @@ from coopsim.bench.engine.work import DoneT, Work, run_work
 from coopsim.support.ray_cluster import import_ray, ray_environment, start_ray
 
 
+_OF_THE_WORK = ("WorkerCrashedError", "OutOfMemoryError", "RayTaskError")
+"""Errors of Ray that the work itself may have caused; the others are of machines and of the cluster."""
+
+
 def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | None) -> Generator[DoneT]:
     """Run jobs, and yield outcomes as they come; closing the generator cancels the remaining ones.
 
@@ -52,5 +56,6 @@ def _outcome(ray: Any, reference: Any, job: Work[DoneT]) -> DoneT:
     try:
         outcome: DoneT = ray.get(reference)
     except ray.exceptions.RayError as error:  # after Ray's own retries
-        return job.died(f"{type(error).__name__}")
+        how = type(error).__name__
+        return job.died(how) if how in _OF_THE_WORK else job.lost(how)
     return outcome

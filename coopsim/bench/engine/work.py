@@ -17,6 +17,9 @@ class Work(Protocol[DoneT_co]):
     def died(self, how: str) -> DoneT_co:
         """Return the outcome where the process died; `how` differs between engines."""
 
+    def lost(self, how: str) -> DoneT_co:
+        """Return the outcome where the work could not be done for no fault of its own, as where a machine died."""
+
 
 def run_work(work: Work[DoneT]) -> DoneT:
     """Do a piece of work; a function, which can be sent to other processes."""

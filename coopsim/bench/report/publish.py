@@ -62,8 +62,8 @@ def publish(
         The paths of the files.
 
     Raises:
-        InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link or a
-            metric's name leads out of the folder.
+        InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link
+            or a metric's name leads out of the folder.
         UnknownNameError: the results have no such metric.
     """
     require_count(0, clips=clips)

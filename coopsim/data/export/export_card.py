@@ -16,7 +16,7 @@ from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.export_sums import SUMS, check_sums, files_below, write_sums
 from coopsim.data.export.problem import Problem
 from coopsim.errors import ExportError, InvalidValueError
-from coopsim.support.files import make_folder, write_whole
+from coopsim.support.files import LOCK, WrittenFiles, write_durably, write_whole
 from coopsim.support.integers import runs_of
 
 CARD, PAGE, PICTURE = "export.json", "README.md", "picture.png"
@@ -70,13 +70,14 @@ class ExportCard:
             "episodes": {str(seed): asdict(counts) for seed, counts in self.episodes.items()},
             **self._sizes,
         }
-        write_whole(self.folder / CARD, json.dumps(content, indent=2) + "\n")
+        write_durably(self.folder / CARD, (json.dumps(content, indent=2) + "\n").encode())
 
-    def finish(self) -> None:
-        """Write checksums, the page for people, and that the export is done."""
+    def finish(self, written: WrittenFiles) -> None:
+        """Write checksums, the page for people, and, once all of it is on the disk, that the export is done."""
         files, size = write_sums(self.folder, _UNLISTED)
         self._sizes = {"files": files, "bytes": size}
         write_whole(self.folder / PAGE, self._page())
+        written.sync()
         self.done = True
         self.write()
 
@@ -118,18 +119,17 @@ class ExportCard:
 
 
 def open_card(folder: Path, plan: ExportPlan) -> ExportCard:
-    """Open the card of a folder: a new one, or that of the export to go on with.
+    """Open the card of an existing folder: a new one, or that of the export to go on with.
 
     Raises:
         ExportError: the folder holds something else, or an export with other arguments; the message says which.
-        InvalidValueError: the folder cannot be made or written.
+        InvalidValueError: the folder cannot be written.
     """
-    make_folder(folder)
     if not os.access(folder, os.W_OK):
         raise InvalidValueError(f"cannot write into the folder {folder}: permission denied")
     card = ExportCard(folder, plan.facts())
     if not (folder / CARD).exists():
-        if any(not path.name.endswith(_SUFFIX_OF_UNFINISHED) for path in folder.iterdir()):
+        if any(path.name != LOCK and path.suffix != _SUFFIX_OF_UNFINISHED for path in folder.iterdir()):
             raise ExportError(f"{folder} must be new, empty, or hold the export to go on with (a file {CARD})")
         card.write()
         return card
@@ -155,16 +155,16 @@ def read_card(folder: Path) -> dict[str, Any]:
     path = folder / CARD
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ExportError(f"{path} cannot be read: {error}") from error
     wanted = {
         "format": str,
-        "environment": str,
-        "options": dict,
         "seeds": list,
         "frames": int,
         "state": str,
         "episodes": dict,
+        "environment": str,
+        "options": dict,
     }
     for name, kind in wanted.items():
         if not isinstance(content, dict) or not isinstance(content.get(name), kind):

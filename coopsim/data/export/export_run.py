@@ -16,7 +16,7 @@ from coopsim.data.export.export_plan import ExportPlan
 from coopsim.data.export.export_source import ExportSource
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import as_runs
-from coopsim.support.files import write_whole_bytes
+from coopsim.support.files import WrittenFiles, locked, make_folder, write_whole_bytes
 
 
 def export(
@@ -45,7 +45,7 @@ def export(
 
     Raises:
         CoopsimError: the format, the environment or an option is not known or not accepted; the folder holds something
-            else, or cannot be written.
+            else, cannot be written, or is in use by another process.
     """
     if not isinstance(folder, (str, os.PathLike)):
         raise InvalidValueError(f"folder must be a path, got {folder!r}")
@@ -53,33 +53,37 @@ def export(
     writer, report = make_export_format(format), progress or (lambda count: None)
     with closing(ExportSource(plan, writer.usual_options)) as source:
         writer.require(source.agents)
-        card = open_card(Path(folder), plan)
-        report(plan.frames * len(card.episodes))
-        if not card.done:
-            _write(plan, writer, source, card, report)
+        make_folder(Path(folder))
+        with locked(Path(folder)):
+            card = open_card(Path(folder), plan)
+            report(plan.frames * len(card.episodes))
+            if not card.done:
+                _write(plan, writer, source, card, report)
     return Path(folder)
 
 
 def _write(
     plan: ExportPlan, writer: ExportFormat, source: ExportSource, card: ExportCard, report: Callable[[int], object]
 ) -> None:
-    writer.begin(card.folder, plan)
-    for number, seed in enumerate(plan.seeds):
-        if seed in card.episodes:
-            continue
-        counts = EpisodeCounts(list(source.agents))
-        writer.begin_episode(seed)
-        for frame in source.episode(seed):
-            writer.write(frame)
-            if number == 0 and frame.index == plan.frames // 2:
-                write_whole_bytes(card.folder / PICTURE, frame_picture(frame, source.road_map))
-            _count(frame, counts)
-            report(1)
-        writer.end_episode()
-        card.episodes[seed] = counts
-        card.write()
-    writer.end()
-    card.finish()
+    with WrittenFiles(card.folder) as written:
+        writer.begin(card.folder, plan)
+        for number, seed in enumerate(plan.seeds):
+            if seed in card.episodes:
+                continue
+            counts = EpisodeCounts(list(source.agents))
+            writer.begin_episode(seed)
+            for frame in source.episode(seed):
+                writer.write(frame)
+                if number == 0 and frame.index == plan.frames // 2:
+                    write_whole_bytes(card.folder / PICTURE, frame_picture(frame, source.road_map))
+                _count(frame, counts)
+                report(1)
+            writer.end_episode()
+            written.sync()  # before the card says that they are there
+            card.episodes[seed] = counts
+            card.write()
+        writer.end()
+        card.finish(written)
 
 
 def _count(frame: ExportFrame, counts: EpisodeCounts) -> None:

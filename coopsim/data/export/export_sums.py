@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from coopsim.data.export.problem import Problem
-from coopsim.support.files import write_whole
+from coopsim.support.files import LOCK, write_whole
 
 SUMS = "SHA256SUMS"
 
@@ -34,7 +34,9 @@ def check_sums(folder: Path, unlisted: Collection[str]) -> Iterator[Problem]:
         return
     sums = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
     for name, digest in sums.items():
-        if not (folder / name).is_file():
+        if not (folder / name).resolve().is_relative_to(folder.resolve()):
+            yield Problem(SUMS, "", f"names a file out of the folder: {name}")
+        elif not (folder / name).is_file():
             yield Problem(name, "", "is missing")
         elif sha256_of(folder / name) != digest:
             yield Problem(name, "", f"is not as it was exported: its SHA-256 is another than in {SUMS}")
@@ -45,10 +47,10 @@ def check_sums(folder: Path, unlisted: Collection[str]) -> Iterator[Problem]:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all files below a folder, sorted within each folder."""
+    """Yield all files below a folder but its lock, sorted within each folder."""
     for root, folders, names in os.walk(folder):
         folders.sort()
-        yield from (Path(root, name) for name in sorted(names))
+        yield from (Path(root, name) for name in sorted(names) if name != LOCK)
 
 
 def sha256_of(path: Path) -> str:

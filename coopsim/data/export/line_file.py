@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.files import note_written
 
 
 class LineFile:
@@ -33,6 +34,7 @@ class LineFile:
         """End the file and give it its name."""
         try:
             os.replace(self._part, self._path)
+            note_written(self._path)
         except OSError as error:
             raise self._failed(error) from error
 

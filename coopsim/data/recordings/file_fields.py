@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -111,10 +112,10 @@ def as_id(value: object, file: Path, name: str) -> int:
     Raises:
         RecordingError: it is no number; names the file and the field.
     """
-    text = str(value).strip()
+    text = str(value).strip() if isinstance(value, (int, str)) else ""
     digits = text.removeprefix("-")
-    if isinstance(value, (bool, float)) or not (digits.isascii() and digits.isdecimal()) or abs(int(text)) >= ID_LIMIT:
-        raise RecordingError(f"{file}: the id of {name} must be an integer, got {value!r}")
+    if isinstance(value, bool) or not (digits.isascii() and digits.isdecimal()) or abs(int(text)) >= ID_LIMIT:
+        raise RecordingError(f"{file}: the id of {name} must be an integer, got {_shown(value)}")
     return int(text)
 
 
@@ -131,5 +132,10 @@ def read_json(path: Path) -> Any:
 
 
 def _shown(value: object) -> str:
-    text = " ".join(repr(value).split())
+    text = " ".join(_SHORT.repr(value).split())
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxdict, _SHORT.maxlist, _SHORT.maxtuple = 4, 8, 8, 8
+_SHORT.maxstring = _SHORT.maxother = 100

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 from yaml.constructor import ConstructorError
 
+from coopsim.config.yaml_file import load_bounded
 from coopsim.data.recordings.file_fields import Fields
 from coopsim.errors import RecordingError
 
@@ -31,7 +32,7 @@ def read_tagged_yaml(path: Path) -> Fields:
             and, where known, the line.
     """
     try:
-        content = yaml.load(path.read_bytes(), Loader=_Loader)
+        content = load_bounded(_Loader(path.read_bytes()))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""

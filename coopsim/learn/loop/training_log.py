@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.files import write_whole
+from coopsim.support.files import write_durably
 
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
@@ -32,9 +32,9 @@ class TrainingLog:
         self._lines.append({"step": step, "kind": kind, **{name: round(value, 6) for name, value in values.items()}})
 
     def write(self) -> None:
-        """Write the file."""
+        """Write the file; it is as durable as the checkpoint beside it."""
         if self._writes:
-            write_whole(self._path, "".join(f"{json.dumps(line)}\n" for line in self._lines))
+            write_durably(self._path, "".join(f"{json.dumps(line)}\n" for line in self._lines).encode())
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:

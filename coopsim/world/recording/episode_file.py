@@ -52,6 +52,9 @@ _DESCRIBED: Mapping[str, Any] = {"detail": "plain", "description": None, "place_
 
 _LARGEST_HEADER = 2**26
 
+_MOST_ACTORS = 100_000
+"""Far more than any place has room for: a frame of them takes 15 MB."""
+
 _ACCEPTED = "accepted: a file that `coopsim record` or the option `record` wrote"
 
 Words = NDArray[np.uint64]
@@ -216,7 +219,7 @@ class Episode:
             content["agents"] = tuple(EpisodeAgent(**agent) for agent in content["agents"])
             content["models"] = {name: tuple(size_m) for name, size_m in content["models"].items()}
             return EpisodeHeader(**content), at + length
-        except (AttributeError, KeyError, TypeError, ValueError, zlib.error) as error:
+        except (AttributeError, KeyError, TypeError, ValueError, RecursionError, zlib.error) as error:
             raise RecordingError(f"{self.path} has an invalid header: {error}") from error
 
     def _scan(self, at: int) -> Iterator[tuple[bytes, int]]:
@@ -230,7 +233,7 @@ class Episode:
             if not whole or len(payload) < length:
                 raise RecordingError(f"{self.path} is cut off in frame {number}, {number} whole ones come before it")
             right = _checksum((stated, actors, agents, length), payload) == checksum
-            if not right or stated != number or agents != len(self.header.agents):
+            if not right or stated != number or agents != len(self.header.agents) or actors > _MOST_ACTORS:
                 raise RecordingError(f"{self.path} is damaged in frame {number}, {number} whole ones come before it")
             yield payload, actors
             at, number = at + _FRAME.size + length, number + 1

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from coopsim.config.load import load, read_mapping
+from coopsim.config.yaml_file import read_yaml
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_positive
 
@@ -152,3 +153,22 @@ def test_a_file_without_keys_is_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(InvalidValueError, match="drawing must be a Drawing, a mapping or the path of a YAML file, got"):
         read_mapping("drawing", "a Drawing", str(path))
+
+
+def test_aliases_are_counted_before_they_are_expanded(tmp_path: Path) -> None:
+    """Nine levels of ten aliases, 500 bytes, would be a billion values."""
+    path = tmp_path / "bomb.yaml"
+    levels = [f"l{k}: &l{k} [{', '.join([f'*l{k - 1}'] * 10)}]" for k in range(1, 10)]
+    path.write_text("\n".join(["l0: &l0 [x]", *levels]))
+    with pytest.raises(InvalidValueError, match=r"bomb\.yaml:1: aliases must stand for at most") as raised:
+        read_yaml(path, InvalidValueError)
+    assert len(str(raised.value)) < 300
+    path.write_text("\n".join(["l0: &l0 [x]", *levels[:3]]))
+    assert len(read_yaml(path, InvalidValueError).value["l3"]) == 10, "1,000 values are none too many"
+
+
+def test_an_error_is_a_line_however_long_the_value() -> None:
+    with pytest.raises(InvalidValueError) as raised:
+        load(Drawing, ["x"] * 100_000, "drawing")
+    assert len(str(raised.value)) < 5000 and "drawing must be a mapping, got ['x', " in str(raised.value)
+    assert str(InvalidValueError("line\n" * 5000)) == "line\n" * 5000, "a traceback is kept"

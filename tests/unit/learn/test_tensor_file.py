@@ -38,6 +38,7 @@ def test_the_order_of_names_does_not_matter(tmp_path: Path) -> None:
         (4).to_bytes(8, "little") + b"[1]]",
         (12).to_bytes(8, "little") + b'{"a": "text"}',
         (60_000).to_bytes(8, "little") + b"[" * 60_000,
+        (43).to_bytes(8, "little") + b'{"a": {"dtype": "F32", "shape":[Infinity]}}',
     ],
 )
 def test_what_is_no_such_file_is_refused(content: bytes, tmp_path: Path) -> None:

@@ -106,6 +106,8 @@ Change = Callable[[dict[str, Tensor], dict[str, str]], Any]
         (lambda tensors, texts: tensors.update({FIRST: torch.zeros(3)}), r"must be of shape \(8, 10\)"),
         (lambda tensors, texts: texts.pop("config"), "does not say which network"),
         (lambda tensors, texts: texts.update(classes='["CAR"]'), "other classes"),
+        (lambda tensors, texts: texts.update(classes="3"), "other classes"),
+        (lambda tensors, texts: texts.update(config="[" * 100_000), "does not say which network"),
         (lambda tensors, texts: texts.update(kind="ball"), "must be weights of the kind 'detector', is 'ball'"),
     ],
 )  # fmt: skip
@@ -181,3 +183,24 @@ def test_a_file_cannot_ask_for_a_network_without_measure(tmp_path: Path, size: d
     save_weights(path, make_detector(TINY), {"kind": "detector", "config": TINY | size})
     with pytest.raises(InvalidValueError, match=next(iter(size))):
         load_detector(path)
+
+
+def test_a_small_file_takes_no_memory_for_the_huge_network_that_it_describes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1,024 channels and 32 layers of three scales are accepted sizes: 3.7 GB of random weights."""
+    path = tmp_path / "huge.safetensors"
+    size = {"channels": [1024] * 3, "layers": [32] * 3, "features": 1024, "pillar_features": 1024}
+    save_weights(path, make_detector(TINY), {"kind": "detector", "config": TINY | size})
+    made: list[int] = []
+    empty = torch.Tensor.uniform_  # first weights of convolutions are drawn by it
+
+    def draw(tensor: Tensor, *given: Any, **named: Any) -> Tensor:
+        made.append(0 if tensor.is_meta else tensor.numel())
+        return tensor if tensor.is_meta or tensor.numel() > 1e6 else empty(tensor, *given, **named)
+
+    monkeypatch.setattr(torch.Tensor, "uniform_", draw)
+    with pytest.raises(InvalidValueError, match="lacks tensors"):
+        load_detector(path)
+    assert made
+    assert max(made) == 0

@@ -27,7 +27,7 @@ from coopsim.data.export.record_parts import as_line
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.files import make_folder
+from coopsim.support.files import locked, make_folder
 from coopsim.support.rng import derived_seed
 from coopsim.types import Ints, ObjectClass, Tracks
 from coopsim.wire.actions import unpack_actions
@@ -68,6 +68,7 @@ def write_results(
     make_folder(Path(folder))
     with (
         closing(listening_env(plan.environment, runner, given)) as env,
+        locked(Path(folder)),
         _ResultFile(Path(folder) / TRACKING, env) as tracking,
         _ResultFile(Path(folder) / DETECTION, env) as detection,
     ):

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from coopsim.config.yaml_file import load_bounded
 from coopsim.data.export.json_checks import is_number
 from coopsim.data.export.picture_checks import check_picture
 from coopsim.data.export.problem import Problem
@@ -59,8 +60,8 @@ def _check_frame(scenario: Path, file: str) -> Iterator[Problem]:
     except RecordingError as error:
         yield Problem(f"{file}.pcd", "", str(error).removeprefix(f"{scenario / file}.pcd: "))
     try:
-        content = yaml.load((scenario / f"{file}.yaml").read_text(encoding="utf-8"), _LOADER)
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        content = load_bounded(_LOADER((scenario / f"{file}.yaml").read_text(encoding="utf-8")))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         yield Problem(f"{file}.yaml", "", f"cannot be read: {' '.join(str(error).split())}")
         return
     if not isinstance(content, Mapping):

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 import coopsim
+from coopsim.data.export.export_sums import SUMS
 from coopsim.errors import ExportError, UnknownNameError
 
 YAML, PCD, PNG = (f"crossing_0000/-1/000000{end}" for end in (".yaml", ".pcd", "_camera0.png"))
@@ -83,6 +84,15 @@ def test_a_changed_number_is_found_by_the_checksum(folder):
     _change(folder / YAML, "lidar_pose: [", "lidar_pose: [1")
     assert _problems(folder) == [(YAML, "")]
     assert _problems(folder, format="opv2v") == []
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../outside"])
+def test_checksums_of_files_elsewhere_are_not_looked_at(folder, name):
+    (folder.parent / "outside").write_text("x")
+    with (folder / SUMS).open("a") as file:
+        file.write(f"{'0' * 64}  {name}\n")
+    ((file, _),) = _problems(folder)
+    assert file == SUMS
 
 
 def test_an_added_file_is_named(folder):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.data.export.export_card import CARD
+from coopsim.data.export.export_card import CARD, ExportCard
 from coopsim.data.export.export_sums import SUMS, files_below
 from coopsim.errors import ExportError, InvalidValueError, UnknownNameError
 
@@ -100,6 +100,39 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path):
     with pytest.raises(ExportError, match="must be new, empty"):
         _export(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_second_export_into_the_folder_waits_for_the_first(whole, tmp_path):
+    """Both would write the same files in turns, and the first would call its export finished."""
+    refused: list[str] = []
+
+    def progress(count: int) -> None:
+        if not refused:
+            with pytest.raises(InvalidValueError, match=f"in use by process {os.getpid()}") as raised:
+                _export(tmp_path)
+            refused.append(str(raised.value))
+
+    coopsim.export("opv2v", "crossing", tmp_path, seeds=SEEDS, frames=FRAMES, progress=progress, **OPTIONS)
+    assert len(refused) == 1 and _content(tmp_path) == _content(whole)
+
+
+def test_files_are_on_the_disk_before_the_card_says_that_they_are_there(tmp_path, monkeypatch):
+    synced: set[str] = set()
+    lacking: list[str] = []
+    write = ExportCard.write
+
+    def note(handle: int) -> None:
+        synced.add(os.readlink(f"/proc/self/fd/{handle}"))
+
+    def check(card: ExportCard) -> None:
+        lacking.extend(str(path) for path in files_below(tmp_path) if str(path) not in synced and path.name != CARD)
+        write(card)
+
+    monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr(ExportCard, "write", check)
+    for format_ in ("opv2v", "kitti", "v2x-seq", "nuscenes"):
+        coopsim.export(format_, "crossing", tmp_path / format_, seeds=(0,), frames=2, **OPTIONS)
+    assert len(synced) > 20 and lacking == []
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):

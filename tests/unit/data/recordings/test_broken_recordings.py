@@ -176,6 +176,20 @@ def test_nothing_is_imported_or_called_by_a_yaml_file(tmp_path: Path) -> None:
     assert not proof.exists()
 
 
+def test_aliases_that_would_take_all_memory_are_refused_before_they_do(tmp_path: Path) -> None:
+    folder = tiny.write_v2v4real(tmp_path / "set")
+    frame = folder / "s1/0/000000.yaml"
+    text = frame.read_text()
+    levels = [f"{chr(98 + k)}: &{chr(98 + k)} [{', '.join([f'*{chr(97 + k)}'] * 10)}]" for k in range(9)]
+    for field in ("extra", "true_ego_pos"):
+        bomb = "\n".join(["a: &a [1]", *levels, f"{field}: *j"])
+        kept = re.sub(rf"(?m)^{field}:(.*\n(?:[ -].*\n)*)", "", text)
+        frame.write_text(f"{kept}{bomb}\n")
+        with pytest.raises(RecordingError, match=r"000000\.yaml, line 1: aliases must stand for") as raised:
+            play(folder)
+        assert len(str(raised.value)) < 500
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
