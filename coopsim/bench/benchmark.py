@@ -23,6 +23,7 @@ from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, newest
 from coopsim.errors import InvalidValueError, StoreError
@@ -133,7 +134,8 @@ def benchmark(
     policies = check(grid, isolation)
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
-    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation) for cell in grid.cells()]
+    sources = Sources()
+    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in grid.cells()]
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}

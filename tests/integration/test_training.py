@@ -28,6 +28,7 @@ from coopsim.learn.recipe import TrainingRecipe, find_recipe
 from coopsim.learn.tasks import cooperative_task, detector_task
 from coopsim.learn.train import store_unfinished, train
 from coopsim.learn.weights import digest, load_cooperative, load_detector, read_texts
+from coopsim.support.files import locked
 
 SMALL: dict[str, Any] = {
     "batch": 4,
@@ -196,6 +197,13 @@ def test_a_folder_of_another_training_is_refused(tmp_path: Path) -> None:
     train(replace(TINY, steps=1), tmp_path, source=SyntheticClips())
     with pytest.raises(InvalidValueError, match=r"another training \(recipe.lr: 0.01 there, 0.02 here\)"):
         train(replace(TINY, steps=1, lr=0.02), tmp_path, source=SyntheticClips())
+
+
+def test_a_second_training_in_the_folder_waits_for_the_first(tmp_path: Path) -> None:
+    """They would overwrite each other's checkpoint and log in turns."""
+    with locked(tmp_path), pytest.raises(InvalidValueError, match=f"in use by process {os.getpid()}"):
+        train(TINY, tmp_path, source=SyntheticClips())
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_loss_that_is_no_number_stops_and_keeps_the_last_weights(

@@ -14,7 +14,7 @@ from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.bench.engine.job import circumstances, traceback_of
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.store.fingerprint import fingerprint, key_of
+from coopsim.bench.store.fingerprint import changed_parts, fingerprint, key_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,10 @@ class DetectJob:
 
     @cached_property
     def decided_by(self) -> str:
-        """Everything that decides the outcome, as text."""
+        """Everything that decides the outcome, as text, as it is when this is first asked for."""
+        return self._fingerprint()
+
+    def _fingerprint(self) -> str:
         cell = Cell(self.policy.text, Condition(self.environment), self.seed, self.pace.cycles)
         pace = {"warm_up": self.pace.warm_up, "every": self.pace.every, "frames": self.pace.frames}
         measured = {"detect": {**pace, "receivers": self.receivers, "boxes": self.boxes}}
@@ -70,6 +73,8 @@ class DetectJob:
         except Exception as error:
             traceback = traceback_of(error)
         seconds = time.perf_counter() - started
+        if changed := changed_parts(self.decided_by, self._fingerprint()):
+            return self.lost(f"{changed} changed since the command began, or differs here")
         return DetectOutcome(self, perceived, traceback, {"seconds": seconds, **circumstances()})
 
     def died(self, how: str) -> DetectOutcome:

@@ -23,9 +23,10 @@ from coopsim.bench.grid.conditions import environment_options
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.metric_spec import MetricSpec, keep_named
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.bench.store.fingerprint import fingerprint, key_of, package_versions
+from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_count
+from coopsim.support.precision import arithmetic
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -58,9 +59,10 @@ class Job:
         policy: PolicySpec,
         metrics: tuple[MetricSpec, ...] = (),
         isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
+        sources: Sources | None = None,
     ) -> Job:
-        """Make the job of a cell."""
-        decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data())
+        """Make the job of a cell; `sources` as of `fingerprint`."""
+        decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data(), sources)
         return cls(cell, options, policy, decided_by, metrics, isolation)
 
     @property
@@ -69,8 +71,14 @@ class Job:
         return key_of(self.decided_by)
 
     def run(self) -> Outcome:
-        """Run the cell; see `run_job`."""
-        return run_job(self)
+        """Run the cell; see `run_job`. It is lost if anything is not as it was when the job, and its key, were made."""
+        outcome = run_job(self)
+        try:
+            now = fingerprint(self.cell, self.options, self.policy, self.metrics, self.isolation.as_data())
+        except Exception:  # its policy cannot be imported here, which is its outcome
+            return outcome
+        changed = changed_parts(self.decided_by, now)
+        return self.lost(f"{changed} changed since the benchmark began, or differs here") if changed else outcome
 
     def died(self, how: str) -> Outcome:
         """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
@@ -139,6 +147,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         place_seed=evaluation.place_seed,
         counts=_as_counts(evaluation.counts),
         method=evaluation.method,
+        arithmetic=arithmetic(),
     )
 
 

@@ -9,7 +9,6 @@ from typing import Any
 from coopsim.bench.engine.work import DoneT, Work, run_work
 from coopsim.support.ray_cluster import import_ray, ray_environment, start_ray
 
-
 _OF_THE_WORK = ("WorkerCrashedError", "OutOfMemoryError", "RayTaskError")
 """Errors of Ray that the work itself may have caused; the others are of machines and of the cluster."""
 

@@ -75,6 +75,7 @@ class CellResult:
         place_seed: seed of the drawn place that the run was in; None: the place is not drawn, or unknown.
         counts: what the policy counted, by name (`Policy.counts`).
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
+        arithmetic: of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell failed.
     """
 
     cell: Cell
@@ -86,6 +87,7 @@ class CellResult:
     place_seed: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     method: str = ""
+    arithmetic: str = ""
 
     @property
     def failed(self) -> bool:

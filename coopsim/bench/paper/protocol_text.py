@@ -27,7 +27,7 @@ def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[
         metrics: those of the tables, each of which is defined.
     """
     sections = {
-        "Software": _software(provenance),
+        "Software": _software(table, provenance),
         "World": _world(table, provenance),
         "Conditions": _conditions(table, provenance),
         "What policies see": _seen(provenance),
@@ -46,9 +46,10 @@ def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[
     return "\n\n".join(parts) + "\n"
 
 
-def _software(provenance: Provenance) -> list[str]:
+def _software(table: ResultTable, provenance: Provenance) -> list[str]:
     named = [f"{name} {number}" for name, number in provenance.software.items()]
     lines = [", ".join(named)] if named else []
+    lines += [f"networks multiply in {' and '.join(table.arithmetics)}"] if table.arithmetics else []
     lines += [f"commit {provenance.commit}"] if provenance.commit else []
     return lines + ([f"sources and weights of coopsim: sha256 {provenance.sources}"] if provenance.sources else [])
 
@@ -120,7 +121,7 @@ def _weights(table: ResultTable, provenance: Provenance) -> list[str]:
     places = {(each.cell.condition.scenario, each.place_seed) for each in table.results if not each.failed}
     for name, digest in provenance.digests.items():
         data: Mapping[str, Any] = provenance.training.get(name, {})
-        trained = TrainingPlaces(**(dict(data) | {"scenarios": tuple(data.get("scenarios", ()))}))
+        trained = TrainingPlaces.from_data(data)
         seen = sum(trained.include(*place) for place in places)
         met = f"{seen} of the {len(places)} places here may be among them" if seen else "none of the places here"
         lines.append(f"{name}: {digest}, {trained.text}{f' ({met})' if trained.simulated else ''}")

@@ -1,68 +1,108 @@
-"""Where networks were trained, by the cards beside their weights."""
+"""Where networks were trained, by the cards beside their weights and those of weights that these were made from."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from coopsim.config.load import load
+from coopsim.errors import UnknownNameError
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingPlaces:
-    """The places of a training.
+    """The places of a training, and of those before it.
 
     Attributes:
-        known: whether a card says how the weights were made.
+        known: whether cards say how the weights, and all that they were made from, were made.
         scenarios: names and paths of the scenarios, besides towns.
-        first_town: seed of the first town.
-        last_town: seed of the last one; below the first if the training was in no town.
+        towns: seeds of the first and the last town of each range of them.
     """
 
     known: bool = False
     scenarios: tuple[str, ...] = ()
-    first_town: int = 0
-    last_town: int = -1
+    towns: tuple[tuple[int, int], ...] = ()
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> TrainingPlaces:
+        """Return the places as JSON has them, in provenance."""
+        towns = tuple((int(first), int(last)) for first, last in data.get("towns", ()))
+        return cls(bool(data.get("known")), tuple(data.get("scenarios", ())), towns)
 
     @property
     def simulated(self) -> bool:
         """Whether the training was in places of the simulator, and not on recordings."""
-        return bool(self.scenarios) or self.last_town >= self.first_town
+        return bool(self.scenarios or self.towns)
 
     @property
     def text(self) -> str:
         """The places in words."""
         if not self.known:
-            return "places unknown: there is no card beside the weights"
-        towns = [f"towns {self.first_town} to {self.last_town}"] * (self.last_town >= self.first_town)
+            return "places unknown: there is no card beside the weights, or beside those that they were made from"
+        towns = [f"towns {first} to {last}" for first, last in self.towns]
         return "trained " + (f"in {', '.join([*towns, *self.scenarios])}" if self.simulated else "on recordings")
 
     def include(self, scenario: str, place_seed: int | None) -> bool:
         """Return whether a place may be among them; a drawn town is known by its seed alone."""
         if place_seed is not None:
-            return self.first_town <= place_seed <= self.last_town
+            return any(first <= place_seed <= last for first, last in self.towns)
         return scenario in self.scenarios
 
 
 def training_places(name_or_path: str) -> TrainingPlaces:
-    """Return the places that the card of weights names.
+    """Return the places that the cards of weights, and of weights that these were made from, name.
 
     Raises:
         UnknownNameError: there are no such weights.
-        InvalidValueError: the card names what no recipe has.
+        InvalidValueError: a card is broken, or names what no recipe has.
     """
+    found = [_own_places(name) for name in _made_from(name_or_path, set())]
+    scenarios = {name: None for each in found for name in each.scenarios}
+    towns = {range_: None for each in found for range_ in each.towns}
+    return TrainingPlaces(all(each.known for each in found), tuple(scenarios), tuple(towns))
+
+
+_OF_RECORDINGS = ("covariance",)
+_ALONE = ("detector", "point_identity", "picture_identity", *_OF_RECORDINGS)
+"""Kinds of training that stand on no detector."""
+
+
+def _made_from(name: str, known: set[str]) -> Iterator[str]:
+    """Yield the name of weights, and those of weights that they began with, stand on, or were taught by."""
+    if name in known:
+        return
+    known.add(name)
+    yield name
+    recipe = _recipe(name)
+    kind = recipe.get("kind", "detector")
+    before = [recipe.get("start"), *([] if kind in _ALONE else [recipe.get("detector", "pillars")])]
+    before += [] if kind == "point_identity" else [recipe.get("teacher")]  # that one's teacher is a folder of CLIP
+    for other in filter(None, before):
+        yield from _made_from(str(other), known)
+
+
+def _recipe(name: str) -> dict[str, Any]:
+    """Return the recipe of a card; empty: there is none, or the weights that others were made from are gone."""
     # What trains is loaded only where there are weights: it needs torch.
-    from coopsim.learn.rollout.world_recipe import WorldRecipe
     from coopsim.learn.weights import card
+
+    try:
+        return dict(card(name).get("recipe", {}))
+    except UnknownNameError:
+        return {}
+
+
+def _own_places(name: str) -> TrainingPlaces:
+    """Return the places that the card of weights names itself."""
+    from coopsim.learn.rollout.world_recipe import WorldRecipe
     from coopsim.world.towns.town_scenarios import TOWN
 
-    recipe: dict[str, Any] = card(name_or_path).get("recipe", {})
-    if not recipe:
-        return TrainingPlaces()
-    if recipe.get("kind") == "covariance":
-        return TrainingPlaces(known=True)
+    recipe = _recipe(name)
+    if not recipe or recipe.get("kind") in _OF_RECORDINGS:
+        return TrainingPlaces(known=bool(recipe))
     world = load(WorldRecipe, recipe.get("world", {}), "world")
     assert isinstance(world, WorldRecipe)
     others = tuple(str(each) for each in world.environments if each != TOWN)
-    last = world.first_place + world.places - 1 if TOWN in world.environments else -1
-    return TrainingPlaces(True, others, world.first_place, last)
+    towns = ((world.first_place, world.first_place + world.places - 1),) if TOWN in world.environments else ()
+    return TrainingPlaces(True, others, towns)

@@ -119,13 +119,14 @@ def _summary(table: ResultTable) -> str:
 def _interval_note(table: ResultTable) -> str:
     samples = table.samples
     if samples.count == 1:
-        return f"There is {samples.text}, and so no interval: what another would give is not known."
+        alone = f"There is {samples.text}, and so no interval: what another would give is not known."
+        return f"{alone} {table.caution}".rstrip()
     meaning = f"± and whiskers are 95 % intervals of the mean over {samples.text}, by Student's t"
     if samples.are_places and samples.count < len(table.seeds):
         meaning += "; a place counts once, with the mean of its seeds"
     if samples.in_one_place:
         meaning += "; what another place would give is not known"
-    return f"{meaning}; whiskers end where the scale does."
+    return f"{meaning}; whiskers end where the scale does. {table.caution}".rstrip()
 
 
 def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> str:

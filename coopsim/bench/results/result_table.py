@@ -48,6 +48,17 @@ class ResultTable:
     places: tuple[tuple[int, int, int], ...]
     samples: Samples
 
+    @property
+    def arithmetics(self) -> tuple[str, ...]:
+        """Arithmetics of networks in the results, as far as they are known."""
+        return tuple(sorted({result.arithmetic for result in self.results} - {""}))
+
+    @property
+    def caution(self) -> str:
+        """Warning where networks multiplied in several arithmetics; empty where in one."""
+        several = " and ".join(self.arithmetics) if len(self.arithmetics) > 1 else ""
+        return several and f"Networks multiplied in {several}: differences between cells may come from that."
+
     @classmethod
     def of(cls, results: Sequence[CellResult]) -> ResultTable:
         """Sort results into a table.

@@ -5,30 +5,39 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from functools import cache
-from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from functools import cache, lru_cache
+from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import coopsim
 from coopsim.bench.grid.cell import Cell
+from coopsim.bench.grid.conditions import scenario_options
 from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import SCENARIO_SUFFIXES
+from coopsim.catalog import SCENARIO_SUFFIXES, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
+from coopsim.support.precision import arithmetic
 
 LAYOUT = 2
 """Raise this number when equal inputs give other results or another file."""
 
-_PACKAGES = ("numpy", "numba", "scipy", "highway-env", "torch")
+_PACKAGES = ("numpy", "numba", "scipy", "highway-env", "embreex", "torch")
 """Packages whose versions decide bits of a result; torch, where it is installed."""
+
+_DRAWING = ("moderngl", "pillow")
+"""Further ones that decide bits of pictures."""
+
+_MOST_NAMES = 2**20
+"""Bytes of a named file in which names of plug-ins are looked for: of weights, their description."""
 
 _MOST_ITEMS = 1_000_000
 """Most items of a list among options, which are all written into every cell's file."""
@@ -42,12 +51,14 @@ def fingerprint(
     policy: PolicySpec,
     metrics: Sequence[MetricSpec] = (),
     isolation: Mapping[str, Any] | None = None,
+    sources: Sources | None = None,
 ) -> str:
     """Return everything that decides the result of a cell, as JSON with sorted keys.
 
     That is the cell, the options of the environment, the contents of files that they or the policy's parameters name,
     as weights of networks, and the code: coopsim's version, sources and weights, those of the package or file of a
-    user's policy and metrics, and `package_versions`.
+    user's policy and metrics and of all plug-ins that any of these name, `package_versions`, and Python's version. So
+    is the arithmetic of networks and, where there are cameras, the renderer that draws.
 
     Args:
         cell: the cell.
@@ -55,38 +66,89 @@ def fingerprint(
         policy: the cell's policy.
         metrics: registered metrics whose values are in the result.
         isolation: `Isolation.as_data`; a policy in a process of its own is not imported here.
+        sources: what was read for other cells of the same run; None: all is read now.
 
     Raises:
         InvalidValueError: an option is not plain data.
     """
+    sources, kind = sources or Sources(), None if isolation and policy.place else policy.policy_class()
     # A version alone would not do: sources under development keep theirs.
-    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": sources_digest("coopsim")}}
-    place = policy.place if isolation else ""
-    sources = [("policy", place or policy.policy_class().__module__, policy.source)]
-    sources += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
-    for name, module, source in sources:
+    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": sources.digest("coopsim")}}
+    named_code = [("policy", kind.__module__ if kind else policy.place, policy.source)]
+    named_code += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
+    for name, module, source in named_code:
         package = module.partition(".")[0]
         if source is not None:
             code[name] = _digest(source.encode())
         elif package != "coopsim":
-            code[package] = {"versions": _versions(package), "sources": sources_digest(package)}
-    plain = plain_options(options)
+            code[package] = sources.described(package)
+    plain, needs = plain_options(options), getattr(kind, "needs", None)
     named = (cell.condition.scenario, plain, dict(policy.parameters))
-    files = {path: _digest(Path(path).read_bytes()) for path in sorted(set(_files(named)))}
-    code["packages"] = package_versions()
-    names = sorted(metric.name for metric in metrics)
+    contents = {path: Path(path).read_bytes() for path in sorted(set(_files(named)))}
+    said = [repr((named, needs)).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
+    for package in _plug_ins(b"\n".join(said)):
+        code[package] = sources.described(package)
+    code |= {"packages": package_versions(), "python": platform.python_version(), "arithmetic": arithmetic()}
+    if kind is None or _draws(cell.condition.scenario, plain, needs):
+        code["renderer"] = _renderer(str(plain.get("renderer", "auto")))
     decided = {
-        "layout": LAYOUT, "cell": asdict(cell), "options": plain, "metrics": names, "code": code, "files": files
-    }  # fmt: skip
+        "layout": LAYOUT,
+        "cell": asdict(cell),
+        "options": plain,
+        "metrics": sorted(metric.name for metric in metrics),
+        "code": code,
+        "files": {path: _digest(content) for path, content in contents.items()},
+    }
     decided |= {"isolation": dict(isolation)} if isolation else {}
     return json.dumps(decided, sort_keys=True)
+
+
+def changed_parts(before: str, now: str) -> str:
+    """Return the names of code and files in which two fingerprints of a cell differ; empty if they are the same."""
+    if before == now:
+        return ""
+    (old, new) = ({**said["code"], **said["files"]} for said in map(json.loads, (before, now)))
+    return ", ".join(sorted(name for name in old | new if old.get(name) != new.get(name))) or "an input"
+
+
+class Sources:
+    """The sources of packages as they are when they are first asked for: one for the cells of one run."""
+
+    def __init__(self) -> None:
+        self._digests: dict[str, str] = {}
+
+    def digest(self, package: str) -> str:
+        """Return a digest of the sources, data and weights of a package, 64 hexadecimal digits."""
+        if package not in self._digests:
+            self._digests[package] = sources_digest(package)
+        return self._digests[package]
+
+    def described(self, package: str) -> dict[str, Any]:
+        """Return the versions of a package's distributions, and its digest."""
+        return {"versions": _versions(package), "sources": self.digest(package)}
+
+
+def _plug_ins(said: bytes) -> list[str]:
+    """Return the packages of installed plug-ins, of any kind, whose names are in a text."""
+    return sorted({package for name, package in _installed() if name.encode() in said})
+
+
+@cache
+def _installed() -> set[tuple[str, str]]:
+    """Return names and packages of all parts that installed packages add by entry points."""
+    points = (point for each in distributions() for point in each.entry_points if point.group.startswith("coopsim."))
+    return {(point.name, package) for point in points if (package := point.module.partition(".")[0]) != "coopsim"}
 
 
 @cache
 def package_versions() -> Mapping[str, str]:
     """Return the versions of the packages that decide bits of a result."""
+    return _installed_versions(_PACKAGES)
+
+
+def _installed_versions(names: Iterable[str]) -> dict[str, str]:
     found = dict[str, str]()
-    for name in _PACKAGES:
+    for name in names:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
@@ -152,18 +214,18 @@ def _versions(package: str) -> dict[str, str]:
     return {name: version(name) for name in sorted(set(packages_distributions().get(package, [])))}
 
 
-@cache
 def sources_digest(package: str) -> str:
-    """Return a digest of the sources, data and weights of a package, 64 hexadecimal digits; it is not imported."""
-    return _digest(b"\0".join(_sources(package)))
+    """Return a digest of the sources, data and weights of a package as they are now, 64 hexadecimal digits."""
+    return _digest("\0".join(_sources(package)).encode())
 
 
-def _sources(package: str) -> Iterator[bytes]:
+def _sources(package: str) -> Iterator[str]:
+    """Yield names and digests of a package's files; it need not be imported."""
     module = sys.modules.get(package)
-    spec = find_spec(package) if module is None else None  # of a policy in a process of its own
+    spec = None if module is not None else find_spec(package)
     roots = getattr(module, "__path__", None) if spec is None else spec.submodule_search_locations
     if roots is None:
-        yield Path(str(getattr(module, "__file__", None) or (spec and spec.origin))).read_bytes()
+        yield _digest_of_file(Path(str(module.__file__ if spec is None else spec.origin)))
         return
     for root in roots:
         for folder, folders, names in os.walk(root, followlinks=True):
@@ -171,8 +233,33 @@ def _sources(package: str) -> Iterator[bytes]:
             for name in sorted(names):
                 if name.endswith(_CODE_SUFFIXES):
                     path = Path(folder, name)
-                    yield path.relative_to(root).as_posix().encode()
-                    yield path.read_bytes()
+                    yield path.relative_to(root).as_posix()
+                    yield _digest_of_file(path)
+
+
+def _digest_of_file(path: Path) -> str:
+    state = path.stat()
+    return _digest_of_state(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=100_000)
+def _digest_of_state(path: Path, _modified_ns: int, _size: int) -> str:
+    return _digest(path.read_bytes())
+
+
+def _draws(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:
+    """Return whether cameras of a simulated world are drawn in a cell."""
+    if is_recordings_folder(scenario):
+        return False
+    return bool({**scenario_options(scenario), **options}.get("cameras") or getattr(needs, "cameras", None))
+
+
+@cache
+def _renderer(name: str) -> dict[str, Any]:
+    """Return the renderer that an option means on this machine, and the versions of the packages that it draws with."""
+    from coopsim.sensors.camera.renderers.choice import resolved_renderer
+
+    return {"name": resolved_renderer(name), "packages": _installed_versions(_DRAWING)}
 
 
 def _digest(content: bytes) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -92,11 +92,19 @@ def decode(content: bytes) -> tuple[CellResult, str]:
             row.get("counts", {}),
             row.get("method", ""),
         )
-        return result, str(row["decided_by"])
+        return replace(result, arithmetic=_arithmetic(row)), str(row["decided_by"])
     except StoreError:
         raise
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
         raise StoreError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def _arithmetic(row: Mapping[str, Any]) -> str:
+    """Return the arithmetic of a finished cell, which is part of what decided it."""
+    try:
+        return "" if row["traceback"] else str(json.loads(row["decided_by"])["code"]["arithmetic"])
+    except (ValueError, TypeError, KeyError, RecursionError):  # an older file
+        return ""
 
 
 def _row(content: bytes) -> dict[str, Any]:

@@ -128,3 +128,11 @@ def test_a_fork_does_not_mix_with_its_parent() -> None:
     assert columns.column("id").tolist() == [*given["id"], *[-2] * 1000]
     os.close(reader)
     os.close(writer)
+
+
+def test_a_system_without_positions_in_its_calls_reads_and_writes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As Windows."""
+    monkeypatch.delattr(os, "pread")
+    monkeypatch.delattr(os, "pwrite")
+    columns, given = grown(100)
+    assert {name: columns.column(name).tolist() for name in CODES} == given

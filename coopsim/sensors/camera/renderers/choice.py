@@ -14,6 +14,17 @@ from coopsim.support.checks import require_choice
 RENDERERS = ("auto", "opengl", "raycast", "pyrender")
 
 
+def resolved_renderer(name: str) -> str:
+    """Return which renderer `make_renderer` makes on this machine: a name other than "auto"."""
+    if name != "auto":
+        return name
+    try:
+        OpenGLRenderer().close()
+    except MissingDependencyError:
+        return "raycast"
+    return "opengl"
+
+
 def make_renderer(name: str) -> Renderer:
     """Make the renderer called `name`; "auto" is OpenGL if it works, else ray casting, with one warning.
 

@@ -20,7 +20,7 @@ from coopsim.errors import StoreError
 
 GIVEN = [replace(each, place_seed=2000 + each.cell.seed) for each in results({"good": 60.0, "bad": 30.0})]
 TABLE = ResultTable.of(GIVEN)
-TOWNS = {"known": True, "scenarios": [], "first_town": 100_000, "last_town": 1_099_999}
+TOWNS = {"known": True, "scenarios": [], "towns": [[100_000, 1_099_999]]}
 PROVENANCE = Provenance(
     command="coopsim bench --preset paper",
     grid={"options": {"detector": "pillars"}, "vary": "one_by_one"},
@@ -68,10 +68,10 @@ def test_it_says_all_that_others_need() -> None:
 
 
 def test_places_of_a_training_are_found_among_the_results() -> None:
-    met = replace(PROVENANCE, training={"good_net": TOWNS | {"first_town": 2001}})
+    met = replace(PROVENANCE, training={"good_net": TOWNS | {"towns": [[2001, 1_099_999]]}})
     assert "2 of the 3 places here may be among them" in unwrapped(protocol_text(TABLE, met, []))
     named = [replace(each, place_seed=None) for each in GIVEN]
-    known = replace(PROVENANCE, training={"good_net": {**TOWNS, "scenarios": ["crossing"], "last_town": -1}})
+    known = replace(PROVENANCE, training={"good_net": {**TOWNS, "scenarios": ["crossing"], "towns": []}})
     text = unwrapped(protocol_text(ResultTable.of(named), known, []))
     assert "trained in crossing (1 of the 1 places here may be among them)" in text and "drawn places" not in text
 
@@ -94,7 +94,7 @@ def test_a_provenance_survives_a_store_and_names_weights() -> None:
     assert found.sends == {"no_fusion": "none", "attfuse": "features"}
     assert found.weights == {"no_fusion": [], "attfuse": ["attfuse", "pillars"]} and found.sensing == ["pillars"]
     assert set(found.digests) == {"attfuse", "pillars"} and all(len(each) == 64 for each in found.digests.values())
-    assert found.training["attfuse"]["first_town"] == 100_000
+    assert found.training["attfuse"]["towns"][0][0] == 100_000
     data = json.loads(json.dumps(found.as_data(), allow_nan=False))
     back = Provenance.from_data(data)
     assert back.grid["bandwidths_mbit_s"] == [1, math.inf]

@@ -11,6 +11,8 @@ from synthetic_results import EFFECTS, FRAMES, LATENCIES, failed, result, result
 
 from coopsim.bench.grid.axes import label, mildest, varying_axes
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.report.bench_report import About, render_bench_report
+from coopsim.bench.report.bench_text import to_markdown
 from coopsim.bench.results.best import beside_best
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
@@ -44,6 +46,16 @@ def test_a_table_of_metrics_of_one_s_own() -> None:
     assert table.shown == table.metrics == ("mine",)
     with pytest.raises(UnknownNameError, match=r"unknown metric 'mien'. Did you mean 'mine'"):
         table.values("mien")
+
+
+def test_networks_of_several_arithmetics_in_one_table_are_told() -> None:
+    given = results()
+    one = [replace(each, arithmetic="float32") for each in given]
+    two = [*one[:-1], replace(given[-1], arithmetic="bfloat16")]
+    assert ResultTable.of(given).caution == ResultTable.of(one).caution == ""
+    said = "Networks multiplied in bfloat16 and float32"
+    assert said in to_markdown(ResultTable.of(two), "x") and said not in to_markdown(ResultTable.of(one), "x")
+    assert said in render_bench_report(ResultTable.of(two), About())
 
 
 def test_what_no_mean_should_mix_is_refused() -> None:

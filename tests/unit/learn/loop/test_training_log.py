@@ -1,5 +1,6 @@
 """Logs and curves of trainings."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,13 @@ def test_lines_after_the_checkpoint_come_again(tmp_path: Path) -> None:
     assert [(line["step"], line["loss"]) for line in read_log(tmp_path)][-2:] == [(5, 0.2), (6, 9.0)]
     TrainingLog(tmp_path, 0).write()
     assert read_log(tmp_path) == []
+
+
+def test_a_log_is_on_the_disk_as_the_checkpoint_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[str] = []
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.readlink(f"/proc/self/fd/{handle}")))
+    TrainingLog(tmp_path, 0).write()
+    assert len(synced) == 2 and synced[1] == str(tmp_path)
 
 
 def test_a_broken_line_is_named(tmp_path: Path) -> None:

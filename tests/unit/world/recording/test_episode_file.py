@@ -143,12 +143,23 @@ def test_frames_of_two_recordings_are_not_mixed_up(tmp_path: Path) -> None:
         (MAGIC + struct.pack("<3I", 1, 99, 0), "cut off or damaged in its header"),
         (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"{}")) + b"{}", "invalid header"),
         (MAGIC + struct.pack("<3I", 1, 2, zlib.crc32(b"[]")) + b"[]", "invalid header"),
+        (MAGIC + struct.pack("<3I", 1, 100_000, zlib.crc32(b"[" * 100_000)) + b"[" * 100_000, "invalid header"),
     ],
 )
 def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "odd"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=said):
+        Episode(path)
+
+
+def test_a_frame_of_more_actors_than_a_place_has_room_for_is_refused(tmp_path: Path) -> None:
+    """A few megabytes of zeros would be inflated to as many gigabytes."""
+    path = write(tmp_path / "run", frames=0)
+    place, payload = (0, 2**31, 1, 4), b"zero"
+    checksum = zlib.crc32(payload, zlib.crc32(struct.pack("<4I", *place)))
+    path.write_bytes(path.read_bytes() + struct.pack("<5I", *place, checksum) + payload)
+    with pytest.raises(RecordingError, match="damaged in frame 0"):
         Episode(path)
 
 

@@ -84,3 +84,13 @@ def test_files_give_back_what_they_got(tmp_path: Path) -> None:
     (tmp_path / "episodes" / "one.npz").write_bytes(b"PK broken")
     with pytest.raises(StoreError, match=r"one\.npz is broken"):
         files.get("one")
+    files.put("one", made)
+    path = tmp_path / "episodes" / "one.npz"
+    content, refused = path.read_bytes(), 0
+    for place in range(0, len(content), max(1, len(content) // 300)):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
+        try:
+            files.get("one")  # some bytes, as a date, mean nothing
+        except StoreError:
+            refused += 1
+    assert refused > 200
