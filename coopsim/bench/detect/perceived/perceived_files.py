@@ -37,7 +37,7 @@ class PerceivedFiles:
         """
         path = self._path(key)
         try:
-            with np.load(path, allow_pickle=False) as arrays:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
                 about = json.loads(bytes(arrays[_ABOUT]).decode())
                 columns = {each.name: arrays[each.name] for each in fields(Perceived) if each.name not in _PLAIN}
             return Perceived(**columns, **about | {"region_m": tuple(about["region_m"])})
