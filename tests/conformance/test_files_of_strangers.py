@@ -70,7 +70,7 @@ def test_a_report_writes_no_file_that_results_name(tmp_path: Path) -> None:
     assert main(["report", str(tmp_path / "theirs"), "--clips", "1"]) == 0
     assert victim.read_text() == "mine"
     assert "must not say which file to write" in (tmp_path / "theirs" / "report.html").read_text()
-    rerun = make_rerun({"record": str(victim)}, {})(Cell("no_fusion", Condition(), 0, 2), lambda env: None)
+    rerun = make_rerun({"record": str(victim)})(Cell("no_fusion", Condition(), 0, 2), lambda env: None)
     assert rerun.failed and victim.read_text() == "mine"
 
 

@@ -120,12 +120,14 @@ def _require_within(folder: Path, paths: Iterable[Path]) -> None:
             raise InvalidValueError(f"cannot write {path}: it leads out of {folder}, to {path.resolve()}")
 
 
-def make_rerun(options: Mapping[str, Any], isolation: Mapping[str, Any], *, trust: bool = False) -> RunCell:
+def make_rerun(
+    options: Mapping[str, Any], isolation: Mapping[str, Any] | None = None, *, trust: bool = False
+) -> RunCell:
     """Return a function that runs a cell as the benchmark does, and calls another after every frame.
 
     Args:
         options: of the environments, as the results' folder has them.
-        isolation: of the policies, as the results' folder has it.
+        isolation: of the policies, as the results' folder has it; None: they ran in the processes of their cells.
         trust: run code that the cell's policy names, too.
     """
 
