@@ -56,8 +56,8 @@ class Metric(ABC):
             pool: the logs, which must not be changed, and intermediate results that several metrics share.
 
         Returns:
-            A number, or None where these logs do not have the metric. NaN means undefined: a dash in tables, and left out
-            of means.
+            A number, or None where these logs do not have the metric. NaN means undefined: a dash in tables, and left
+            out of means.
         """
 
 
