@@ -124,8 +124,9 @@ class ResultTable:
         """
         chosen = slice(None) if conditions is None else list(conditions)
         known, finished = ~np.isnan(self.values(metric)[:, chosen]), self.finished[:, chosen]
-        whole: NDArray[np.bool_] = (finished & (known | ~known.any(axis=0))).all(axis=(1, 2))
-        return whole & known.any(axis=(1, 2))
+        whole: NDArray[np.bool_] = np.all(finished & (known | ~known.any(axis=0)), axis=(1, 2))
+        any_value: NDArray[np.bool_] = np.any(known, axis=(1, 2))
+        return whole & any_value
 
     @property
     def shown(self) -> tuple[str, ...]:
