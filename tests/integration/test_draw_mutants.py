@@ -61,6 +61,7 @@ def test_each_mutant_of_a_room_is_another_program(script: ModuleType) -> None:
         assert ast.dump(ast.parse(mutant.applied(source))) != ast.dump(ast.parse(source))
 
 
+@pytest.mark.long  # a dozen runs of pytest
 def test_a_mutant_is_killed_by_tests_that_pass_without_it(
     script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,6 +69,7 @@ def test_a_mutant_is_killed_by_tests_that_pass_without_it(
     for path, text in ((near, LIBRARY), (tests, TESTS + "\ndef test_broken():\n    assert False\n")):
         path.parent.mkdir(parents=True)
         path.write_text(text)
+    (tests.parent / "test_unreadable.py").write_text("import coopsim.metrics.nowhere\n")
     for command in (["init", "-q"], ["add", "."]):
         subprocess.run(["git", *command], cwd=tmp_path, check=True)
     monkeypatch.setattr(script, "ROOT", tmp_path)
@@ -78,6 +80,7 @@ def test_a_mutant_is_killed_by_tests_that_pass_without_it(
     assert script.main(command) == 0
     said = capsys.readouterr().out
     assert "left out, as it fails without a mutant: tests/unit/metrics/test_near.py::test_broken" in said
+    assert "left out, as it fails without a mutant: tests/unit/metrics/test_unreadable.py" in said
     (row,) = (line for line in said.splitlines() if line.startswith("| metrics"))
     assert row.split() == ["|", "metrics", "|", "2", "|", "0", "|", "1", "|", "0", "|", "67", "%", "|"]
     assert said.endswith("coopsim/metrics/near.py:8: distance < LIMIT -> (distance <= LIMIT)\n")
