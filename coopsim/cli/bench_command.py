@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
     add("--seeds", type=seeds, metavar="0-4")
     add("--frames", type=count, help="length of each run")
+    add("--device", metavar="NAME", help="of networks: cpu, cuda, cuda:1 or auto (default: cpu)")
     add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
     how = parser.add_argument_group("run")
     how.add_argument("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")

@@ -61,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
     add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
     add("--detector", help="of policies without a network (default: pillars, or the environment's without torch)")
+    add("--device", default="cpu", help="of networks: cpu, cuda, cuda:1 or auto (default: %(default)s)")
     add("--receivers", default="cars", help="cars or all (default: %(default)s)")
     add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
     add_options(parser, "of the environments, as lidar=VLP-16 or detail=full")
@@ -138,6 +139,7 @@ def _plan(options: argparse.Namespace) -> DetectPlan:
         options.protocol,
         options.within_m,
         named_options(options, _FLAGS),
+        options.device,
     )
 
 

@@ -18,8 +18,11 @@ from coopsim.bench.detect.perceived.pace import Pace, pace_of
 from coopsim.bench.detect.protocols.protocol import PROTOCOLS
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.conditions import scenario_options
+from coopsim.bench.grid.on_device import PROCESSOR, arithmetic_on, detector_on, has_network, policy_on, require_device
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.catalog import is_recordings_folder
+from coopsim.config.spec import parse_spec
+from coopsim.detection.detector import DETECTORS
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
     MOST_RUNS,
@@ -54,6 +57,7 @@ class DetectPlan:
         within_m: objects count, and detections are looked at, up to this distance of the receiver; None: everywhere in
             the evaluation region.
         options: further ones of all environments, plain data.
+        device: of networks, as `Grid.device`.
 
     Raises:
         CoopsimError: a value is not accepted.
@@ -72,6 +76,7 @@ class DetectPlan:
     protocol: str = "coopsim"
     within_m: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    device: str = PROCESSOR
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seeds", as_runs(seeds=self.seeds))
@@ -79,6 +84,8 @@ class DetectPlan:
             require_seed(seed)
         if len(set(self.seeds)) < len(self.seeds):
             raise InvalidValueError(f"seeds must be distinct, got {reprlib.repr(self.seeds)}")
+        require_device(self.device)
+        object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in self.policies))
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
         require_choice("receivers", self.receivers, RECEIVERS)
@@ -109,7 +116,19 @@ class DetectPlan:
     @cached_property
     def box_detector(self) -> str | None:
         """The detector of policies that detect nothing themselves; None: the environment's default."""
-        return self.detector if self.detector is not None else usual_detector()
+        return detector_on(self.device, self.detector if self.detector is not None else usual_detector())
+
+    def arithmetic(self, policy: str) -> str | None:
+        """Return the arithmetic of a row's networks, see `coopsim.support.precision`; None: there are none."""
+        spec = self.specs[policy]
+        if detects_itself(spec):
+            parameters, networks = spec.parameters, has_network(spec.policy_class())
+        elif self.box_detector is None:
+            return None
+        else:
+            name, parameters = parse_spec("detector", self.box_detector)
+            networks = name in DETECTORS.names() and has_network(DETECTORS.get(name))
+        return arithmetic_on(parameters.get("device", PROCESSOR)) if networks else None
 
     def check(self) -> None:
         """Make every policy in the first environment, and every environment for the first policy.

@@ -69,6 +69,7 @@ def row_of(
         "receivers": plan.receivers,
         "boxes": plan.boxes,
         "within_m": plan.within_m,
+        "arithmetic": plan.arithmetic(policy),
         "frames": sum(each.frames for each in episodes),
         "receiver_frames": sum(each.receiver_frames for each in episodes),
         "messages": messages,

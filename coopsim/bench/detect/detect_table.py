@@ -32,7 +32,9 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     align = ["left" if name in _ABOUT else "right" for name in shown]
     table = tabulate(cells, headers=shown, tablefmt="github", colalign=align, disable_numparse=True)
     near = "" if within_m is None else f", within {within_m:g} m of the receiver"
-    return f"protocol {protocol}{near}\n\n{table}"
+    used = {row["arithmetic"] for row in rows if row.get("arithmetic")}
+    computed = f", networks multiply in {' or '.join(sorted(used))}" if used else ""
+    return f"protocol {protocol}{near}{computed}\n\n{table}"
 
 
 def _cell(name: str, value: Any) -> str:

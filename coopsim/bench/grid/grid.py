@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.every_policy import name_all
+from coopsim.bench.grid.on_device import PROCESSOR, detector_on, policy_on, require_device
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import plain_options
 from coopsim.errors import InvalidValueError
@@ -59,6 +60,8 @@ class Grid:
         seeds: each decides everything in a run.
         frames: length of each run.
         options: further options of the environments, plain data, the same in all cells.
+        device: where networks of policies and of the detector compute: "cpu", "cuda", "cuda:1" or "auto"; it becomes a
+            parameter in the names of these policies.
         left_out: policies that "all" does not stand for as their weights do not ship, with the reason.
 
     Raises:
@@ -77,6 +80,7 @@ class Grid:
     seeds: Sequence[int] = (0,)
     frames: int = 100
     options: Mapping[str, Any] = field(default_factory=dict)
+    device: str = PROCESSOR
     left_out: Mapping[str, str] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -87,7 +91,8 @@ class Grid:
                 if not isinstance(value, str):
                     raise InvalidValueError(f"{name} must be texts, got {value!r}")
         named, left_out = name_all([PolicySpec.parse(policy).text for policy in self.policies])
-        object.__setattr__(self, "policies", named)
+        require_device(self.device)
+        object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in named))
         object.__setattr__(self, "left_out", left_out)
         for name in ("latencies_ms", "position_noises_m", "heading_noises_deg"):
             _check_each(name, getattr(self, name), require_non_negative)
@@ -149,13 +154,14 @@ class Grid:
         for name, instead in _NOT_OPTIONS.items():
             if name in self.options:
                 raise InvalidValueError(f"{name} is not an option here: use {instead}")
-        object.__setattr__(self, "options", plain_options(self.options))
+        made = {name: detector_on(self.device, each) for name, each in self.options.items() if name == "detector"}
+        object.__setattr__(self, "options", plain_options({**self.options, **made}))
 
 
 ATTRIBUTES = tuple(each.name for each in fields(Grid) if each.init)
 """The attributes that are given, in order."""
 
-LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frames", "options"))
+LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frames", "options", "device"))
 """The attributes that are lists."""
 
 

@@ -39,6 +39,7 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     means = f"Mean over {len(table.conditions)} condition{'s' * (len(table.conditions) != 1)}"
     interval = f", ± half of its 95 % interval over {table.samples.text} (Student's t)"
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
+    parts += [f"Networks multiply in {table.arithmetics[0]}."] if len(table.arithmetics) == 1 else []
     parts += [table.caution] if table.caution else []
     for k, condition in enumerate(table.conditions):
         parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")

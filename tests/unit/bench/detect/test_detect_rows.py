@@ -45,6 +45,16 @@ def test_what_is_farther_away_is_neither_found_nor_missed() -> None:
         DetectPlan(within_m=0)
 
 
+def test_the_table_says_in_which_numbers_networks_multiply(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COOPSIM_PRECISION", "bfloat16")
+    for detector, arithmetic in (("simulated", None), ("pillars(least_score=0.2)", "bfloat16")):
+        row = row_of(DetectPlan(detector=detector), PLACE, {}, [Measured.of(GOOD, "coopsim")])
+        assert row["arithmetic"] == arithmetic
+        assert ("coopsim, networks multiply in bfloat16\n" in markdown_table([row])) == (arithmetic is not None)
+    plan = DetectPlan(("no_fusion", "attfuse"), detector="simulated")
+    assert [plan.arithmetic(policy) for policy in plan.policies] == [None, "bfloat16"]
+
+
 def test_without_messages_there_are_no_bytes() -> None:
     silent = replace(GOOD, messages=0, sent_bytes=0)
     row = row_of(DetectPlan(), PLACE, {}, [Measured.of(silent, "coopsim")])

@@ -249,3 +249,9 @@ def test_json_has_no_number_that_browsers_refuse() -> None:
     given[0] = replace(given[0], values=dict.fromkeys(given[0].values, np.nan))
     text = render_bench_report(ResultTable.of(given), ABOUT).split('id="data">')[1].split("</script>")[0]
     json.loads(text, parse_constant=refuse)
+
+
+def test_the_tables_say_in_which_numbers_networks_multiply() -> None:
+    given = [replace(each, arithmetic="bfloat16") for each in results()]
+    assert "\n\nNetworks multiply in bfloat16.\n\n" in to_markdown(ResultTable.of(given), "t")
+    assert "Networks" not in to_markdown(TABLE, "t")
