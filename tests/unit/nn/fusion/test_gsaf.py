@@ -58,3 +58,13 @@ def test_the_reference_has_windows_of_three_sizes() -> None:
     assert len(GSAF(8, size="reference").branches) == 3
     with pytest.raises(UnknownNameError, match="unknown size"):
         GSAF(8, size="paper")
+
+
+@pytest.mark.parametrize(("size", "windows"), [("small", (4, 8)), ("reference", (4, 8, 16))])
+def test_a_token_attends_to_its_window(size: str, windows: tuple[int, ...]) -> None:
+    fusion = GSAF(8, size=size)
+    for branch, window in zip(fusion.branches, windows, strict=True):
+        tokens = draw(1, 16, 16, *fusion.norm.normalized_shape).requires_grad_()
+        branch(tokens, torch.ones(1, 16, 16, dtype=torch.bool))[0, 0, 0].square().sum().backward()
+        reached = tokens.grad[0].abs().sum(-1) > 0
+        assert reached[:window, :window].all() and reached.sum() == window**2
