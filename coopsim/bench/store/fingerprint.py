@@ -225,7 +225,7 @@ def _sources(package: str) -> Iterator[str]:
     spec = None if module is not None else find_spec(package)
     roots = getattr(module, "__path__", None) if spec is None else spec.submodule_search_locations
     if roots is None:
-        yield _digest_of_file(Path(str(module.__file__ if spec is None else spec.origin)))
+        yield _digest_of_file(Path(str(spec.origin if spec is not None else getattr(module, "__file__", None))))
         return
     for root in roots:
         for folder, folders, names in os.walk(root, followlinks=True):
