@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
@@ -95,7 +96,7 @@ def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple
             if x < left or x > right or y < lower or y > upper:
                 continue
             share = min(max(((x - ax) * rx + (y - ay) * ry) / length_m2, 0.0), 1.0)
-            distance_m = np.hypot(x - ax - share * rx, y - ay - share * ry)
+            distance_m = exact.hypot(x - ax - share * rx, y - ay - share * ry)
             if distance_m - reach < worst_m:
                 worst, worst_m, near_m = k, distance_m - reach, distance_m
     return worst, near_m
@@ -113,7 +114,7 @@ def _spaced(corners: Floats) -> Floats:
     for k in range(count):
         after = (k + 1) % count
         along[k, 0], along[k, 1] = corners[after, 0] - corners[k, 0], corners[after, 1] - corners[k, 1]
-        steps[k] = max(np.ceil(np.hypot(along[k, 0], along[k, 1]) / _SAMPLE_M), 1.0)
+        steps[k] = max(np.ceil(exact.hypot(along[k, 0], along[k, 1]) / _SAMPLE_M), 1.0)
         total += steps[k]
     points, n = np.empty((total, 2)), 0
     for k in range(count):

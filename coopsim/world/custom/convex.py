@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 _TWICE, _OTHER = 2, 3
@@ -43,8 +44,8 @@ def _way_round(corners: Floats) -> int:
         if (ax == 0 and ay == 0) or (bx == 0 and by == 0):
             return _TWICE
         turns[k] = ax * by - ay * bx
-        inwards_m[k] = -turns[k] / max(np.hypot(ax + bx, ay + by), np.hypot(ax, ay))
-        turned_rad += np.arctan2(turns[k], ax * bx + ay * by)
+        inwards_m[k] = -turns[k] / max(exact.hypot(ax + bx, ay + by), exact.hypot(ax, ay))
+        turned_rad += exact.arctan2(turns[k], ax * bx + ay * by)
     way = 1 if turns.sum() > 0 else -1
     once_round = abs(turned_rad - way * 2 * np.pi) < 1e-6
     if not once_round or (way * inwards_m).max() > _ROUNDING_M or (way * turns).max() <= 0:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.custom.clearance import Kerbs, along_outline
@@ -72,7 +73,7 @@ def read_wall(entry: Entry, kerbs: Kerbs) -> Building:
     height_m = float(fields["height_m"].checked(require_between, 0.2, 20))
     thick_m = float(fields["thickness_m"].checked(require_between, 0.05, 2)) if "thickness_m" in fields else _WALL_M
     steps = np.diff(line, axis=0)
-    length_m = np.hypot(steps[:, 0], steps[:, 1])
+    length_m = exact.hypot(steps[:, 0], steps[:, 1])
     if not length_m.all():
         raise fields["along"].error("along must lead from point to point, each another place than the one before")
     ahead = steps / length_m[:, None] * thick_m / 2
@@ -93,7 +94,7 @@ def _windows(outline: Floats, height_m: float) -> list[StaticPart]:
     """Build a band of glass on every storey of every side that is wide enough."""
     following = np.concatenate([outline[1:], outline[:1]])
     edges = following - outline
-    length_m = np.hypot(edges[:, 0], edges[:, 1])
+    length_m = exact.hypot(edges[:, 0], edges[:, 1])
     wide = length_m > 3 * _BESIDE_M
     sills_m = np.arange(int((height_m + _STOREY_M - _SILL_M - _PANE_M - 0.3) / _STOREY_M)) * _STOREY_M + _SILL_M
     if not wide.any() or not len(sills_m):
@@ -113,7 +114,7 @@ def _windows(outline: Floats, height_m: float) -> list[StaticPart]:
 
 def _gable(outline: Floats, height_m: float) -> StaticPart:
     """Build a roof on four walls; its ridge is along the longer sides."""
-    sides_m = np.hypot(*(np.concatenate([outline[1:], outline[:1]]) - outline).T)
+    sides_m = exact.hypot(*(np.concatenate([outline[1:], outline[:1]]) - outline).T)
     corners = outline if sides_m[0] + sides_m[2] >= sides_m[1] + sides_m[3] else np.roll(outline, -1, axis=0)
     rise_m = min(_RISE * float(min(sides_m[0] + sides_m[2], sides_m[1] + sides_m[3])) / 2, _STEEPEST_M)
     ridge = np.array([corners[[0, 3]].mean(axis=0), corners[[1, 2]].mean(axis=0)])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.world.custom.clearance import Kerbs
@@ -64,7 +65,7 @@ def _ground(piece: dict[str, Any], kind: Kind) -> Floats:
         return np.concatenate([line_pieces(points, _SAMPLE_M)[0], points])
     length, width = kind.ground_m
     heading = np.radians(piece["heading_deg"])
-    ahead, left = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+    ahead, left = np.array([[exact.cos(heading), exact.sin(heading)], [-exact.sin(heading), exact.cos(heading)]])
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     around = [piece["at"] + a * ahead + b * left for a, b in corners]
     return np.array([piece["at"], *around])

@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between
 from coopsim.types import Ints
@@ -51,10 +52,10 @@ def _part(
 @lru_cache(maxsize=1)
 def _cylinder() -> tuple[Floats, Ints]:
     mesh = trimesh.creation.cylinder(0.5, height=1.0, sections=6)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    return exact.settled(mesh.vertices), np.asarray(mesh.faces)
 
 
 @lru_cache(maxsize=1)
 def _ball() -> tuple[Floats, Ints]:
     mesh = trimesh.creation.icosphere(subdivisions=1)
-    return np.asarray(mesh.vertices) / 2, np.asarray(mesh.faces)
+    return exact.settled(mesh.vertices) / 2, np.asarray(mesh.faces)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_finite_number
 from coopsim.types.taxonomy import ObjectClass
@@ -32,4 +33,4 @@ def read_unit(entry: Entry, kerbs: Kerbs) -> SE3:
     kerbs.require_beside(at[None], fields["at"], "at")
     if not ahead.any():
         raise fields["look_at"].error("look_at must be another place than at")
-    return SE3.from_xyz_yaw([*at, 0.0], float(np.arctan2(ahead[1], ahead[0])))
+    return SE3.from_xyz_yaw([*at, 0.0], float(exact.arctan2(ahead[1], ahead[0])))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.carriageways import carriageways
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
@@ -74,8 +75,8 @@ class Groundworks:
         flat = pavement_tops(self.wet, 0.0)[..., :2]
         laid = _lifted(drape(np.ascontiguousarray(flat), road.grid), _WATER_M)
         albedo = wet_albedo(np.array([_ROAD_REFLECTIVITY]))[0]
-        light = wet_albedo((np.array(ASPHALT) / 255) ** _GAMMA)
-        red, green, blue = np.round(255 * light ** (1 / _GAMMA)).astype(int).tolist()
+        light = wet_albedo(exact.settled((np.array(ASPHALT) / 255) ** _GAMMA))
+        red, green, blue = np.round(255 * exact.settled(light ** (1 / _GAMMA))).astype(int).tolist()
         return _surface("water", laid, (red, green, blue), float(albedo))
 
 

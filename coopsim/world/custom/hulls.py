@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -34,7 +35,7 @@ def _box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
     for k in range(len(outline)):
         after = (k + 1) % len(outline)
         edge_x, edge_y = outline[after, 0] - outline[k, 0], outline[after, 1] - outline[k, 1]
-        edge_m = np.hypot(edge_x, edge_y)
+        edge_m = exact.hypot(edge_x, edge_y)
         cos, sin = edge_x / edge_m, edge_y / edge_m
         first, last, right, left = np.inf, -np.inf, np.inf, -np.inf
         for n in range(len(outline)):
@@ -45,7 +46,7 @@ def _box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
             least_m2 = length_m * width_m
             best[0], best[1], best[2] = x * cos - y * sin, x * sin + y * cos, (low_m + high_m) / 2
             best[3], best[4], best[5] = length_m, width_m, high_m - low_m
-            best[6] = np.arctan2(sin, cos)
+            best[6] = exact.arctan2(sin, cos)
     return best
 
 

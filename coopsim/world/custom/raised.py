@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.custom.clearance import Kerbs
@@ -99,5 +100,5 @@ def _distance_m(x: float, y: float, ax: float, ay: float, bx: float, by: float) 
     along_x, along_y = bx - ax, by - ay
     length_m2 = max(along_x * along_x + along_y * along_y, 1e-12)
     share = min(max(((x - ax) * along_x + (y - ay) * along_y) / length_m2, 0.0), 1.0)
-    distance_m: float = np.hypot(x - ax - share * along_x, y - ay - share * along_y)
+    distance_m: float = exact.hypot(x - ax - share * along_x, y - ay - share * along_y)
     return distance_m

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.custom.conflicts import conflicting_roads
@@ -147,7 +148,7 @@ def _add_line(roads: Roads, entry: Entry, road: Road, via: Entry | None, shape: 
     names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(len(between))), road[1]]
     pieces = list(pairwise(names))
     for piece, ends in zip(pieces, pairwise(points), strict=True):
-        length_m = float(np.linalg.norm(ends[1] - ends[0]))
+        length_m = float(exact.norm(ends[1] - ends[0]))
         if length_m < SHORTEST_M:
             raise (via or entry).error(f"every piece must be at least {SHORTEST_M:g} m long, got {length_m:.2f} m")
         add_straight(roads.network, piece, ends, *shape)
@@ -178,11 +179,11 @@ def _add_arc(roads: Roads, centre: Entry, road: Road, turn: str, shape: tuple[fl
 def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]) -> list[Road]:
     """Add bends from the end of one lane to the beginning of the next one, on its left."""
     start, end = (roads.nodes[node] for node in road)
-    across, half_m = end - start, float(np.linalg.norm(end - start)) / 2
+    across, half_m = end - start, float(exact.norm(end - start)) / 2
     if not 1.5 <= half_m <= 8.0:
         raise entry.error(f"a loop must lead from one lane to the next, 3 to 16 m to its left, got {2 * half_m:.2f} m")
-    ahead_rad = float(np.arctan2(across[1], across[0])) - np.pi / 2
-    cos, sin = np.cos(ahead_rad), np.sin(ahead_rad)
+    ahead_rad = float(exact.arctan2(across[1], across[0])) - np.pi / 2
+    cos, sin = exact.cos(ahead_rad), exact.sin(ahead_rad)
     names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(3)), road[1]]
     pieces = list(pairwise(names))
     for piece, ((x, y), (radius, first, last)) in zip(pieces, turning_loop(half_m), strict=True):
@@ -193,7 +194,7 @@ def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]
 
 def _polar(offset: Floats) -> tuple[float, float]:
     """Return angle (rad) and distance (m)."""
-    return float(np.arctan2(offset[1], offset[0])), float(np.hypot(*offset))
+    return float(exact.arctan2(offset[1], offset[0])), float(exact.hypot(*offset))
 
 
 def _require_ways_on(roads: Roads) -> None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count
 from coopsim.world.custom.clearance import require_space_to_start
@@ -67,9 +68,9 @@ def _require_apart(roads: Roads, slots: Sequence[StartSlot], entries: Sequence[E
     places = np.array([lane.position(slot.along_m, 0.0) for lane, slot in zip(lanes, slots, strict=True)])
     heading = np.array([lane.heading_at(slot.along_m) for lane, slot in zip(lanes, slots, strict=True)])
     offset = places.reshape(-1, 2) - places.reshape(-1, 1, 2)  # (from, to)
-    aside_m = np.abs(offset[..., 1] * np.cos(heading)[:, None] - offset[..., 0] * np.sin(heading)[:, None])
+    aside_m = np.abs(offset[..., 1] * exact.cos(heading)[:, None] - offset[..., 0] * exact.sin(heading)[:, None])
     same_way = np.abs(wrap_angle(heading - heading[:, None])) < np.pi / 4
-    apart_m: Floats = np.hypot(offset[..., 0], offset[..., 1])
+    apart_m: Floats = exact.hypot(offset[..., 0], offset[..., 1])
     close = np.argwhere(np.triu(same_way & (aside_m < _BESIDE_M) & (apart_m < _APART_M), 1))
     if len(close):
         first, second = close[0].tolist()

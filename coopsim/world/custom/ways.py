@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Mask
 from coopsim.world.places.layout import Footways
@@ -22,7 +23,9 @@ _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
 _STRIPE_M, _GAP_M = 0.5, 0.5
 _BEYOND_M = 5.0  # the ends of a lane, where a place still is on it
-_CORNER = _PAVEMENT_M / 2 * np.array([[np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)] for k in range(8)])  # an octagon
+_SLANT = np.sqrt(0.5)
+_HALF = _PAVEMENT_M / 2 * np.array([[1.0, 0.0], [_SLANT, _SLANT], [0.0, 1.0], [-_SLANT, _SLANT]])
+_CORNER = np.concatenate([_HALF, -_HALF])  # an octagon
 
 _Link = tuple[str, str]
 
@@ -106,14 +109,14 @@ def _graph(nodes: Mapping[str, Floats], plain: list[_Link], across: list[_Link],
 
 def _strip(a: Floats, b: Floats, half_m: float) -> Floats:
     """Return a rectangle (4, 2) m along a line, counter-clockwise."""
-    along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+    along = (b - a) / max(float(exact.norm(b - a)), 1e-9)
     aside = half_m * np.array([-along[1], along[0]])
     return np.array([a - aside, b - aside, b + aside, a + aside])
 
 
 def _stripes(a: Floats, b: Floats, lanes: NDArray[Any]) -> list[Floats]:
     """Return stripes along the crosswalk where it is on one of `lanes` (L,) `LANE`."""
-    length_m = float(np.linalg.norm(b - a))
+    length_m = float(exact.norm(b - a))
     starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
     along = (b - a) / max(length_m, 1e-9)
     on_road = _are_on_lanes(a + (starts + _STRIPE_M / 2)[:, None] * along, lanes)

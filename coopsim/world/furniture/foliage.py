@@ -14,10 +14,12 @@ crown of 5 m lets 5 % through its middle. Hedges and bushes are denser: 15 % thr
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.furniture.materials import LEAVES
@@ -29,7 +31,8 @@ CROWN_K_PER_M, BUSH_K_PER_M, HEDGE_K_PER_M = 0.6, 2.4, 2.4
 VARIANTS = 4
 """Different arrangements of plates; pieces of furniture take them in turn."""
 
-_PLATE_RADIUS = 2 / 3**0.75  # circumradius of a regular triangle of area 1
+_PLATE_RADIUS = 2 / math.sqrt(3.0 * math.sqrt(3.0))  # circumradius of a regular triangle of area 1
+_HEIGHT = math.sqrt(0.75)
 _KEPT_IN = 0.7  # of a plate's radius: how far middles stay from the outline
 
 
@@ -41,14 +44,14 @@ def _plates(variant: int, count: int) -> tuple[Floats, Floats, Floats]:
     """
     draws = stream(variant, "foliage", str(count))
     in_cube = draws.uniform(-0.5, 0.5, (count, 3))
-    direction = draws.normal(size=(count, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    in_ball = 0.5 * direction * np.cbrt(draws.uniform(size=(count, 1)))
-    normal, other = draws.normal(size=(2, count, 3))
+    direction = exact.settled(draws.normal(size=(count, 3)))
+    direction /= exact.norm(direction, axis=1, keepdims=True)
+    in_ball = 0.5 * direction * exact.settled(np.cbrt(draws.uniform(size=(count, 1))))
+    normal, other = exact.settled(draws.normal(size=(2, count, 3)))
     first = np.cross(normal, other)
     second = np.cross(normal, first)
-    first, second = (axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in (first, second))
-    cos, sin = np.array([1.0, -0.5, -0.5]), np.array([0.0, 0.75**0.5, -(0.75**0.5)])
+    first, second = (axis / exact.norm(axis, axis=1, keepdims=True) for axis in (first, second))
+    cos, sin = np.array([1.0, -0.5, -0.5]), np.array([0.0, _HEIGHT, -_HEIGHT])
     spokes = cos[:, None] * first[:, None] + sin[:, None] * second[:, None]
     return in_cube, in_ball, _PLATE_RADIUS * spokes
 
@@ -110,4 +113,4 @@ def leaves(corners: Floats, middle_m: tuple[float, float, float], opacity: float
 
 def mean_opacity(size_m: Floats, k_per_m: float) -> float:
     """Return the share of rays stopped over the mean chord of an ellipsoid with axes (3,) m, 2/3 of its mean axis."""
-    return float(-np.expm1(-k_per_m * 2 / 3 * np.mean(size_m)))
+    return float(exact.settled(-np.expm1(-k_per_m * 2 / 3 * np.mean(size_m))))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 
@@ -202,6 +203,6 @@ def distance_to(spot: Floats, corners: Floats, first: int, end: int) -> float:
         turn, length2 = ex * dy - ey * dx, ex * ex + ey * ey
         left, right = left or turn > 0, right or turn < 0
         along = min(max((dx * ex + dy * ey) / length2, 0.0), 1.0) if length2 > 0 else 0.0
-        nearest = min(nearest, np.hypot(dx - along * ex, dy - along * ey))
+        nearest = min(nearest, exact.hypot(dx - along * ex, dy - along * ey))
     inside = end - first > 2 and not (left and right)
     return 0.0 if inside else nearest

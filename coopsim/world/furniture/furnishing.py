@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.furniture.kinds import KINDS, Kind, model
@@ -67,11 +68,11 @@ def line_pieces(points: Floats, step_m: float) -> tuple[Floats, Floats, Floats]:
     """
     middles, headings, lengths = [], [], []
     for start, end in pairwise(points):
-        length = float(np.hypot(*(end - start)))
+        length = float(exact.hypot(*(end - start)))
         count = max(1, int(np.ceil(length / step_m - 1e-3)))
         share = (np.arange(count) + 0.5) / count
         middles.append(start + share[:, None] * (end - start))
-        headings.append(np.full(count, np.arctan2(end[1] - start[1], end[0] - start[0])))
+        headings.append(np.full(count, exact.arctan2(end[1] - start[1], end[0] - start[0])))
         lengths.append(np.full(count, length / count))
     return np.concatenate(middles), np.concatenate(headings), np.concatenate(lengths)
 
@@ -116,7 +117,7 @@ def _moved(parts: Sequence[Floats], where: Ints, poses: Floats, ground_m: Floats
     counts = np.array([len(part) for part in parts], dtype=np.int64)
     points = np.concatenate([np.zeros((0, 3)), *parts])
     x, y = points[:, 0].copy(), points[:, 1].copy()
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    cos, sin = exact.cos(poses[:, 2]), exact.sin(poses[:, 2])
     own = np.repeat(where, counts)
     points[:, 0] = x * cos[own] - y * sin[own] + poses[own, 0]
     points[:, 1] = x * sin[own] + y * cos[own] + poses[own, 1]

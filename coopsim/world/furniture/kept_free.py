@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.furniture.free_ground import BULKY, CROWN, GROUND, UNPAVED, Obstacles, make_obstacles
@@ -92,7 +93,7 @@ def _foot(part: StaticPart) -> list[Floats]:
             return found
     below = part.vertices[part.vertices[:, 2] < low_m + _HEAD_M]
     (x, y), (far_x, far_y) = below[:, :2].min(axis=0), below[:, :2].max(axis=0)
-    if np.hypot(far_x - x, far_y - y) < _THIN_M:  # a mast or a stem: the same from all sides
+    if exact.hypot(far_x - x, far_y - y) < _THIN_M:  # a mast or a stem: the same from all sides
         return [below[:, :2].mean(axis=0)[None]]
     return [np.array([[x, y], [far_x, y], [far_x, far_y], [x, far_y]])]
 
@@ -108,7 +109,7 @@ def _crown(part: StaticPart) -> list[Floats]:
 def _ways_in(yard: Floats) -> Floats:
     """Return a driveway (4, 2) m with the ground before and behind it; another yard as it is."""
     sides = np.roll(yard, -1, axis=0) - yard
-    length = np.hypot(sides[:, 0], sides[:, 1])
+    length = exact.hypot(sides[:, 0], sides[:, 1])
     longer = int(length[1] > length[0])
     if min(length[0], length[1]) > _DRIVEWAY_M:
         return yard
@@ -131,7 +132,7 @@ def _pieces_of(lane: Lane) -> list[Floats]:
     points = middle_of(lane)
     if isinstance(lane, CircularLane) and lane.radius < _WIDE_BEND_M:
         headings = lane.heading_at(0.0) + np.pi, lane.heading_at(lane.length)
-        before, beyond = (_SWINGING_M * np.array([np.cos(heading), np.sin(heading)]) for heading in headings)
+        before, beyond = (_SWINGING_M * np.array([exact.cos(heading), exact.sin(heading)]) for heading in headings)
         points = np.vstack([points[0] + before, points, points[-1] + beyond])
     return list(np.stack([points[:-1], points[1:]], axis=1))
 
@@ -148,7 +149,7 @@ def _bay_outline(bay: Bay) -> Floats:
 
 
 def _rectangle(middle: Floats, size: Floats, yaw: float) -> Floats:
-    ahead, left = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    ahead, left = np.array([[exact.cos(yaw), exact.sin(yaw)], [-exact.sin(yaw), exact.cos(yaw)]])
     corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * size / 2
     rectangle: Floats = middle + corners[:, :1] * ahead + corners[:, 1:] * left
     return rectangle

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
@@ -81,13 +82,13 @@ class Lining:
             return
         edge, _, heading = sides.stands(grid)
         middles = np.array([outline.mean(axis=0) for outline in crosswalks])
-        away = np.hypot(edge[:, None, 0] - middles[:, 0], edge[:, None, 1] - middles[:, 1])
+        away = exact.hypot(edge[:, None, 0] - middles[:, 0], edge[:, None, 1] - middles[:, 1])
         first = np.searchsorted(side, np.arange(len(sides.length_m)))
         places, lights = list[float](), list[bool]()
         for s, c in np.argwhere(np.minimum.reduceat(away, first, axis=0) < _SEEN_M).tolist():
             nearest = first[s] + int(away[first[s] : np.searchsorted(side, s, "right"), c].argmin())
             toward = middles[c] - edge[nearest]
-            ahead = toward[0] * np.cos(heading[nearest]) + toward[1] * np.sin(heading[nearest])
+            ahead = toward[0] * exact.cos(heading[nearest]) + toward[1] * exact.sin(heading[nearest])
             before = grid[nearest] + ahead - _BEFORE_CROSSWALK_M
             if sides.first_m[s] < before < sides.first_m[s + 1] + _BEFORE_CROSSWALK_M:
                 places.append(min(before, sides.first_m[s + 1] - 0.3))
@@ -104,7 +105,7 @@ class Lining:
         for number in np.flatnonzero(draws[:, 0] < SCAFFOLDS + CAFES).tolist():
             kind, long, place = draws[number].tolist()
             start, out_here = ends[number, 0], out[number]
-            length = float(np.hypot(*(ends[number, 1] - start)))
+            length = float(exact.hypot(*(ends[number, 1] - start)))
             along = (ends[number, 1] - start) / length
             if kind < SCAFFOLDS:
                 step = KINDS["scaffold"].step_m
@@ -115,7 +116,7 @@ class Lining:
             else:
                 spots = place * max(length - _TABLES * _TABLE_M, 0.0) + _TABLE_M * (np.arange(_TABLES) + 0.5)
                 points = start + _TABLE_OUT_M * out_here + spots[spots < length - 1.0, None] * along
-                heading = np.full(len(points), np.arctan2(along[1], along[0]))
+                heading = np.full(len(points), exact.arctan2(along[1], along[0]))
                 self._plot.put("cafe_table", np.column_stack([points, heading]))
 
     def _put_outward(self, row: Row, edge: Floats, outward: Floats, facing: Floats, sizes: Floats | None) -> None:

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.world.furniture.foliage import (
     BUSH_K_PER_M,
     CROWN_K_PER_M,
@@ -39,7 +40,7 @@ def _wood(height_m: float, crown_m: float, stem_m: float) -> Shape:
     fork = stem_m + 0.15 * (height_m - stem_m)
     spread = 0.25 * crown_m
     branches = [
-        bar((0.0, 0.0, 0.9 * fork), (spread * np.cos(a), spread * np.sin(a), middle), 0.5 * radius, 0.03, sides=3)
+        bar((0.0, 0.0, 0.9 * fork), (spread * exact.cos(a), spread * exact.sin(a), middle), 0.5 * radius, 0.03, sides=3)
         for a in (0.4, 3.3)
     ]
     return shape(BARK, bar((0.0, 0.0, 0.0), (0.0, 0.0, middle), radius, 0.3 * radius, sides=5), *branches)
@@ -56,4 +57,8 @@ def hedge(length_m: float, height_m: float, thickness_m: float, variant: int) ->
     """Build a piece of a hedge along x; its leaves reach into the next piece."""
     count = max(8, round(HEDGE_PLATES_PER_M * length_m))
     plates, _ = block_of_leaves((length_m, thickness_m, height_m), HEDGE_K_PER_M, count, variant)
-    return (leaves(plates, (0.0, 0.0, height_m / 2), float(-np.expm1(-HEDGE_K_PER_M * thickness_m)), variant),)
+    return (
+        leaves(
+            plates, (0.0, 0.0, height_m / 2), float(exact.settled(-np.expm1(-HEDGE_K_PER_M * thickness_m))), variant
+        ),
+    )

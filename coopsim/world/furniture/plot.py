@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import (
@@ -82,7 +83,7 @@ class Plot:
             bulky: as of `put`.
         """
         along = ends[:, 1] - ends[:, 0]
-        length = np.hypot(along[:, 0], along[:, 1])
+        length = exact.hypot(along[:, 0], along[:, 1])
         radius = _half_m(kind)
         each = np.maximum(np.ceil(length / (2 * radius)), 1).astype(np.int64)
         owner = np.repeat(np.arange(len(ends)), each)
@@ -113,7 +114,7 @@ class Plot:
         length, width = KINDS[kind].ground_m
         longest, shortest = max(length, width), min(length, width)
         count = int(np.ceil(longest / shortest - 1e-6))
-        radius = np.hypot(shortest, longest / count) / 2
+        radius = exact.hypot(shortest, longest / count) / 2
         offsets = ((np.arange(count) + 0.5) / count - 0.5) * longest
         local = np.zeros((count, 2))
         local[:, 0 if length > width else 1] = offsets
@@ -121,7 +122,7 @@ class Plot:
         if kind in ("tree", "lamp"):
             local = np.vstack([local, [[_HEAD_AHEAD_M if kind == "lamp" else 0.0, 0.0]]])
             radii, layers = np.append(radii, _LAMP_HEAD_M), np.append(layers, CROWN)
-        cos, sin = np.cos(stands[:, 2, None]), np.sin(stands[:, 2, None])
+        cos, sin = exact.cos(stands[:, 2, None]), exact.sin(stands[:, 2, None])
         turned = np.stack([local[:, 0] * cos - local[:, 1] * sin, local[:, 0] * sin + local[:, 1] * cos], axis=-1)
         all_radii = np.tile(radii, (len(stands), 1))
         if kind == "tree" and sizes is not None:
@@ -147,4 +148,4 @@ def _rounded(point: Floats) -> list[float]:
 def _between(line: list[list[float]], k: int) -> bool:
     """Return whether a point of a line is, to a millimetre, on the straight line between its neighbours."""
     (ax, ay), (bx, by), (cx, cy) = line[k - 1], line[k], line[k + 1]
-    return bool(abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-3 * np.hypot(cx - ax, cy - ay))
+    return bool(abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-3 * exact.hypot(cx - ax, cy - ay))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.furniture.materials import (
     DARK_METAL,
@@ -46,7 +47,7 @@ def sign(height_m: float, variant: int) -> Piece:
 def _outline(sides: int, low_m: float, high_m: float) -> Floats:
     """Return a regular outline (K, 3) m across x, between two heights, counter-clockwise from ahead."""
     turn = np.arange(sides) * 2 * np.pi / sides + (np.pi / 2 if sides == 3 else np.pi / sides)
-    ring = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=1)
+    ring = np.stack([np.zeros(sides), exact.cos(turn), exact.sin(turn)], axis=1)
     scale = (high_m - low_m) / float(np.ptp(ring[:, 2]))
     ring *= scale
     ring[:, 2] += low_m - ring[:, 2].min()

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -59,11 +60,11 @@ def block(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]
 def bar(start: ArrayLike, end: ArrayLike, radius_m: float, end_radius_m: float | None = None, sides: int = 6) -> Solid:
     """Build a round bar from one point (3,) m to another, 4 `sides` - 4 faces; its radius may change along it."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    along = (b - a) / np.linalg.norm(b - a)
+    along = (b - a) / exact.norm(b - a)
     aside = _cross(along, np.array([0.0, 1.0, 0.0] if abs(along[1]) < 0.9 else [1.0, 0.0, 0.0]))
-    aside /= np.linalg.norm(aside)
+    aside /= exact.norm(aside)
     turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides
-    ring = np.cos(turn)[:, None] * aside + np.sin(turn)[:, None] * _cross(along, aside)
+    ring = exact.cos(turn)[:, None] * aside + exact.sin(turn)[:, None] * _cross(along, aside)
     return prism(a + radius_m * ring, b + (radius_m if end_radius_m is None else end_radius_m) * ring)
 
 

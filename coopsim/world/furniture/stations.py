@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import GROUND, Obstacles, are_free, make_obstacles
@@ -51,7 +52,7 @@ class Sides(NamedTuple):
         """Return points (N, 2) m on the edge, unit vectors outward (N, 2), and headings (N,) rad at distances (N,)."""
         which = np.clip(np.searchsorted(self.starts_m, along_m, "right") - 1, 0, len(self.edge_m) - 1)
         heading = self.heading_rad[which]
-        cos, sin = np.cos(heading), np.sin(heading)
+        cos, sin = exact.cos(heading), exact.sin(heading)
         ahead, outward = np.column_stack([cos, sin]), np.column_stack([sin, -cos])
         middle = self.points[which] + (along_m - self.starts_m[which])[:, None] * ahead
         return middle + self.edge_m[which][:, None] * outward, outward, heading
@@ -68,13 +69,13 @@ def _sides(lines: list[tuple[Floats, Floats]]) -> Sides:
     """Join lines, each of points (K + 1, 2) m and distances (K,) of the edge."""
     along = [np.diff(points, axis=0) for points, _ in lines]
     every = np.concatenate([np.zeros((0, 2)), *along])
-    lengths = np.hypot(every[:, 0], every[:, 1])
+    lengths = exact.hypot(every[:, 0], every[:, 1])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     ends = np.cumsum([0, *(len(each) for each in along)])
     return Sides(
         np.concatenate([np.zeros((0, 2)), *(points[:-1] for points, _ in lines)]),
         starts[:-1],
-        np.arctan2(every[:, 1], every[:, 0]),
+        exact.arctan2(every[:, 1], every[:, 0]),
         np.concatenate([np.zeros(0), *(edge for _, edge in lines)]),
         starts[ends],
     )
@@ -112,7 +113,7 @@ def fronts(layout: Layout) -> tuple[Floats, Floats]:
         [np.stack([outline, np.roll(outline, -1, axis=0)], axis=1) for outline in layout.road_map.buildings]
     )
     along = ends[:, 1] - ends[:, 0]
-    length = np.hypot(along[:, 0], along[:, 1])
+    length = exact.hypot(along[:, 0], along[:, 1])
     out = np.column_stack([along[:, 1], -along[:, 0]]) / np.maximum(length, 1e-9)[:, None]  # counter-clockwise
     before = ends.mean(axis=1) + out * np.mean(_FRONT_M)
     ways = lines_of(layout.footways, crossing=False)
@@ -187,7 +188,7 @@ def _way_chains(ways: Footways) -> list[Floats]:
 def _in_parts(line: Floats) -> list[Floats]:
     """Cut a line through points (K, 2) m into parts that are not much longer than lots of a street."""
     along = np.diff(line, axis=0)
-    start = np.concatenate([[0.0], np.cumsum(np.hypot(along[:, 0], along[:, 1]))])
+    start = np.concatenate([[0.0], np.cumsum(exact.hypot(along[:, 0], along[:, 1]))])
     cuts = np.unique(np.searchsorted(start, np.arange(0.0, start[-1], _LOTS_M)[1:]))
     cuts = cuts[(cuts > 0) & (cuts < len(line) - 1)].tolist()
     return [line[a : b + 1] for a, b in pairwise([0, *cuts, len(line) - 1])]
@@ -198,7 +199,7 @@ def _goes_on(nodes: Floats, node: int, ends: list[int]) -> bool:
     if len(ends) != 2:
         return False
     (ax, ay), (bx, by) = nodes[node] - nodes[ends[0]], nodes[ends[1]] - nodes[node]
-    return bool(abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by)) < _STRAIGHT_ON_RAD)
+    return bool(abs(exact.arctan2(ax * by - ay * bx, ax * bx + ay * by)) < _STRAIGHT_ON_RAD)
 
 
 def _within(lane: Lane, area: Floats) -> Lane:

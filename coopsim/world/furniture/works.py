@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.support.rng import stream
 from coopsim.world.furniture.materials import BLUE, DARK_METAL, EARTH, GREY, RUBBER, RUBBLE, SAND, WHITE
 from coopsim.world.furniture.piece import Piece, shape
@@ -20,7 +21,7 @@ def heap(width_m: float, height_m: float, variant: int) -> Piece:
     rings = []
     for share, up in ((1.0, 0.0), (0.62, 0.55), (0.18, 1.0)):
         radius = width_m / 2 * share * uneven * draws.uniform(0.92, 1.0, 9)
-        ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(9, height_m * up)])
+        ring = np.column_stack([radius * exact.cos(angle), radius * exact.sin(angle), np.full(9, height_m * up)])
         rings.append(ring)
     return (shape(_LOADS[variant % 3], mound(rings)),)
 

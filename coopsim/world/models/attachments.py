@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.world.models.cars import Shape
 from coopsim.world.models.parts import (
     ACCENT,
@@ -150,7 +151,7 @@ def _bars(shape: Shape, above_m: float) -> list[Part]:
 def _wheel_across(x: float, y: float, z: float, radius: float, sides: int = 8) -> Part:
     """Build a bicycle's tyre that stands across the vehicle."""
     turn = np.arange(sides) * 2 * np.pi / sides
-    spoke = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=1)
+    spoke = np.stack([np.zeros(sides), exact.cos(turn), exact.sin(turn)], axis=1)
     hub = np.array([x, y, z])
     rings = [
         hub + radius * spoke,

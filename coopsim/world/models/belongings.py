@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.models.attachments import WOOD
 from coopsim.world.models.figure import Joints, holding
@@ -51,7 +52,7 @@ def suitcase(joints: Joints, height: float) -> tuple[Joints, list[Part]]:
     """Pull a tilted suitcase on wheels."""
     joints = holding(joints, height, {_RIGHT: [-0.14 * height, -0.16 * height, 0.43 * height]})
     hand, foot = joints.arms[_RIGHT, 2], np.array([-0.72, -0.16 * height, 0.07])
-    along = (hand - foot) / np.linalg.norm(hand - foot)
+    along = (hand - foot) / exact.norm(hand - foot)
     top, axle = foot + 0.58 * along, np.array([0.0, 0.19, 0.0])
     return joints, [
         beam(foot, top, 0.12, 0.2, Surface(0.0, 0.4, (52, 84, 120))),
@@ -66,7 +67,7 @@ def umbrella(joints: Joints, height: float) -> tuple[Joints, list[Part]]:
     hand = joints.arms[_RIGHT, 2]
     tip = np.array([0.02 * height, -0.01 * height, 1.19 * height])
     turn = np.arange(8) * np.pi / 4 + np.pi / 8
-    around = np.stack([np.cos(turn), np.sin(turn), np.zeros(8)], axis=1)
+    around = np.stack([exact.cos(turn), exact.sin(turn), np.zeros(8)], axis=1)
     rings = [tip + radius * around - [0, 0, down] for radius, down in ((0.50, 0.24), (0.30, 0.07), (0.04, 0.0))]
     return joints, [tube([hand, tip - [0, 0, 0.03]], [0.015, 0.015], METAL, 3), loft(rings, CANOPY)]
 
@@ -133,7 +134,7 @@ def dog(joints: Joints, height: float) -> tuple[Joints, list[Part]]:
 def beam(start: ArrayLike, end: ArrayLike, half_deep: float, half_wide: float, surface: Surface) -> Part:
     """Build a box from `start` to `end`, points (3,) in a plane y = const, so wide along y."""
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    along = (last - first) / np.linalg.norm(last - first)
+    along = (last - first) / exact.norm(last - first)
     deep = half_deep * np.array([-along[2], 0.0, along[0]])
     wide = np.array([0.0, half_wide, 0.0])
     return loft(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.models.parts import RGB, Part, Surface, block, loft, tube
 
@@ -89,12 +90,13 @@ def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: Arra
     """
     first, second = lengths
     gap = end - start
-    distance = np.linalg.norm(gap, axis=1, keepdims=True)
+    distance = exact.norm(gap, axis=1, keepdims=True)
     along = gap / distance
     span = np.minimum(distance, 0.999 * (first + second))
     before = (first**2 - second**2 + span**2) / (2 * span)  # by the law of cosines
-    bend = np.asarray(toward, dtype=np.float64) - along * (along @ np.asarray(toward))[:, None]
-    bend /= np.linalg.norm(bend, axis=1, keepdims=True)
+    sideways = np.asarray(toward, dtype=np.float64)
+    bend = sideways - along * exact.dot(along, sideways)[:, None]
+    bend /= exact.norm(bend, axis=1, keepdims=True)
     middle = start + along * before + bend * np.sqrt(np.maximum(first**2 - before**2, 0.0))
     return np.stack([middle, start + along * span], axis=1)
 
@@ -102,7 +104,7 @@ def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: Arra
 def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, feet: ArrayLike) -> Joints:
     """Return the pose with given hips (3,), hands and ankles (2, 3), and forward lean of the trunk."""
     middle = np.asarray(hips, dtype=np.float64)
-    up = np.array([np.sin(lean_rad), 0.0, np.cos(lean_rad)])
+    up = np.array([exact.sin(lean_rad), 0.0, exact.cos(lean_rad)])
     neck = middle + TRUNK * height * up
     aside = np.array([0.0, 1.0, 0.0]) * SIDES[:, None]
     shoulder, hip = neck + HALF_SHOULDERS * height * aside, middle + HALF_HIPS * height * aside
@@ -158,7 +160,7 @@ def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
 def _trunk(ends: Floats, height: float, look: Look) -> Part:
     """Build a six-sided trunk from the hips, or from the knees under a coat, to the neck."""
     hips, neck = ends
-    up = (neck - hips) / np.linalg.norm(neck - hips)
+    up = (neck - hips) / exact.norm(neck - hips)
     levels = [(-0.03, 0.062, 0.092), (0.22, 0.072, 0.120), (0.30, 0.055, 0.108), (0.335, 0.03, 0.035)]
     if look.coat:
         levels[0] = (-0.22, 0.095, 0.125)
@@ -167,7 +169,9 @@ def _trunk(ends: Floats, height: float, look: Look) -> Part:
     rings = [
         hips
         + along * height * up
-        + look.girth * height * (deep * np.cos(turn)[:, None] * fore + wide * np.sin(turn)[:, None] * [0.0, 1.0, 0.0])
+        + look.girth
+        * height
+        * (deep * exact.cos(turn)[:, None] * fore + wide * exact.sin(turn)[:, None] * [0.0, 1.0, 0.0])
         for along, deep, wide in levels
     ]
     return loft(rings, look.top, None if look.band is None else {(1, side): look.band for side in range(6)})
@@ -184,7 +188,7 @@ def _head(ends: Floats, height: float, look: Look, skin: Surface) -> Part:
     for down, radius in ((0.145, 0.032), (0.10, 0.050), (0.035, 0.052), (0.0, 0.028)):
         turn = np.arange(5) * 2 * np.pi / 5
         radius *= 1.18 if look.helmet else 1.0
-        round_it = np.stack([1.15 * np.cos(turn), np.sin(turn), np.zeros(5)], axis=1)
+        round_it = np.stack([1.15 * exact.cos(turn), exact.sin(turn), np.zeros(5)], axis=1)
         rings.append(middle + np.array([0.0, 0.0, above - down * size]) + radius * size * round_it)
     behind = {(1, side): cover for side in (1, 2, 3)}  # the sides between points that look forward are 4 and 0
     face = {(i, side): skin for i in (0, 1) for side in range(5)}

@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, frozen, require_finite
 from coopsim.types import Ints
@@ -135,5 +136,5 @@ def _facing_outwards(mesh: trimesh.Trimesh, of: str) -> Ints:
     links = coo_array((np.ones(len(ends)), ends.T), shape=(len(faces), len(faces)))
     _, body = connected_components(links, directed=False)
     a, b, c = np.moveaxis(mesh.triangles - mesh.centroid, 1, 0)
-    volume = np.bincount(body, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    volume = np.bincount(body, exact.dot(a, np.cross(b, c)))
     return np.where(volume[body, None] < 0, faces[:, ::-1], faces)

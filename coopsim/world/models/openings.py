@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.world.models.attachments import roof
 from coopsim.world.models.cars import Shape
 from coopsim.world.models.parts import PAINT, Part, Surface, block, loft
@@ -45,8 +46,8 @@ def open_door(shape: Shape) -> list[Part]:
     length, width, height = shape.size_m
     belt = shape.stations[-3][1] * height + 0.04
     hinge = np.array([0.69 * length, 0.487 * width])
-    along = _DOOR_M * np.array([-np.cos(_AJAR_RAD), np.sin(_AJAR_RAD)])
-    inwards = _THICK_M * np.array([-np.sin(_AJAR_RAD), -np.cos(_AJAR_RAD)])
+    along = _DOOR_M * np.array([-exact.cos(_AJAR_RAD), exact.sin(_AJAR_RAD)])
+    inwards = _THICK_M * np.array([-exact.sin(_AJAR_RAD), -exact.cos(_AJAR_RAD)])
     outlines = []
     for z, gone, lean_m in ((0.24, 0.0, 0.0), (belt, 0.0, 0.0), (0.93 * height, 0.33, 0.14)):
         front, rear = (hinge + share * along - [0.0, lean_m] for share in (gone, 1.0))
@@ -57,7 +58,7 @@ def open_door(shape: Shape) -> list[Part]:
 def _slab(hinge: tuple[float, float], reach: tuple[float, float], half: float, end_half: float) -> Part:
     """Build a lid from a hinge (x, z) by `reach` (x, z), so wide at the hinge and at its end."""
     start, along = np.array(hinge), np.array(reach)
-    thick = _THICK_M * np.array([along[1], -along[0]]) / np.linalg.norm(along)
+    thick = _THICK_M * np.array([along[1], -along[0]]) / exact.norm(along)
     outlines = []
     for (x, z), side in ((start, half), (start + along, end_half)):
         outlines.append(

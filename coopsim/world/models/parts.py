@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -152,7 +153,7 @@ def _outwards(built: _Faces) -> Part:
     """Return the solid, turned inside out if its faces look inwards."""
     vertices, faces = np.array(built.vertices), np.array(built.faces, dtype=np.int64)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    if np.einsum("ij,ij->", a, _cross(b, c)) < 0:
+    if (a * _cross(b, c)).sum() < 0:
         faces = faces[:, ::-1]
     return Part(vertices, faces, tuple(built.surfaces))
 
@@ -195,7 +196,7 @@ def block(x: tuple[float, float], half_width: float, z: tuple[float, float], sur
 def wheel(x: float, y: float, radius: float, width: float, sides: int = 8) -> Part:
     """Build a wheel on the ground at `x`; its outer face is at `y`, the inner one nearer to the middle or past it."""
     turn = (np.arange(sides) + 0.5) * 2 * np.pi / sides  # stands on a flat side
-    ring = np.stack([x + radius * np.cos(turn), np.zeros(sides), radius * np.sin(turn)], axis=1)
+    ring = np.stack([x + radius * exact.cos(turn), np.zeros(sides), radius * exact.sin(turn)], axis=1)
     ring[:, 2] -= ring[:, 2].min()
     inner = y - width * np.sign(y)
     past = np.sign(inner) != np.sign(y)  # as on two-wheelers, where both faces are visible
@@ -208,14 +209,14 @@ def tube(
     """Build a limb or bar through points (S, 3) with S radii; `dress` as for `loft`."""
     points = np.asarray(path, dtype=np.float64)
     along = np.gradient(points, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along /= exact.norm(along, axis=1, keepdims=True)
     # Limbs bend fore and aft, so their outlines are laid out from y; those of a bar that lies along y, from x.
     start = np.array([0.0, 1.0, 0.0]) if np.abs(along[:, 1]).max() < 0.9 else np.array([1.0, 0.0, 0.0])
-    aside = start - along * (along @ start)[:, None]
-    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    aside = start - along * exact.dot(along, start)[:, None]
+    aside /= exact.norm(aside, axis=1, keepdims=True)
     fore = _cross(along, aside)
     turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
-    spokes = aside[:, None] * np.cos(turn)[:, None] + fore[:, None] * np.sin(turn)[:, None]
+    spokes = aside[:, None] * exact.cos(turn)[:, None] + fore[:, None] * exact.sin(turn)[:, None]
     return loft(points[:, None] + np.asarray(radius)[:, None, None] * spokes, surface)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.figure import (
@@ -73,7 +74,7 @@ def _walker(name: str, height: float, look: Look, label: ObjectClass) -> Model:
 def cycle_of(height: float) -> float:
     """Return the distance (m) walked in a cycle of poses."""
     # In half a cycle the body moves forward by as much as the foot on the ground moves back relative to it.
-    step_m = 2 * (THIGH + SHANK) * height * np.sin(_LEG_SWING_RAD)
+    step_m = 2 * (THIGH + SHANK) * height * exact.sin(_LEG_SWING_RAD)
     return round(2 * float(step_m), 2)
 
 
@@ -83,9 +84,10 @@ def walking(height: float, share: float) -> Joints:
     Thighs and arms swing as pendulums; a knee bends while its foot is in the air.
     """
     turn = 2 * np.pi * (share + np.array([0.0, 0.5]))  # left, right
-    thigh = _LEG_SWING_RAD * np.cos(turn)
-    shank = thigh - _KNEE_RAD * np.maximum(-np.sin(turn), 0.0) ** 1.5
-    arm = -_ARM_SWING_RAD * np.cos(turn)
+    thigh = _LEG_SWING_RAD * exact.cos(turn)
+    bent = np.maximum(-exact.sin(turn), 0.0)
+    shank = thigh - _KNEE_RAD * bent * np.sqrt(bent)
+    arm = -_ARM_SWING_RAD * exact.cos(turn)
     middle, neck = np.array([[0.0, 0.0, HIP_HEIGHT], [0.01, 0.0, SHOULDER_HEIGHT]])
     hip, shoulder = (
         end + np.stack([np.zeros(2), SIDES * half, np.zeros(2)], axis=1)
@@ -105,9 +107,9 @@ def walking(height: float, share: float) -> Joints:
 
 def _hanging(angle_rad: Floats) -> Floats:
     """Return unit vectors (2, 3) that point down, swung forward by an angle."""
-    return np.stack([np.sin(angle_rad), np.zeros(2), -np.cos(angle_rad)], axis=1)
+    return np.stack([exact.sin(angle_rad), np.zeros(2), -exact.cos(angle_rad)], axis=1)
 
 
 def _ahead(angle_rad: Floats) -> Floats:
     """Return unit vectors (2, 3) that point forward, raised by an angle."""
-    return np.stack([np.cos(angle_rad), np.zeros(2), np.sin(angle_rad)], axis=1)
+    return np.stack([exact.cos(angle_rad), np.zeros(2), exact.sin(angle_rad)], axis=1)

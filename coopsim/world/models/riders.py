@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.figure import JEANS, LEATHER, Look, dressed, seated
@@ -133,7 +134,7 @@ def cyclists(height: float, lean_rad: float, scale: float, look: Look) -> list[l
     saddle, grips = scale * np.array([[0.22, 0.0, 0.97], [0.86, 0.0, 1.04 - 0.16 * lean_rad]])
     for k in range(PEDAL_POSES):
         turn = 2 * np.pi * k / PEDAL_POSES + np.array([0.0, np.pi])
-        pedal = np.stack([0.42 + _CRANK_M * np.cos(turn), [0.11, -0.11], 0.28 - _CRANK_M * np.sin(turn)], axis=1)
+        pedal = np.stack([0.42 + _CRANK_M * exact.cos(turn), [0.11, -0.11], 0.28 - _CRANK_M * exact.sin(turn)], axis=1)
         ankle = scale * (pedal + np.array([-0.06, 0.0, 0.08]))
         hips = saddle + np.array([0.0, 0.0, 0.05])
         poses.append(dressed(seated(height, hips, lean_rad, grips + 0.24 * scale * PAIR, ankle), height, look))
@@ -159,7 +160,7 @@ def bicycle_frame(paint: Surface, scale: float) -> list[Part]:
 def hoop(hub: Floats, radius: float, sides: int = 12) -> Part:
     """Build a tyre of triangular section, without spokes."""
     turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
-    spoke = np.stack([np.cos(turn), np.zeros(sides), np.sin(turn)], axis=1)
+    spoke = np.stack([exact.cos(turn), np.zeros(sides), exact.sin(turn)], axis=1)
     rings = [
         hub + radius * spoke,
         hub + 0.92 * radius * spoke + [0, 0.022, 0],

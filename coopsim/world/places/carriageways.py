@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
@@ -77,7 +78,7 @@ def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Int
         longest: (P,) highest rank of the lanes side by side.
         rank: of these lanes.
     """
-    at_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
     own = longest == rank
     moved = np.maximum(np.abs(np.diff(low)), np.abs(np.diff(high))) > _SAME_M
     cut = np.flatnonzero(moved | (own[1:] != own[:-1])) + 1
@@ -107,7 +108,7 @@ def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
     share = (np.arange(len(row)) - np.repeat(first, counts)) / np.repeat(counts - 1, counts)
     phase = row[:, 5] + share * (row[:, 6] - row[:, 5])
     points = row[:, :2] + share[:, None] * (row[:, 2:4] - row[:, :2])
-    points += row[:, 4, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    points += row[:, 4, None] * np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
     return np.split(points, first[1:])
 
 
@@ -133,7 +134,7 @@ def _pieces(points: Floats, half_m: float, rank: int) -> Floats:
 def _places(pieces: Floats) -> tuple[Floats, Floats]:
     """Return x, y, direction and half the width (P, 5) at places along pieces (S, 6), and how far along (P,) m."""
     along = pieces[:, 2:4] - pieces[:, :2]
-    length_m = np.hypot(along[:, 0], along[:, 1])
+    length_m = exact.hypot(along[:, 0], along[:, 1])
     counts = np.maximum(np.ceil(length_m / _SAMPLE_M), 1).astype(np.int64)
     own = np.repeat(np.arange(len(pieces)), counts)
     share = (np.arange(len(own)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[own]
@@ -211,7 +212,7 @@ def _cross_section(place: Floats, pieces: Floats, spans: Floats) -> int:
             continue
         left_a = (pieces[s, 1] - y) * ux - (pieces[s, 0] - x) * uy
         left_b = (pieces[s, 3] - y) * ux - (pieces[s, 2] - x) * uy
-        abreast = abs(ahead_b - ahead_a) / np.hypot(ahead_b - ahead_a, left_b - left_a)
+        abreast = abs(ahead_b - ahead_a) / exact.hypot(ahead_b - ahead_a, left_b - left_a)
         if abreast > _ABREAST:
             aside, half = left_a + ahead_a / (ahead_a - ahead_b) * (left_b - left_a), pieces[s, 4] / abreast
             if abs(aside) < _FARTHEST_M:

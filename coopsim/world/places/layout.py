@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -87,7 +88,7 @@ class Flight:
         """Return the drone's pose: the origin on the ground under it, x towards the circle's center."""
         angle = self.phase_rad + self.speed_m_s / self.radius_m * time_s
         x, y = (start + drift * time_s for start, drift in zip(self.centre_m, self.drift_m_s, strict=True))
-        spot = [x + self.radius_m * np.cos(angle), y + self.radius_m * np.sin(angle), 0.0]
+        spot = [x + self.radius_m * exact.cos(angle), y + self.radius_m * exact.sin(angle), 0.0]
         return SE3.from_xyz_yaw(spot, float(angle + np.pi))
 
 
@@ -116,7 +117,7 @@ class Footways:
         """The number of people that fit: one on every two metres of pavement."""
         start, place = np.nonzero(self.neighbours >= 0)
         end = self.neighbours[start, place]
-        length_m = np.linalg.norm(self.nodes[end] - self.nodes[start], axis=1)
+        length_m = exact.norm(self.nodes[end] - self.nodes[start], axis=1)
         back = (self.neighbours[end] == start[:, None]).any(axis=1)
         once = ((start < end) | ~back) & ~self.crossing[start, end]
         return int(length_m[once].sum() / 2.0)
@@ -207,7 +208,7 @@ def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
 @lru_cache(maxsize=16)
 def _mast(height_m: float) -> tuple[Floats, Ints]:
     mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]), sections=8)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    return exact.settled(mesh.vertices), np.asarray(mesh.faces)
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
@@ -223,7 +224,7 @@ def lane_outline(lane: Lane, step_m: float = 2.0) -> list[Floats]:
     length, left_m, right_m = lane.length, lane.width / 2, lane.width / 2
     along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else int(np.ceil(length / step_m)) + 1)
     if isinstance(lane, CircularLane):
-        outer_m = (lane.radius + lane.width / 2) / np.cos(along[1] / lane.radius / 2) - lane.radius
+        outer_m = (lane.radius + lane.width / 2) / exact.cos(along[1] / lane.radius / 2) - lane.radius
         left_m, right_m = (left_m, outer_m) if lane.turn > 0 else (outer_m, right_m)
     left, right = lane.positions(along, left_m), lane.positions(along, -right_m)
     return list(np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3
 from coopsim.world.places.layout import (
     LANE_M,
@@ -54,7 +55,7 @@ def make_merge() -> Layout:
         for slot in spaced_slots((start, end, 0), network.get_lane((start, end, 0)).length)
     )
     rsus = tuple(
-        SE3.from_xyz_yaw([x, y, 0.0], float(np.arctan2(-_HALF_M - y, -x)))
+        SE3.from_xyz_yaw([x, y, 0.0], float(exact.arctan2(-_HALF_M - y, -x)))
         for x, y in ((5.0, -_HALF_M - 8.0), (-60.0, -_HALF_M + 8.0), (40.0, -_HALF_M + 8.0), (-60.0, _HALF_M + 8.0))
     )
     lanes = [quad for lane in network.lanes.values() for quad in lane_outline(lane)]
@@ -93,8 +94,8 @@ def _add_main_road(network: RoadNetwork) -> None:
 def _add_slip_road(network: RoadNetwork) -> None:
     """Add the slip road: straight on where the main road turns, around that turn, and by two bends to the main road."""
     far, radius = _WEST_M - _OUT_M, _HALF_M + _SLIP_M / 2
-    angle = float(np.arccos(1 - _SLIP_M / (2 * _BEND_M)))
-    start_m = -2 * _BEND_M * float(np.sin(angle))
+    angle = float(exact.arccos(1 - _SLIP_M / (2 * _BEND_M)))
+    start_m = -2 * _BEND_M * float(exact.sin(angle))
     slip = -_HALF_M - _SLIP_M
     north_west, out = np.array([_WEST_M, _HALF_M]), np.array([far, _HALF_M])
     add_straight(network, ("north_west", "out"), (north_west, out), _SLIP_SPEED_M_S)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 Road = tuple[str, str]
@@ -81,8 +82,8 @@ class StraightLane(Lane):
         super().__init__(width, speed_limit, forbidden)
         self.start, self.end = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
         offset = self.end - self.start
-        self.heading = float(np.arctan2(offset[1], offset[0]))
-        self.length = float(np.linalg.norm(offset))
+        self.heading = float(exact.arctan2(offset[1], offset[0]))
+        self.length = float(exact.norm(offset))
         self.direction: Floats = offset / self.length
         self._left = np.array([-self.direction[1], self.direction[0]])
 
@@ -97,7 +98,7 @@ class StraightLane(Lane):
 
     def local_coordinates(self, position: Floats) -> tuple[float, float]:
         offset = position - self.start
-        return float(np.dot(offset, self.direction)), float(np.dot(offset, self._left))
+        return float(exact.dot(offset, self.direction)), float(exact.dot(offset, self._left))
 
 
 class CircularLane(Lane):
@@ -124,11 +125,13 @@ class CircularLane(Lane):
 
     def position(self, along_m: float, aside_m: float) -> Floats:
         phase = self._phase(along_m)
-        return np.asarray(self.center + (self.radius - aside_m * self.turn) * np.array([np.cos(phase), np.sin(phase)]))
+        return np.asarray(
+            self.center + (self.radius - aside_m * self.turn) * np.array([exact.cos(phase), exact.sin(phase)])
+        )
 
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
         phase = self.turn * along_m / self.radius + self.start_phase
-        ray = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        ray = np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
         return np.asarray(self.center + (self.radius - aside_m * self.turn) * ray)
 
     def heading_at(self, along_m: float) -> float:
@@ -137,9 +140,9 @@ class CircularLane(Lane):
     def local_coordinates(self, position: Floats) -> tuple[float, float]:
         offset = position - self.center
         # Adding and subtracting the start phase rounds as highway-env does.
-        phase = self.start_phase + _wrapped(np.arctan2(offset[1], offset[0]) - self.start_phase)
+        phase = self.start_phase + _wrapped(exact.arctan2(offset[1], offset[0]) - self.start_phase)
         along = self.turn * (phase - self.start_phase) * self.radius
-        return float(along), float(self.turn * (self.radius - np.linalg.norm(offset)))
+        return float(along), float(self.turn * (self.radius - exact.norm(offset)))
 
     def _phase(self, along_m: float) -> float:
         return self.turn * along_m / self.radius + self.start_phase

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from coopsim.geometry import exact
 from coopsim.world.places.layout import GROUND, LANE_M, Layout, lane_outline, rectangle
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import corner_buildings
@@ -23,7 +24,6 @@ _UNIT_M = 20.5
 # The bends touch the ring from outside: their middles are on a circle around the ring's.
 _OFFSET_M = _ENTRY_M + (LANE_M + _MEDIAN_M) / 2
 _STOP_M = float(np.sqrt((_RING_M + _ENTRY_M) ** 2 - _OFFSET_M**2))
-_TOUCH_RAD = float(np.arctan2(_OFFSET_M, _STOP_M))
 
 
 def make_roundabout() -> Layout:
@@ -47,28 +47,29 @@ def make_roundabout() -> Layout:
 def _add_ring(network: RoadNetwork, arm: int) -> None:
     """Add an arm's way in and out, and the ring from its exit to the next arm's, counter-clockwise."""
     quarter, middle, after = arm * np.pi / 2, np.zeros(2), (arm + 1) % 4
+    touch_rad = float(exact.arctan2(_OFFSET_M, _STOP_M))
     for road, centre, arc, speed_m_s in (
         (
             ("stop", "in"),
             place(arm, (_STOP_M, _OFFSET_M)),
-            (_ENTRY_M, -np.pi / 2, _TOUCH_RAD - np.pi),
+            (_ENTRY_M, -np.pi / 2, touch_rad - np.pi),
             _ENTRY_SPEED_M_S,
         ),
         (
             ("out", "exit"),
             place(arm, (_STOP_M, -_OFFSET_M)),
-            (_ENTRY_M, np.pi - _TOUCH_RAD, np.pi / 2),
+            (_ENTRY_M, np.pi - touch_rad, np.pi / 2),
             _RING_SPEED_M_S,
         ),
-        (("out", "in"), middle, (_RING_M, -_TOUCH_RAD, _TOUCH_RAD), _RING_SPEED_M_S),
+        (("out", "in"), middle, (_RING_M, -touch_rad, touch_rad), _RING_SPEED_M_S),
     ):
         turned = (arc[0], arc[1] + quarter, arc[2] + quarter)
         add_bend(network, (f"{road[0]}{arm}", f"{road[1]}{arm}"), centre, turned, speed_m_s)
-    between = (_RING_M, quarter + _TOUCH_RAD, quarter + np.pi / 2 - _TOUCH_RAD)
+    between = (_RING_M, quarter + touch_rad, quarter + np.pi / 2 - touch_rad)
     add_bend(network, (f"in{arm}", f"out{after}"), middle, between, _RING_SPEED_M_S)
 
 
 def _island() -> StaticPart:
     """Build a mound in the middle, too high to see people behind it from a car's bumper."""
     mesh = trimesh.creation.cylinder(_ISLAND_M, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, _ISLAND_HEIGHT_M]]))
-    return StaticPart("island", np.asarray(mesh.vertices), np.asarray(mesh.faces), GROUND, 0.3)
+    return StaticPart("island", exact.settled(mesh.vertices), np.asarray(mesh.faces), GROUND, 0.3)

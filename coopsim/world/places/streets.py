@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.places.layout import LANE_M, StartSlot, rectangle
 from coopsim.world.places.road_network import CircularLane, LaneIndex, Road, RoadNetwork, StraightLane
@@ -195,7 +196,7 @@ def turning_loop(half_m: float) -> tuple[tuple[tuple[float, float], tuple[float,
     """
     neck = _NECK_RADIUS_M
     reach = np.sqrt((_LOOP_RADIUS_M + neck) ** 2 - (neck + half_m) ** 2)  # from the lanes' end to the loop's middle
-    tilt = np.arctan2(neck + half_m, reach)
+    tilt = exact.arctan2(neck + half_m, reach)
     return (
         ((0.0, -half_m - neck), (neck, np.pi / 2, tilt)),
         # In two halves: a lane is an arc of at most half a turn.
@@ -268,7 +269,7 @@ def pavements_of(streets: Streets) -> list[Floats]:
 def corner_units(x: float, y: float) -> tuple[SE3, ...]:
     """Return places for roadside units in the four corners, `x` and `y` m from the middle, facing it."""
     spots = ((x, y), (-x, y), (-x, -y), (x, -y))
-    return tuple(SE3.from_xyz_yaw([*spot, 0.0], float(np.arctan2(-spot[1], -spot[0]))) for spot in spots)
+    return tuple(SE3.from_xyz_yaw([*spot, 0.0], float(exact.arctan2(-spot[1], -spot[0]))) for spot in spots)
 
 
 def _crosswalk_x(streets: Streets) -> tuple[float, float]:

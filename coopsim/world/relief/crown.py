@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 TAPER_M = 8.0
@@ -42,7 +43,7 @@ def crown_triangles(line: Floats, half_m: float, slope: float) -> Floats:
 def normals_of(line: Floats) -> Floats:
     """Return vectors (K, 2) from the corners of a line (K, 2) to the line 1 m to its left."""
     along = np.diff(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along /= exact.norm(along, axis=1, keepdims=True)
     before, after = np.vstack([along[:1], along]), np.vstack([along, along[-1:]])
     mean = (before + after) / 2
     mean /= (mean**2).sum(axis=1, keepdims=True)  # longer at corners
@@ -60,12 +61,12 @@ def _side(gutter: Floats, ridge: Floats) -> Floats:
 
 def _along(line: Floats) -> Floats:
     """Return the distance (K,) of each corner from the start of a line (K, 2)."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    return np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
 
 
 def _turns(line: Floats) -> Floats:
     """Return the angles (K - 2,) at the inner corners of a line (K, 2), rad."""
     step = np.diff(line, axis=0)
-    heading = np.arctan2(step[:, 1], step[:, 0])
+    heading = exact.arctan2(step[:, 1], step[:, 0])
     turns: Floats = np.abs((np.diff(heading) + np.pi) % (2 * np.pi) - np.pi)
     return turns

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.relief.relief import Relief
 
@@ -46,9 +47,9 @@ class Hump:
         along = np.linspace(-0.5, 0.5, _ALONG + 1)
         # A column in the middle, where a crowned road has its ridge.
         aside = np.array([-half_m, -half_m + _SIDE_M, 0.0, half_m - _SIDE_M, half_m])
-        rise = self.height_m / 2 * (1 + np.cos(2 * np.pi * along))[:, None] * np.array([0.0, 1.0, 1.0, 1.0, 0.0])
+        rise = self.height_m / 2 * (1 + exact.cos(2 * np.pi * along))[:, None] * np.array([0.0, 1.0, 1.0, 1.0, 0.0])
         ahead_m, left_m = (each.ravel() for each in np.meshgrid(along * self.length_m, aside, indexing="ij"))
-        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        cos, sin = exact.cos(self.heading_rad), exact.sin(self.heading_rad)
         places = np.column_stack([self.x_m + cos * ahead_m - sin * left_m, self.y_m + sin * ahead_m + cos * left_m])
         corners = np.column_stack([places, road.heights(places) + rise.ravel()])
         return corners[_faces(_ALONG + 1, len(aside))]

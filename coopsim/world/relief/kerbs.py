@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
@@ -107,7 +108,7 @@ def _pieces(outlines: _Outlines, following: Ints, candidates: Ints, edge: Ints, 
         for c in range(outlines.start[p], outlines.end[p]):
             a, b = corners[c], corners[following[c]]
             found = _hide(a, b, p, candidates[c], outlines, hidden)
-            least = _LEAST_M / max(np.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
+            least = _LEAST_M / max(exact.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
             at = 0.0
             for k in range(found + 1):
                 until = hidden[k, 0] if k < found else 1.0
@@ -155,7 +156,7 @@ def _inside(a: Floats, b: Floats, outline: Floats, twice: bool) -> tuple[float, 
     for k in range(len(outline)):
         here, there = outline[k], outline[(k + 1) % len(outline)]
         ex, ey = there[0] - here[0], there[1] - here[1]
-        length = np.hypot(ex, ey)
+        length = exact.hypot(ex, ey)
         at_a, at_b = ex * (a[1] - here[1]) - ey * (a[0] - here[0]), ex * (b[1] - here[1]) - ey * (b[0] - here[0])
         if max(abs(at_a), abs(at_b)) < _TOUCH_M * length:
             if ex * (b[0] - a[0]) + ey * (b[1] - a[1]) > 0 and not twice:

@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.config.checked_entry import DataEntry, plain
 from coopsim.errors import InvalidValueError
+from coopsim.geometry import exact
 from coopsim.support.collecting import without_collecting
 from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnished import furnished, leafy
@@ -97,7 +98,7 @@ def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
     points, gaps = list[Any](), list[_Gap]()
     copied: dict[str, Any] = _copied(description, float(np.degrees(angle_rad)), points, gaps)
     x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    cos, sin = exact.cos(angle_rad), exact.sin(angle_rad)
     # Adding 0.0 makes a zero of a negative one, which a file would keep.
     moved = np.round(np.column_stack([cos * x - sin * y, sin * x + cos * y]), _DECIMALS) + 0.0
     rows = moved.tolist()

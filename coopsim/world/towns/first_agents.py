@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 CARS, MASTS = 3, 2
@@ -45,7 +46,7 @@ def _near_first(feet: Floats, cars: Floats) -> list[int]:
     """Return the order of masts (M, 2) by the rule of `bring_near`."""
     left, chosen, agents = list(range(len(feet))), list[int](), cars
     while left:
-        near = [k for k in left if np.linalg.norm(agents - feet[k], axis=1).max(initial=0.0) < _NEAR_M]
+        near = [k for k in left if exact.norm(agents - feet[k], axis=1).max(initial=0.0) < _NEAR_M]
         if not near:
             break
         left.remove(near[0])
@@ -58,10 +59,10 @@ def _widest_near(spots: Floats, feet: Floats) -> tuple[tuple[int, ...], tuple[in
     """Return the first cars and masts that are near each other, the cars far apart; None: there are none."""
     best, widest_m = None, -1.0
     for units in combinations(range(min(len(feet), _CHOICE // 4)), min(MASTS, len(feet))):
-        away_m = np.linalg.norm(spots[:, None] - feet[list(units)], axis=2).max(axis=1)
+        away_m = exact.norm(spots[:, None] - feet[list(units)], axis=2).max(axis=1)
         reached = np.argsort(away_m, kind="stable")[:_CHOICE].tolist()
         for cars in combinations([k for k in reached if away_m[k] < _NEAR_M], CARS):
-            apart_m = [float(np.linalg.norm(spots[a] - spots[b])) for a, b in combinations(cars, 2)]
+            apart_m = [float(exact.norm(spots[a] - spots[b])) for a, b in combinations(cars, 2)]
             near = max(apart_m) < _NEAR_M and _widest_m(feet[list(units)]) < _NEAR_M
             if near and min(apart_m) > widest_m:
                 best, widest_m = (cars, units), min(apart_m)
@@ -70,4 +71,4 @@ def _widest_near(spots: Floats, feet: Floats) -> tuple[tuple[int, ...], tuple[in
 
 def _widest_m(places: Floats) -> float:
     """Return the greatest distance between any two places (N, 2)."""
-    return float(np.linalg.norm(places[:, None] - places, axis=2).max(initial=0.0))
+    return float(exact.norm(places[:, None] - places, axis=2).max(initial=0.0))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.plan import LANE_M
 
@@ -38,15 +39,15 @@ def off_roads(
 def _from_line(foot: Floats, start: Floats, end: Floats) -> float:
     """Return the distance (m) of a place (2,) from a line between two."""
     along = end - start
-    share = np.clip(np.dot(foot - start, along) / np.dot(along, along), 0.0, 1.0)
-    return float(np.hypot(*(foot - start - share * along)))
+    share = np.clip(exact.dot(foot - start, along) / exact.dot(along, along), 0.0, 1.0)
+    return float(exact.hypot(*(foot - start - share * along)))
 
 
 def _from_arc(foot: Floats, road: Mapping[str, Any], start: Floats, end: Floats) -> float:
     """Return the distance (m) of a place (2,) from a bend between two."""
     centre, sense = np.asarray(road["centre"], dtype=np.float64), 1.0 if road["turn"] == "left" else -1.0
-    first, last, own = (np.arctan2(*(each - centre)[::-1]) for each in (start, end, foot))
+    first, last, own = (exact.arctan2(*(each - centre)[::-1]) for each in (start, end, foot))
     passed, swept = (sense * (own - first)) % (2 * np.pi), (sense * (last - first)) % (2 * np.pi)
     if passed <= swept:
-        return float(abs(np.hypot(*(foot - centre)) - np.hypot(*(start - centre))))
-    return float(min(np.hypot(*(foot - start)), np.hypot(*(foot - end))))
+        return float(abs(exact.hypot(*(foot - centre)) - exact.hypot(*(start - centre))))
+    return float(min(exact.hypot(*(foot - start)), exact.hypot(*(foot - end))))

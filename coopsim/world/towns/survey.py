@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.scenario import Scenario
 from coopsim.world.traffic.engine.fleet import PARKED
@@ -219,7 +220,7 @@ def spread(rows: NDArray[Any], start: Bools, step_m: float) -> Bools:
 
 def _distances_m(rows: NDArray[Any], others: NDArray[Any]) -> Floats:
     away_x, away_y = (rows[axis][:, None] - others[axis] for axis in ("x", "y"))
-    distances_m: Floats = np.hypot(away_x, away_y)
+    distances_m: Floats = exact.hypot(away_x, away_y)
     return distances_m
 
 

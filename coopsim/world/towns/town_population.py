@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 
@@ -75,8 +76,8 @@ def count_junctions(layout: Layout) -> int:
     middles = np.array([lane.position(lane.length / 2, 0.0) for lane in lanes]).reshape(-1, 2)
     count = 0
     while len(middles):
-        near = np.linalg.norm(middles - middles[0], axis=1) < _JUNCTION_M
-        near = np.linalg.norm(middles - middles[near].mean(axis=0), axis=1) < _JUNCTION_M
+        near = exact.norm(middles - middles[0], axis=1) < _JUNCTION_M
+        near = exact.norm(middles - middles[near].mean(axis=0), axis=1) < _JUNCTION_M
         near[0] = True
         count += int(near.sum() > 2)
         middles = middles[~near]

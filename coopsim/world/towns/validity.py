@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import Scenario
@@ -36,7 +37,7 @@ def find_faults(scenario: Scenario, seed: int) -> list[str]:
         seed: of the episode whose start is looked at.
     """
     at = np.array([body.world_SE3_base.translation[:2] for body in World(scenario, seed).agents().values()])
-    apart_m = float(np.linalg.norm(at[:, None] - at, axis=2).max(initial=0.0))
+    apart_m = float(exact.norm(at[:, None] - at, axis=2).max(initial=0.0))
     faults = [f"agents start {apart_m:.1f} m apart"] if apart_m > AGENTS_APART_M else []
     wanted = scenario.population.connected + scenario.population.rsus + scenario.population.drones
     if len(at) < wanted:
@@ -54,7 +55,7 @@ def _faults_of_masts(layout: Layout) -> list[str]:
     faults = []
     for number, pose in enumerate(layout.rsus):
         foot = pose.translation[:2]
-        far_m = float(np.linalg.norm(middles - foot, axis=1).min(initial=np.inf))
+        far_m = float(exact.norm(middles - foot, axis=1).min(initial=np.inf))
         if far_m > AT_JUNCTION_M:
             faults.append(f"mast {number} stands {far_m:.1f} m from the nearest junction")
         if any(_inside(foot, outline) for outline in layout.road_map.buildings):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
@@ -125,11 +126,11 @@ def slow_down_behind_others(fleet: Fleet, count: int) -> None:
     Two buses in neighbouring slots are less than a metre apart.
     """
     rows = fleet.rows[:count]
-    direction = np.column_stack([np.cos(rows["heading"]), np.sin(rows["heading"])])
+    direction = np.column_stack([exact.cos(rows["heading"]), exact.sin(rows["heading"])])
     offset = fleet.position[:count] - fleet.position[:count, None]  # (from, to)
-    ahead_m = np.einsum("ijk,ik->ij", offset, direction)
+    ahead_m = exact.dot(offset, direction[:, None])
     aside_m = np.abs(offset[..., 0] * direction[:, None, 1] - offset[..., 1] * direction[:, None, 0])
-    leads = (ahead_m > 0) & (aside_m < LANE_M / 2) & (direction @ direction.T > np.cos(_TURN_RAD))
+    leads = (ahead_m > 0) & (aside_m < LANE_M / 2) & (exact.dot(direction[:, None], direction) > exact.cos(_TURN_RAD))
     gap_m = ahead_m - (rows["length"] + rows["length"][:, None]) / 2 - _GAP_M
     braked = np.where(leads, 2 * _BRAKING_M_S2 * np.maximum(gap_m, 0.0), np.inf)
     for _ in range(count):  # a vehicle slowed down for one ahead may be too slow for one behind

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import rectangle
 
@@ -113,7 +114,7 @@ def many_sided(width_m: float, depth_m: float, rng: np.random.Generator) -> list
     """Return a tower of six or eight sides."""
     count = int(rng.choice([6, 8]))
     angle = (np.arange(count) + 0.5) * 2 * np.pi / count
-    corners = np.column_stack([width_m * (1 + np.cos(angle)), depth_m * (1 + np.sin(angle))]) / 2
+    corners = np.column_stack([width_m * (1 + exact.cos(angle)), depth_m * (1 + exact.sin(angle))]) / 2
     return [Part(corners)]
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
@@ -42,8 +43,8 @@ def build_corners(site: Site, ground: PrivateGround) -> None:
             rng = stream(ground.seed, "corner", str(side.number), str(side.arm))
             border = _around(ground.borders[number], np.flatnonzero(each.side == k))
             headings = [junction.arms[(side.arm + turn) % len(junction.arms)].heading_rad for turn in (0, 1)]
-            own = float(np.clip(ground.openness + rng.normal(0.0, 0.12), 0.0, 1.0))
-            _build_corner(site, border, np.array([[np.cos(h), np.sin(h)] for h in headings]), own, rng)
+            own = float(np.clip(ground.openness + exact.settled(rng.normal(0.0, 0.12)), 0.0, 1.0))
+            _build_corner(site, border, np.array([[exact.cos(h), exact.sin(h)] for h in headings]), own, rng)
 
 
 def _around(border: Floats, index: Ints) -> Floats:
@@ -84,7 +85,7 @@ def _build_corner(site: Site, border: Floats, out: Floats, openness: float, rng:
 
 def _setback_m(openness: float, rng: np.random.Generator) -> float:
     """Return the distance from the border to the building: at the pavement in closed towns."""
-    reach_m = 0.5 + 24.0 * openness**1.5
+    reach_m = 0.5 + 24.0 * openness * np.sqrt(openness)
     return float(rng.uniform(0.3 * reach_m, reach_m)) if openness > 0.15 else float(rng.choice([0.02, 0.4, 1.0]))
 
 
@@ -114,11 +115,11 @@ def _corner_parts(
     else:
         inner = corner + depth_m * (first + second) / wedge
         parts = [np.array([corner, a, a + depth_m * left, inner]), np.array([corner, inner, b + depth_m * right, b])]
-        if (inner - corner) @ first > sides_m[0] - 4.0 or (inner - corner) @ second > sides_m[1] - 4.0:
+        if exact.dot(inner - corner, first) > sides_m[0] - 4.0 or exact.dot(inner - corner, second) > sides_m[1] - 4.0:
             parts = [np.array([corner, a, corner + sides_m[0] * first + sides_m[1] * second, b])]
     for start, stop in pairwise(border):
         along = stop - start
-        length_m = float(np.linalg.norm(along))
+        length_m = float(exact.norm(along))
         if length_m > 1e-6:
             away = np.array([along[1], -along[0]]) / length_m
             parts = [clip(part, start + min(setback_m, 1.5) * away, away) for part in parts]
@@ -129,10 +130,10 @@ def _wall_around(site: Site, border: Floats, lengths_m: Floats, out: Floats, hei
     """Add a wall along the border, around the corner and some way along both streets."""
     line = np.vstack([border[:1] + lengths_m[0] * out[0], border, border[-1:] + lengths_m[1] * out[1]])
     away = np.diff(line, axis=0)
-    away = np.column_stack([away[:, 1], -away[:, 0]]) / np.linalg.norm(away, axis=1)[:, None]
+    away = np.column_stack([away[:, 1], -away[:, 0]]) / exact.norm(away, axis=1)[:, None]
     moved = line + 0.3 * np.vstack([away[:1], (away[:-1] + away[1:]) / 2, away[-1:]])
     for start, stop in pairwise(moved):
-        shortened = 0.15 * (stop - start) / max(float(np.linalg.norm(stop - start)), 1e-9)
+        shortened = 0.15 * (stop - start) / max(float(exact.norm(stop - start)), 1e-9)
         site.wall(start + shortened, stop - shortened, height_m)
 
 
@@ -140,7 +141,7 @@ def clip(outline: Floats, point: Floats, away: Floats) -> Floats:
     """Return the part of a convex outline (K, 2) m beyond a line through `point` (2,), in direction `away` (2,)."""
     if not len(outline):
         return outline
-    beyond_m = (outline - point) @ away
+    beyond_m = exact.dot(outline - point, away)
     kept: list[Floats] = []
     for k in range(len(outline)):
         there = (k + 1) % len(outline)
@@ -149,7 +150,7 @@ def clip(outline: Floats, point: Floats, away: Floats) -> Floats:
         if (beyond_m[k] >= 0) != (beyond_m[there] >= 0):
             share = beyond_m[k] / (beyond_m[k] - beyond_m[there])
             kept.append(outline[k] + share * (outline[there] - outline[k]))
-    apart = [point for n, point in enumerate(kept) if np.linalg.norm(point - kept[n - 1]) > 0.1]
+    apart = [point for n, point in enumerate(kept) if exact.norm(point - kept[n - 1]) > 0.1]
     return np.array(apart) if len(apart) > 2 else np.zeros((0, 2))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.places.layout import rectangle
@@ -37,7 +38,7 @@ class Frontage:
     """
 
     def __init__(self, border: Floats) -> None:
-        steps_m = np.linalg.norm(np.diff(border, axis=0), axis=1)
+        steps_m = exact.norm(np.diff(border, axis=0), axis=1)
         self._border, self._along_m = border, np.concatenate([[0.0], np.cumsum(steps_m)])
 
     @property

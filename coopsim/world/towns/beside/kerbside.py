@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.towns.beside.people_ways import PeopleWays
@@ -41,7 +42,7 @@ def mark_bays(site: Site, plan: Plan, rounds: tuple[Round, ...], ways: PeopleWay
 
 def _bays_along(along_m: Floats, line: Floats) -> Floats:
     """Return places (M,) along the street, evenly spaced on a line (N, 2) m beside it that has points at `along_m`."""
-    steps_m = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    steps_m = exact.norm(np.diff(line, axis=0), axis=1)
     passed_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     count = int(passed_m[-1] // _BAY_M)
     middles_m = (np.arange(count) + 0.5) * passed_m[-1] / max(count, 1)
@@ -54,7 +55,10 @@ def _mark(site: Site, street: Street, way: int, along: Floats) -> None:
     places = street.position(along, -way * (street.half_m(along) + STRIP_M / 2 + _ASIDE_M))
     headings = street.heading(along) + (0.0 if way > 0 else np.pi)
     for at, heading in zip(places, headings, strict=True):
-        ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+        ahead, left = (
+            np.array([exact.cos(heading), exact.sin(heading)]),
+            np.array([-exact.sin(heading), exact.cos(heading)]),
+        )
         a, b = _VEHICLE_M[0] / 2 * ahead, _VEHICLE_M[1] / 2 * left
         if site.kerbside.try_take([at + np.array([-a - b, a - b, a + b, b - a])]):
             site.add("parked", at=at.tolist(), heading_deg=float(np.degrees(heading)))
@@ -92,8 +96,8 @@ def add_puddles(site: Site, plan: Plan, seed: int) -> None:
         along_m, way = rng.uniform(*street.span_m), rng.choice([-1, 1])
         half_m, long_m, wide_m = float(street.half_m(along_m)), rng.uniform(1.2, 4.0), rng.uniform(0.4, 0.9)
         reach = rng.uniform(0.8, 1.0, 7)
-        along = along_m + long_m * np.cos(angle) * reach
-        aside = way * (half_m - 0.1 - wide_m + wide_m * np.sin(angle) * reach)
+        along = along_m + long_m * exact.cos(angle) * reach
+        aside = way * (half_m - 0.1 - wide_m + wide_m * exact.sin(angle) * reach)
         outline = street.position(along, aside)
         sides = np.roll(outline, -1, axis=0) - outline
         after = np.roll(sides, -1, axis=0)

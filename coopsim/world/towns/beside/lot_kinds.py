@@ -101,7 +101,7 @@ def draw_height_m(kind: LotKind, rng: np.random.Generator) -> float:
 def draw_setback_m(kind: LotKind, openness: float, rng: np.random.Generator) -> float:
     """Draw the distance of a building from the border of its ground."""
     low, high = kind.setback_m
-    return float(0.02 + rng.uniform(low, high) + rng.uniform(0.3, 1.0) * kind.opens_m * openness**1.5)
+    return float(0.02 + rng.uniform(low, high) + rng.uniform(0.3, 1.0) * kind.opens_m * openness * np.sqrt(openness))
 
 
 def draw_style(kind: LotKind, rng: np.random.Generator) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.towns.beside.people_ways import PeopleWays
@@ -66,10 +67,10 @@ def place_masts(
 def _spots(kerb: Floats) -> tuple[Floats, Floats]:
     """Return places (N, 2) m to the right of a kerb (K, 2) m, best first, and their distances (N,) from it, m."""
     steps = np.diff(kerb, axis=0)
-    passed_m = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    passed_m = np.concatenate([[0.0], np.cumsum(exact.hypot(steps[:, 0], steps[:, 1]))])
     at_m = np.array(_SHARES) * passed_m[-1]
     step = steps[np.searchsorted(passed_m, at_m, side="right").clip(1, len(steps)) - 1]
-    right = np.column_stack([step[:, 1], -step[:, 0]]) / np.hypot(step[:, 0], step[:, 1])[:, None]
+    right = np.column_stack([step[:, 1], -step[:, 0]]) / exact.hypot(step[:, 0], step[:, 1])[:, None]
     on_kerb = np.column_stack([np.interp(at_m, passed_m, kerb[:, axis]) for axis in (0, 1)])
     away_m = np.repeat(_FROM_KERB_M, len(at_m))
     count = len(_FROM_KERB_M)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
@@ -131,7 +132,7 @@ def _at(line: Floats, index: Ints) -> Floats:
 def _out_m(junction: Junction, arm: int, points: Floats) -> Floats:
     """Return how far out along an arm points (N, 2) m are from the junction's centre."""
     heading = junction.arms[arm].heading_rad
-    return np.asarray((points - junction.centre) @ np.array([np.cos(heading), np.sin(heading)]))
+    return exact.dot(points - junction.centre, np.array([exact.cos(heading), exact.sin(heading)]))
 
 
 def _where(number: int, index: Ints, out_m: Floats, at_m: float) -> End | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.places.layout import rectangle
@@ -58,11 +59,11 @@ def plant_behind(site: Site, ground: PrivateGround) -> None:
         if junction.kind == "roundabout" and junction.ring_m - LANE_M / 2 > 5.0:
             site.add("trees", at=junction.centre.tolist(), height_m=7.5, crown_m=4.5)
     for number, (each, border) in enumerate(zip(ground.rounds, ground.borders, strict=True)):
-        length_m = float(np.linalg.norm(np.diff(border, axis=0), axis=1).sum())
+        length_m = float(exact.norm(np.diff(border, axis=0), axis=1).sum())
         rng = stream(ground.seed, "sheds", str(number))
         for at in _behind(each, border, int(length_m / _SHED_EVERY_M), _SHED_BEHIND_M, rng):
             size, angle = rng.uniform([4.0, 4.0], [12.0, 8.0]), rng.uniform(0.0, np.pi)
-            frame = frame_between(at, at + np.array([np.cos(angle), np.sin(angle)]))
+            frame = frame_between(at, at + np.array([exact.cos(angle), exact.sin(angle)]))
             if site.room.is_free(frame.place(rectangle((0.0, size[0]), (0.0, size[1]))), 3.0):
                 site.build(frame, [Part(rectangle((0.0, size[0]), (0.0, size[1])))], float(rng.uniform(2.6, 5.0)))
         rng = stream(ground.seed, "trees", str(number))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.beside.building_shapes import Part
 from coopsim.world.towns.beside.room import Room
@@ -42,12 +43,12 @@ class Frame:
     @property
     def heading_rad(self) -> float:
         """The direction away from the street."""
-        return float(np.arctan2(self.away[1], self.away[0]))
+        return float(exact.arctan2(self.away[1], self.away[0]))
 
 
 def frame_between(start: Floats, end: Floats) -> Frame:
     """Return the ground to the right of a line from `start` (2,) to `end` (2,) m."""
-    along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+    along = (end - start) / max(float(exact.norm(end - start)), 1e-9)
     return Frame(start, along, np.array([along[1], -along[0]]))
 
 
@@ -98,7 +99,7 @@ class Site:
     def wall(self, start: Floats, end: Floats, height_m: float) -> bool:
         """Add a straight wall between two points (2,) m if there is room; return whether there is."""
         along = end - start
-        length_m = float(np.linalg.norm(along))
+        length_m = float(exact.norm(along))
         if length_m < 1.0 or not self.room.try_take([wall_outline(start, end)], 0.05):
             return False
         self.add("walls", along=[start.tolist(), end.tolist()], height_m=height_m, thickness_m=WALL_M)
@@ -106,7 +107,7 @@ class Site:
 
     def park(self, at: Floats, heading_rad: float, gap_m: float = 0.3) -> bool:
         """Add a bay for a car, if there is room; return whether there is."""
-        cos, sin = np.cos(heading_rad) / 2, np.sin(heading_rad) / 2
+        cos, sin = exact.cos(heading_rad) / 2, exact.sin(heading_rad) / 2
         along, aside = _CAR_M[0] * np.array([cos, sin]), _CAR_M[1] * np.array([-sin, cos])
         outline = at + np.array([-along - aside, along - aside, along + aside, aside - along])
         if not self.room.try_take([outline], gap_m):
@@ -117,7 +118,7 @@ class Site:
     def plant(self, at: Floats, height_m: float, crown_m: float) -> bool:
         """Add a tree if there is room for its crown; return whether there is."""
         angle = np.arange(8) * np.pi / 4
-        crown = at + crown_m / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+        crown = at + crown_m / 2 * np.column_stack([exact.cos(angle), exact.sin(angle)])
         if not self.room.try_take([crown], 0.2):
             return False
         self.add("trees", at=at.tolist(), height_m=height_m, crown_m=crown_m)
@@ -130,6 +131,6 @@ class Site:
 
 def wall_outline(start: Floats, end: Floats) -> Floats:
     """Return the corners (4, 2) m of a wall from one point (2,) to another."""
-    along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+    along = (end - start) / max(float(exact.norm(end - start)), 1e-9)
     aside = WALL_M / 2 * np.array([-along[1], along[0]])
     return np.array([start - aside, end - aside, end + aside, start + aside])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.beside.people_ways import PeopleWays
 from coopsim.world.towns.beside.pieces import convex_pieces
@@ -48,7 +49,7 @@ def pave_junctions(site: Site, plan: Plan) -> None:
             kerb = corner_kerb(junction, arm)
             kerb = kerb[keep_corners(kerb, _COARSE_M)]
             out = kerb - junction.centre
-            kerb = kerb + _BEYOND_M * out / np.linalg.norm(out, axis=1)[:, None]
+            kerb = kerb + _BEYOND_M * out / exact.norm(out, axis=1)[:, None]
             _pave(site, _fan(junction.centre, mouth), "road")
             _pave(site, _fan(junction.centre, kerb), "road")
         if junction.kind == "roundabout":
@@ -58,7 +59,7 @@ def pave_junctions(site: Site, plan: Plan) -> None:
 def _island(junction: Junction) -> Floats:
     angle = np.arange(16) * np.pi / 8
     radius_m = junction.ring_m - LANE_M / 2
-    return np.asarray(junction.centre + radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
+    return np.asarray(junction.centre + radius_m * np.column_stack([exact.cos(angle), exact.sin(angle)]))
 
 
 def _bulges(each: Round, ways: PeopleWays) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.plan import LANE_M, LOOP_RADIUS_M, LOOP_REACH_M, Plan, Street
 
@@ -21,13 +22,13 @@ def are_apart(plan: Plan) -> bool:
     extent = spots.max(axis=0) - spots.min(axis=0)
     if (extent > _LARGEST_M[max(junction.lanes for junction in plan.junctions)]).any():
         return False
-    gap_m = np.linalg.norm(spots[:, None] - spots, axis=2) - half_m[:, None] - half_m
+    gap_m = exact.norm(spots[:, None] - spots, axis=2) - half_m[:, None] - half_m
     close = (gap_m < BETWEEN_M) & (street[:, None] != street)
     for junction in plan.junctions:
         incident = np.zeros(len(plan.streets), dtype=np.bool_)
         incident[[arm.street for arm in junction.arms]] = True
         own = incident[street]
-        away_m = np.linalg.norm(spots - junction.centre, axis=1)
+        away_m = exact.norm(spots - junction.centre, axis=1)
         if (away_m - half_m)[~own].min(initial=np.inf) < junction.stop_m + BETWEEN_M / 2:
             return False
         near = own & (away_m < junction.stop_m + junction.half_m + _NEAR_M)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.plan import LANE_M, Junction
 
@@ -27,7 +28,9 @@ def corner_kerb(junction: Junction, arm: int) -> Floats:
     )
     if junction.kind == "roundabout":
         return _ring_kerb(junction, arm, after)
-    reach_m = junction.stop_m * np.tan(junction.gap_rad(arm) / 2)  # to the middle of the bend; < 0: on the other side
+    reach_m = junction.stop_m * exact.tan(
+        junction.gap_rad(arm) / 2
+    )  # to the middle of the bend; < 0: on the other side
     if abs(reach_m) > _STRAIGHT_M:
         return np.array(ends)
     return arc_points(junction.place(arm, junction.stop_m, reach_m), *ends)
@@ -35,18 +38,18 @@ def corner_kerb(junction: Junction, arm: int) -> Floats:
 
 def arc_points(centre: Floats, start: Floats, end: Floats) -> Floats:
     """Return points (K, 2) m from `start` (2,) to `end` (2,) on the shorter arc around `centre` (2,)."""
-    first, last = (np.arctan2(*(point - centre)[::-1]) for point in (start, end))
+    first, last = (exact.arctan2(*(point - centre)[::-1]) for point in (start, end))
     swept = (last - first + np.pi) % (2 * np.pi) - np.pi
-    radius = float(np.linalg.norm(start - centre))
+    radius = float(exact.norm(start - centre))
     angle = first + np.linspace(0.0, swept, max(2, int(np.ceil(radius * abs(swept) / _CHORD_M)) + 1))
-    points: Floats = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points: Floats = centre + radius * np.column_stack([exact.cos(angle), exact.sin(angle)])
     points[0], points[-1] = start, end
     return points
 
 
 def touch_rad(junction: Junction) -> float:
     """Return the angle at a roundabout's centre between an arm and the place where its bends touch the ring."""
-    return float(np.arcsin((junction.entry_m + junction.inner_m) / (junction.ring_m + junction.entry_m)))
+    return float(exact.arcsin((junction.entry_m + junction.inner_m) / (junction.ring_m + junction.entry_m)))
 
 
 def _ring_kerb(junction: Junction, arm: int, after: int) -> Floats:
@@ -56,7 +59,7 @@ def _ring_kerb(junction: Junction, arm: int, after: int) -> Floats:
         junction.arms[arm].heading_rad + touch_rad(junction),
         junction.arms[after].heading_rad - touch_rad(junction),
     ]
-    spots = [junction.centre + outer_m * np.array([np.cos(angle), np.sin(angle)]) for angle in touch]
+    spots = [junction.centre + outer_m * np.array([exact.cos(angle), exact.sin(angle)]) for angle in touch]
     stop_m, half_m = junction.stop_m, junction.half_m
     parts.append(arc_points(junction.place(arm, stop_m, aside_m), junction.place(arm, stop_m, half_m), spots[0]))
     parts.append(arc_points(junction.centre, *spots)[1:])

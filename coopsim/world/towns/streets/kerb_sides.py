@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.towns.streets.kerb_lines import arc_points, corner_kerb
@@ -166,8 +167,8 @@ def _loop_side(street: Street, way: int) -> Side:
     """Return the outer edge of the loop at a street's end: a neck, the circle, and a neck."""
     end_m = street.span_m[1 if way > 0 else 0]
     heading = float(street.heading(end_m)[0]) + (0.0 if way > 0 else np.pi)
-    ahead = np.array([np.cos(heading), np.sin(heading)])
-    turn = np.array([ahead, [-ahead[1], ahead[0]]])  # rows: ahead, left
+    ahead = np.array([exact.cos(heading), exact.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
     origin = street.position(end_m)[0]
     half_m, outer_m, neck_m = LANE_M, LOOP_RADIUS_M + LANE_M / 2, _NECK_M - LANE_M / 2
     middle, aside = np.array([LOOP_REACH_M, 0.0]), np.array([0.0, -half_m - neck_m])
@@ -176,7 +177,8 @@ def _loop_side(street: Street, way: int) -> Side:
     right = arc_points(middle, touch, middle + np.array([outer_m, 0.0]))
     half_of_it = np.concatenate([down, right[1:]])
     mirrored = half_of_it[-2::-1] * [1.0, -1.0]
-    kerb = origin + np.concatenate([half_of_it, mirrored]) @ turn
+    along, across = np.hsplit(np.concatenate([half_of_it, mirrored]), 2)
+    kerb = origin + (along * ahead + across * left)
     zeros = np.zeros(len(kerb))
     return Side(LOOP, street.number, way, kerb, zeros, zeros)
 
@@ -185,7 +187,7 @@ def _round_of(sides: list[Side]) -> Round:
     """Join parts; each gives all its points but the last."""
     kerb = np.concatenate([side.kerb[:-1] for side in sides])
     ahead = np.roll(kerb, -1, axis=0) - kerb
-    ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
+    ahead /= np.maximum(exact.norm(ahead, axis=1), 1e-9)[:, None]
     mean = ahead + np.roll(ahead, 1, axis=0)
     # At a kink the line beside it is as far from both edges.
     mean *= (2 / np.maximum((mean**2).sum(axis=1), 1.0))[:, None]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 LANE_M = 4.25
@@ -54,11 +55,11 @@ class Stretch:
     def position(self, along_m: Floats, aside_m: Floats) -> Floats:
         """Return places (N, 2) m at distances (N,) from the start and (N,) to the left of the line."""
         first, heading = self.heading_rad, self.heading(along_m)
-        left = np.column_stack([-np.sin(heading), np.cos(heading)])
+        left = np.column_stack([-exact.sin(heading), exact.cos(heading)])
         if self.curvature_1_m == 0.0:
-            middle = self.start + along_m[:, None] * np.array([np.cos(first), np.sin(first)])
+            middle = self.start + along_m[:, None] * np.array([exact.cos(first), exact.sin(first)])
         else:
-            sweep = np.column_stack([np.sin(heading) - np.sin(first), np.cos(first) - np.cos(heading)])
+            sweep = np.column_stack([exact.sin(heading) - exact.sin(first), exact.cos(first) - exact.cos(heading)])
             middle = self.start + sweep / self.curvature_1_m
         places: Floats = middle + aside_m[:, None] * left
         return places
@@ -222,7 +223,7 @@ class Junction:
     def place(self, arm: int, along_m: float, aside_m: float) -> Floats:
         """Return a place (2,) m at a distance from the centre along an arm, and to the left of its way outwards."""
         heading = self.arms[arm].heading_rad
-        cos, sin = np.cos(heading), np.sin(heading)
+        cos, sin = exact.cos(heading), exact.sin(heading)
         offset = np.array([cos * along_m - sin * aside_m, sin * along_m + cos * aside_m])
         return np.asarray(self.centre + offset)
 

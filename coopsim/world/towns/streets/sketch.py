@@ -12,6 +12,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 LEAST_ANGLE_RAD = math.radians(62.0)
@@ -69,7 +70,7 @@ class Sketch:
 
 def _heading(start: Floats, end: Floats) -> float:
     """Return the direction from one point (2,) to another, rad, in [0, 2 pi)."""
-    return math.atan2(end[1] - start[1], end[0] - start[0]) % (2 * math.pi)
+    return exact.arctan2(end[1] - start[1], end[0] - start[0]) % (2 * math.pi)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,28 +198,28 @@ def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, measures: M
 def _outer(rng: np.random.Generator, start: Floats, heading: float, least_m: float) -> Floats:
     """Draw a street that leads out, straight or with a bend."""
     length_m = least_m * rng.uniform(1.0, 1.2)
-    points = [start, start + length_m * np.array([math.cos(heading), math.sin(heading)])]
+    points = [start, start + length_m * np.array([exact.cos(heading), exact.sin(heading)])]
     if rng.random() < _OUTER_BENT:
         heading += rng.uniform(*_OUTER_TURN_RAD) * rng.choice([-1, 1])
-        points.append(points[1] + rng.uniform(26.0, 42.0) * np.array([math.cos(heading), math.sin(heading)]))
+        points.append(points[1] + rng.uniform(26.0, 42.0) * np.array([exact.cos(heading), exact.sin(heading)]))
     else:
-        points[1] = points[1] + rng.uniform(0.0, 20.0) * np.array([math.cos(heading), math.sin(heading)])
+        points[1] = points[1] + rng.uniform(0.0, 20.0) * np.array([exact.cos(heading), exact.sin(heading)])
     return np.array(points)
 
 
 def _has_room(sketch: Sketch, points: Floats, number: int) -> bool:
     """Return whether a street that leads out, and the loop at its end, have room; before streets have widths."""
     ahead = points[-1] - points[-2]
-    loop = points[-1] + 20.0 * ahead / np.hypot(*ahead)
+    loop = points[-1] + 20.0 * ahead / exact.hypot(*ahead)
     others = np.concatenate([*(_samples(link.points) for link in sketch.links), sketch.centres])
-    apart_m = np.linalg.norm(others - loop, axis=1)
+    apart_m = exact.norm(others - loop, axis=1)
     if apart_m.min() < _LOOP_ROOM_M:
         return False
     centre, own = sketch.centres[number], _samples(points)
-    own, others = (each[np.linalg.norm(each - centre, axis=1) > _OWN_M] for each in (own, others))
+    own, others = (each[exact.norm(each - centre, axis=1) > _OWN_M] for each in (own, others))
     if not len(own) or not len(others):
         return True
-    return float(np.linalg.norm(own[:, None] - others, axis=2).min()) > _ROOM_M
+    return float(exact.norm(own[:, None] - others, axis=2).min()) > _ROOM_M
 
 
 def _samples(points: Floats) -> Floats:

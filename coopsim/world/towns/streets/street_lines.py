@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.plan import LANE_M, Stretch
 
@@ -26,8 +27,8 @@ def rounded(points: Floats, straight_m: tuple[float, float], lanes: int) -> tupl
         None if there is no room for the arcs.
     """
     legs = np.diff(points, axis=0)
-    lengths = np.hypot(legs[:, 0], legs[:, 1]).tolist()
-    headings = np.arctan2(legs[:, 1], legs[:, 0]).tolist()
+    lengths = exact.hypot(legs[:, 0], legs[:, 1]).tolist()
+    headings = exact.arctan2(legs[:, 1], legs[:, 0]).tolist()
     free = list(lengths)  # of each leg, without what must be straight
     free[0] -= straight_m[0]
     free[-1] -= straight_m[1]
@@ -43,15 +44,15 @@ def rounded(points: Floats, straight_m: tuple[float, float], lanes: int) -> tupl
         turn = math.remainder(headings[k + 1] - heading, 2 * math.pi)
         ahead_m = free[k + 1] if k + 1 == len(headings) - 1 else free[k + 1] / 2
         room_m = min(share_m, ahead_m) - _SHORTEST_M
-        radius = min(room_m / math.tan(abs(turn) / 2), _WIDEST_M) if turn else 0.0
+        radius = min(room_m / exact.tan(abs(turn) / 2), _WIDEST_M) if turn else 0.0
         inside_m = LANE_M * lanes
         if radius < _SHARPEST_M + inside_m - LANE_M or (radius - inside_m) * abs(turn) < _SHORTEST_M:
             return None
-        tangent_m = radius * math.tan(abs(turn) / 2)
+        tangent_m = radius * exact.tan(abs(turn) / 2)
         straight = lengths[k] - spare - tangent_m
         stretches.append(Stretch(at, heading, straight))
-        at = at + straight * np.array([math.cos(heading), math.sin(heading)])
+        at = at + straight * np.array([exact.cos(heading), exact.sin(heading)])
         stretches.append(Stretch(at, heading, radius * abs(turn), math.copysign(1 / radius, turn)))
-        at = points[k + 1] + tangent_m * np.array([math.cos(headings[k + 1]), math.sin(headings[k + 1])])
+        at = points[k + 1] + tangent_m * np.array([exact.cos(headings[k + 1]), exact.sin(headings[k + 1])])
         spare = tangent_m
     return tuple(stretches)

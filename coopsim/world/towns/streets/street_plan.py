@@ -9,6 +9,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.towns.streets.clear_streets import are_apart
@@ -142,7 +143,7 @@ def _attempt(rng: np.random.Generator, count: int, most: int, freedom: float) ->
     arms = [sketch.arms(number) for number in range(count)]
     if any(not 3 <= len(each) <= 5 or min(_gaps(each)) < LEAST_ANGLE_RAD for each in arms):
         return None
-    away_m = np.linalg.norm(sketch.centres - sketch.centres.mean(axis=0), axis=1) + rng.uniform(0, 30, count)
+    away_m = exact.norm(sketch.centres - sketch.centres.mean(axis=0), axis=1) + rng.uniform(0, 30, count)
     meeting = int(np.where([min(_gaps(each)) < _LEAST_RAD[most] for each in arms], np.inf, away_m).argmin())
     sketch.links = [replace(link, points=link.points - sketch.centres[meeting]) for link in sketch.links]
     sketch.centres = sketch.centres - sketch.centres[meeting]
@@ -200,7 +201,7 @@ def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
     if wish.round_about and len(arms) <= 4 and node.lanes == 1:
         for ring_m, entry_m in _RINGS:
             aside_m = entry_m + INNER_M + ROUNDABOUT_MEDIAN_M / 2
-            if least - 2 * math.asin(aside_m / (ring_m + entry_m)) > _RING_PIECE_M / ring_m:
+            if least - 2 * exact.arcsin(aside_m / (ring_m + entry_m)) > _RING_PIECE_M / ring_m:
                 node.kind, node.ring = "roundabout", (ring_m, entry_m)
                 node.stop_m = math.sqrt((ring_m + entry_m) ** 2 - aside_m**2)
                 return node
@@ -209,7 +210,7 @@ def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
     if wish.priority and bend < _STRAIGHT_ON_RAD:
         node.kind, node.main = "priority", main
     outer_m = (node.lanes - 0.5) * LANE_M
-    node.stop_m = max(_LEAST_STOP_M, *((wish.turn_m + outer_m) / math.tan(min(gap, 3.0) / 2) for gap in _gaps(arms)))
+    node.stop_m = max(_LEAST_STOP_M, *((wish.turn_m + outer_m) / exact.tan(min(gap, 3.0) / 2) for gap in _gaps(arms)))
     return node
 
 
@@ -293,7 +294,7 @@ def _long_enough(link: Link, straight_m: float) -> Floats:
     """Return the points of a street that leads out, its first leg not shorter than it must be."""
     first, second = link.points[:2]
     leg = second - first
-    length_m = float(np.hypot(*leg))
+    length_m = float(exact.hypot(*leg))
     spare_m = 25.0 if len(link.points) > 2 else 5.0
     further = leg / length_m * max(0.0, straight_m + spare_m - length_m)
     return np.vstack([link.points[:1], link.points[1:] + further])

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.carriageway import Carriageway, LanePiece, LanePlace
 from coopsim.world.towns.streets.kerb_lines import touch_rad
@@ -43,7 +44,9 @@ class TownLane:
         ends = self.piece.begin, self.piece.end
         asides = [self.way.aside_m(at) for at in ends]
         along_m = abs(ends[1][1] - ends[0][1])
-        return math.hypot(along_m * (1 - asides[0] * self.way.stretch(self.piece).curvature_1_m), asides[1] - asides[0])
+        return exact.hypot(
+            along_m * (1 - asides[0] * self.way.stretch(self.piece).curvature_1_m), asides[1] - asides[0]
+        )
 
 
 @dataclass(slots=True)
@@ -72,7 +75,7 @@ class TownRoads:
 
     def add_bend(self, road: tuple[str, str], centre: Floats, left: bool, speed_m_s: float, **more: Any) -> None:
         """Add an arc around a place (2,) m, at a speed that is comfortable in it."""
-        radius = math.hypot(self.nodes[road[0]][0] - centre[0], self.nodes[road[0]][1] - centre[1])
+        radius = exact.hypot(self.nodes[road[0]][0] - centre[0], self.nodes[road[0]][1] - centre[1])
         turn = "left" if left else "right"
         speed = min(speed_m_s, math.sqrt(_LATERAL_M_S2 * radius))
         middle = [float(centre[0]), float(centre[1])]
@@ -209,7 +212,7 @@ def _add_turn(found: TownRoads, junction: Junction, turn: Turn, speed_m_s: float
         found.add_road(road, speed_m_s, **more)
         return
     # The way is the same seen from either end, so its middle lies on the line that halves the angle between the arms.
-    centre = junction.place(turn.arm, junction.stop_m, junction.stop_m * math.tan(turn.angle / 2))
+    centre = junction.place(turn.arm, junction.stop_m, junction.stop_m * exact.tan(turn.angle / 2))
     found.add_bend(road, centre, turn.angle > math.pi, speed_m_s, **more)
 
 
@@ -219,7 +222,7 @@ def _add_ring(found: TownRoads, junction: Junction) -> None:
     aside_m = junction.entry_m + junction.inner_m
     for arm, each in enumerate(junction.arms):
         for name, angle in (("out", each.heading_rad - touch), ("in", each.heading_rad + touch)):
-            spot = junction.centre + junction.ring_m * np.array([math.cos(angle), math.sin(angle)])
+            spot = junction.centre + junction.ring_m * np.array([exact.cos(angle), exact.sin(angle)])
             found.add_node(f"{stub}{name}{arm}", spot)
     for arm in range(count):
         (stop,), (way_out,) = found.stops[junction.number, arm], found.exits[junction.number, arm]

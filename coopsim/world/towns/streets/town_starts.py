@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.streets.plan import Plan
 from coopsim.world.towns.streets.town_roads import TownLane, TownRoads
@@ -92,8 +93,8 @@ def _ranked(starts: list[_Start], plan: Plan) -> list[_Start]:
     """
     centre = plan.junctions[plan.meeting].centre
     spots = np.array([start.place for start in starts])
-    apart_m = np.linalg.norm(spots[:, None] - spots, axis=2)
-    away_m = np.linalg.norm(spots - centre, axis=1)
+    apart_m = exact.norm(spots[:, None] - spots, axis=2)
+    away_m = exact.norm(spots - centre, axis=1)
     chosen = list[int]()
     for _ in range(min(FIRST, len(starts))):
         left = [k for k in range(len(starts)) if k not in chosen]
