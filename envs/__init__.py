@@ -44,7 +44,7 @@ VERSION = 2
 |---|---|
 | 0 | first |
 | 1 | the default detector is the one fitted to V2V4Real, and confuses classes; `ground_truth` has all objects |
-| 2 | simulated detections come in no order, and false boxes of `simulated` differ in height as others do |
+| 2 | simulated detections have no order, and false ones heights as real ones; towns are the same on every processor |
 """
 
 

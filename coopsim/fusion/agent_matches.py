@@ -7,11 +7,11 @@ to a matching, so only those that do are looked at, and a box with a single part
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import corner_room, overlap_3d
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 
 _MARGIN = 1e-9  # more than rounding

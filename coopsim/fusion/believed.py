@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints
+from coopsim.support.kernels import njit
 
 BEST, CHANCE, NEAREST, SCORE, AWAY = range(5)
 """Columns of `Believed.values`: the best score of all agents that see it, and those of `FusedBoxes`."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.iou import Footprint, common_ground, corner_room
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 ON_OBJECT, _BLUR = 0.25, 0.03
 """3D IoU from which a box is right, as in the benchmark, and the width of the soft threshold around it."""

@@ -8,11 +8,11 @@ whatever the correlation is.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen, require_finite
+from coopsim.support.kernels import njit
 
 PULL = 1e-3
 """Weight of (w - 1/2)^2 relative to log det P. It costs at most PULL / 4 = 0.025 % of the determinant, and makes a tie

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 
 @dataclass(frozen=True, slots=True)

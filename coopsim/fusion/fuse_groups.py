@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.fusion.believed import (
     AWAY,
@@ -27,6 +26,7 @@ from coopsim.fusion.registration import register_rows
 from coopsim.geometry.iou import iou_3d_of_pair
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints
+from coopsim.support.kernels import njit
 
 _EVEN_ODDS_IOU, _STEEPNESS = 0.255, 6.4
 """Log odds that a box is on its object, linear in the logarithm of its 3D IoU with a right box. In the training

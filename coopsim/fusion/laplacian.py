@@ -16,7 +16,6 @@ from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
@@ -29,6 +28,7 @@ from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
 from coopsim.support.checks import require_count
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 Kernel = Callable[[ArrayLike, ArrayLike], Floats]

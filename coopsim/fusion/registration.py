@@ -11,13 +11,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.fusion.least_squares import robust_least_squares
 from coopsim.geometry.box_matching import footprints, match_rows
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
+from coopsim.support.kernels import njit
 from coopsim.types import Detections
 
 _ROUNDS, _GATE = 2, -0.2

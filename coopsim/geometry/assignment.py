@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
@@ -13,6 +12,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints
+from coopsim.support.kernels import njit
 
 Pairs = tuple[Ints, Ints]
 """Matched rows and matched columns, (K,) each."""

@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import corner_room, giou_bev_of_pair
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
+from coopsim.support.kernels import njit
 
 _SLACK = 1e-9
 """What a bound is lowered by, for rounding."""

@@ -6,12 +6,12 @@ Box order is x, y, z, l, w, h, yaw; both sets are in one frame. No boxes on eith
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from coopsim.geometry.iou import giou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
+from coopsim.support.kernels import njit
 
 _YAW = 6
 

@@ -15,9 +15,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, vectorize
 
 from coopsim.support.arrays import Floats
+from coopsim.support.kernels import njit, vectorize
 
 _Pair = tuple[float, float]
 

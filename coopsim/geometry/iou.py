@@ -9,11 +9,11 @@ hull of both footprints, times the joint height in 3D (Rezatofighi et al., CVPR 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
+from coopsim.support.kernels import njit
 
 _MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most eight
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.iou import bev_overlap, corner_room
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, frozen, sealed
 from coopsim.support.checks import require_threshold
+from coopsim.support.kernels import njit
 
 
 def nms_bev(boxes: Floats, score: Floats, iou_threshold: float) -> Ints:

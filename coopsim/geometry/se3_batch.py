@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.arrays import Ints
+from coopsim.support.kernels import njit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import InvalidValueError
@@ -22,6 +21,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
 from coopsim.support.arrays import frozen
 from coopsim.support.checks import require_choice, require_threshold
+from coopsim.support.kernels import njit
 from coopsim.types import Detections, GroundTruth, Ints
 
 AP_THRESHOLDS = (0.3, 0.5, 0.7)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.candidate_pairs import CandidatePairs, find_candidate_pairs
 from coopsim.metrics.matching import KEEP_BONUS, match_frame
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 from coopsim.types.soundness import are_sound
 from coopsim.types.taxonomy import CLASS_NAMES, SUPERCLASS_NUMBERS

@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.cooccurrence import Cooccurrence
 from coopsim.metrics.matching import NumberedSequence, SequenceArrays, match_frame
+from coopsim.support.kernels import njit
 
 ALPHAS = np.arange(1, 20) / 20
 """Thresholds of similarity, 0.05 to 0.95."""

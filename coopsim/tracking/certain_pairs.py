@@ -7,10 +7,10 @@ whatever the affinities of pairs far apart may be. Only what is left over is com
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.assignment import Pairs, hungarian
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.tracking.affinity import BoxAffinity
 from coopsim.types import Ints, Mask
 

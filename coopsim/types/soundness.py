@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.support.arrays import Floats, Ints
+from coopsim.support.kernels import njit
 
 
 @njit(cache=True, nogil=True)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 
 from coopsim.detection.oracle import Oracles
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.support.kernels import njit
 from coopsim.types import GroundTruth, Ints, Mask
 from coopsim.world.snapshot import Actors, AgentBody
 

@@ -7,10 +7,10 @@ wide, and the agent stands where the four middle ones meet.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 Planes = NDArray[np.uint8]
 

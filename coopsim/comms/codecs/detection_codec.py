@@ -7,13 +7,13 @@ from abc import abstractmethod
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, Codec, encode_prefix, pack_rows, unpack_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints, Mask, PoseEstimate
 from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.taxonomy import CLASS_NAMES

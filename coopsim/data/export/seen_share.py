@@ -8,11 +8,11 @@ only a part of its box: half of the free objects have shares from 0.6 to 0.85, a
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.data.export.export_frame import ExportFrame
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, LidarMounting
 
 FREE_SHARE = 0.73

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.kernels import njit
 
 MOST_GROWTH = 88
 """Largest ratio of plain to compressed bytes: a back reference of three bytes stands for at most 264."""

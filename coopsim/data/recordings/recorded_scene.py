@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.data.recordings.recorded_folder import RecordedSequence
@@ -14,6 +13,7 @@ from coopsim.geometry.box_cover import covers
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import look_up
+from coopsim.support.kernels import njit
 from coopsim.types import NS_PER_S, Ints, Mask, Sweep
 from coopsim.world.snapshot import Actors, AgentBody
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
@@ -25,6 +24,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.geometry.se3_batch import SE3Batch
 from coopsim.support.checks import require_between, require_non_negative, require_positive
+from coopsim.support.kernels import njit
 from coopsim.support.rng import draw_key, stream
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.taxonomy import ObjectClass

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
@@ -15,6 +14,7 @@ from coopsim.detection.simulated.draws import uniform_at
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive, require_probability
+from coopsim.support.kernels import njit
 from coopsim.support.rng import draw_key
 from coopsim.types import Ints
 

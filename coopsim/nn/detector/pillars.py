@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_between, require_positive
+from coopsim.support.kernels import njit
 from coopsim.types import BevGrid
 
 POINT_FEATURES = 10

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -19,6 +18,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import is_closed
 from coopsim.sensors.weather import Weather
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.snapshot import Actors, StaticPart
 

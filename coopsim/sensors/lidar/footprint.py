@@ -9,11 +9,11 @@ sensors.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import Singles
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 _OFFSET = 0.35

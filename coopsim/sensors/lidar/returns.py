@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Singles
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.relief.wet_albedo import WATER_INDEX, wet_albedo
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Sweep
 
 

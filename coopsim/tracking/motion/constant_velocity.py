@@ -10,11 +10,11 @@ from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
-from numba import njit
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive
+from coopsim.support.kernels import njit
 from coopsim.tracking.motion import kalman
 from coopsim.types.track_estimates import TrackEstimates
 

@@ -6,10 +6,10 @@ With H = [I 0], H P H^T is a block of P and P H^T its first columns, so no produ
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 _BAD, _GOOD, _DOUBTFUL = 0, 1, 2
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.custom.conflicts import middle_line
 from coopsim.world.custom.roads import Roads

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 _TWICE, _OTHER = 2, 3
 _ROUNDING_M = 2e-3  # that a corner may lie inwards of its neighbours: coordinates are often whole millimetres

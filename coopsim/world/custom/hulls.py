@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 

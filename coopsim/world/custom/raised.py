@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.custom.clearance import Kerbs
 from coopsim.world.custom.paving import PAVEMENT

@@ -8,12 +8,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Mask
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 
 GROUND, CROWN, BULKY, UNPAVED = 1, 2, 4, 8

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.world.relief.relief_grid import ReliefGrid, height_at, span_of
 from coopsim.world.snapshot import StaticPart
 

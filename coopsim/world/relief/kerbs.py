@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 _TOUCH_M = 2e-3  # edges that are this close lie along each other: corners are rounded to millimetres

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.kernels import njit
 from coopsim.world.relief.relief_grid import CELL_M, ReliefGrid, grid_of, height_at, is_over
 
 

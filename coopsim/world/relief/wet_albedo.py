@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 
 WATER_INDEX = 1.33
 """Refractive index of water."""

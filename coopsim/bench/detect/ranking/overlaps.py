@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.geometry.iou import iou_3d_and_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.average_precision import match_by_score, order_by_score
 from coopsim.metrics.matching import SequenceArrays, frame_of
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 
 FARTHEST_PAIR_M = 4.0

@@ -14,12 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.lidar.cast.triangle_setup import Shapes
 from coopsim.sensors.scene import Singles
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 LANES = 16

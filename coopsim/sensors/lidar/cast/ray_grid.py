@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.cast.raster_kernel import LANES, Beams, Canvas, draw, resolve
 from coopsim.sensors.lidar.cast.triangle_setup import Corners, Scene, Shapes, set_up
 from coopsim.sensors.scene import Parts, Singles, Triangles
 from coopsim.support.arrays import sealed
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 _SECTOR_SLACK_RAD = 1e-3

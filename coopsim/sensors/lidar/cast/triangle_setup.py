@@ -6,11 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Parts, Singles
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 _Vector = tuple[float, float, float]

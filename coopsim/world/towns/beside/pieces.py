@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 _LEAST_M, _LEAST_M2 = 0.03, 0.01  # of an edge, and twice that of a triangle of three corners in a row

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.world.towns.streets.plan import LANE_M, Junction, Plan
 
 FARTHEST_M = 150.0

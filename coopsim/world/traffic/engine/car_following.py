@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
 from numpy.typing import NDArray
 
+from coopsim.support.kernels import njit
 from coopsim.world.traffic.engine.fleet import Body, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneRow, local_coordinates
 from coopsim.world.traffic.engine.neighbours import LaneLists, Scene, behind, in_front

@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
 from coopsim.world.traffic.engine.records import dtype_of

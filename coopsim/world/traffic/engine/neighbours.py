@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import Body
 from coopsim.world.traffic.engine.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates

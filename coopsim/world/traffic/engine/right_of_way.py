@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, Vehicle

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.engine.fleet import Vehicle
 from coopsim.world.traffic.engine.lanes import LaneArrays, RoadRow, distance_to, local_coordinates, position_at

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from coopsim.support.kernels import njit
 from coopsim.world.traffic.engine.car_following import desired_gap, free_road, gap_at
 from coopsim.world.traffic.engine.fleet import Body, Vehicle
 from coopsim.world.traffic.engine.lanes import CIRCULAR, LaneRow, distance_to_box, heading_at, local_coordinates

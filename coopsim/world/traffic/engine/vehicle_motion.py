@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
 from numpy.typing import NDArray
 
+from coopsim.support.kernels import njit
 from coopsim.world.traffic.engine.fleet import CHAUFFEURED, Vehicle
 from coopsim.world.traffic.engine.lanes import LaneRow, closest_lane, heading_at, local_coordinates
 from coopsim.world.traffic.rules.driving import (

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from coopsim.support.kernels import njit
 
 VEHICLE_LENGTH_M = 5.0
 """Length of highway-env's usual vehicle: lanes extend by it beyond their ends; drivers leave them half of it early."""

@@ -15,9 +15,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import CircularLane, Lane, Road, RoadNetwork
