@@ -55,7 +55,7 @@ def test_every_data_file_is_listed() -> None:
     listed = PYPROJECT["tool"]["setuptools"]["package-data"]
     patterns = [f"{package.replace('.', '/')}/{each}" for package, named in listed.items() for each in named]
     files = (path for path in (ROOT / "coopsim").rglob("*") if path.is_file() and path.suffix != ".py")
-    data = [path.relative_to(ROOT) for path in files if path.parent.name != "__pycache__"]
+    data = [path.relative_to(ROOT) for path in files if "__pycache__" not in path.parts]
     assert len(data) >= len(patterns)
     assert [path for path in data if not any(path.match(pattern) for pattern in patterns)] == []
 

@@ -148,9 +148,12 @@ def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, fl
     for row, index in zip(network.arrays.lanes, network.lane_index, strict=True):
         lane, ours = theirs.get_lane(index), network.source.get_lane(index)
         along, aside = lane.local_coordinates(spot)
-        assert ours.local_coordinates(spot) == (along, aside) and ours.length == lane.length
-        assert ours.position(along, aside).tolist() == lane.position(along, aside).tolist()
-        assert ours.heading_at(along) == lane.heading_at(along)
+        # Not to the last bit: highway-env's differs between processors, and ours does not.
+        assert (*ours.local_coordinates(spot), ours.length) == pytest.approx(
+            (along, aside, lane.length), rel=1e-12, abs=1e-12
+        )
+        np.testing.assert_allclose(ours.position(along, aside), lane.position(along, aside), rtol=1e-12, atol=1e-12)
+        assert ours.heading_at(along) == pytest.approx(lane.heading_at(along), rel=1e-12)
         assert ours.contains(spot) == lane.on_lane(spot)
         np.testing.assert_allclose(lanes.local_coordinates(row, x, y), (along, aside), atol=1e-9)
         np.testing.assert_allclose(lanes.position_at(row, along), lane.position(along, 0), atol=1e-9)
