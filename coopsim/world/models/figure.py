@@ -93,11 +93,11 @@ def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: Arra
     distance = exact.norm(gap, axis=1, keepdims=True)
     along = gap / distance
     span = np.minimum(distance, 0.999 * (first + second))
-    before = (first**2 - second**2 + span**2) / (2 * span)  # by the law of cosines
+    before = (np.square(first) - np.square(second) + np.square(span)) / (2 * span)  # by the law of cosines
     sideways = np.asarray(toward, dtype=np.float64)
     bend = sideways - along * exact.dot(along, sideways)[:, None]
     bend /= exact.norm(bend, axis=1, keepdims=True)
-    middle = start + along * before + bend * np.sqrt(np.maximum(first**2 - before**2, 0.0))
+    middle = start + along * before + bend * np.sqrt(np.maximum(np.square(first) - np.square(before), 0.0))
     return np.stack([middle, start + along * span], axis=1)
 
 

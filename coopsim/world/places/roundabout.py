@@ -23,7 +23,7 @@ _UNIT_M = 20.5
 
 # The bends touch the ring from outside: their middles are on a circle around the ring's.
 _OFFSET_M = _ENTRY_M + (LANE_M + _MEDIAN_M) / 2
-_STOP_M = float(np.sqrt((_RING_M + _ENTRY_M) ** 2 - _OFFSET_M**2))
+_STOP_M = float(np.sqrt(np.square(_RING_M + _ENTRY_M) - np.square(_OFFSET_M)))
 
 
 def make_roundabout() -> Layout:

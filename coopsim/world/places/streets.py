@@ -159,7 +159,7 @@ def middle_of(streets: Streets) -> list[Floats]:
     """
     edge, stop = streets.edge_m, streets.stop_m
     # From the middle to where a right turn's outer edge meets that of an arm.
-    round_m = stop - np.sqrt(stop**2 - (stop - edge) ** 2)
+    round_m = stop - np.sqrt(np.square(stop) - np.square(stop - edge))
     corner = np.array([[edge, edge], [round_m, edge], [edge, round_m]])
     arms = [place_all(arm, rectangle((0.0, stop), (-edge, edge))) for arm in streets.arms]
     return arms + [place_all(arm, corner) for arm in streets.arms if (arm + 1) % 4 in streets.arms]
@@ -195,7 +195,9 @@ def turning_loop(half_m: float) -> tuple[tuple[tuple[float, float], tuple[float,
         in the direction of the lane that is left, at y = -half_m.
     """
     neck = _NECK_RADIUS_M
-    reach = np.sqrt((_LOOP_RADIUS_M + neck) ** 2 - (neck + half_m) ** 2)  # from the lanes' end to the loop's middle
+    reach = np.sqrt(
+        np.square(_LOOP_RADIUS_M + neck) - np.square(neck + half_m)
+    )  # from the lanes' end to the loop's middle
     tilt = exact.arctan2(neck + half_m, reach)
     return (
         ((0.0, -half_m - neck), (neck, np.pi / 2, tilt)),

@@ -46,7 +46,7 @@ def normals_of(line: Floats) -> Floats:
     along /= exact.norm(along, axis=1, keepdims=True)
     before, after = np.vstack([along[:1], along]), np.vstack([along, along[-1:]])
     mean = (before + after) / 2
-    mean /= (mean**2).sum(axis=1, keepdims=True)  # longer at corners
+    mean /= np.square(mean).sum(axis=1, keepdims=True)  # longer at corners
     return np.column_stack([-mean[:, 1], mean[:, 0]])
 
 

@@ -16,6 +16,6 @@ def wet_albedo(albedo: Floats) -> Floats:
     The film reflects part of the light that the surface throws back down onto it again, so that an albedo A becomes
     A / (n^2 (1 - A) + A) (Angstrom 1925, as in Lekner and Dorf, "Why some things are darker when wet", 1988).
     """
-    square = WATER_INDEX**2
+    square = WATER_INDEX * WATER_INDEX
     wet: Floats = albedo / (square * (1.0 - albedo) + albedo)
     return wet

@@ -134,7 +134,7 @@ def slow_down_behind_others(fleet: Fleet, count: int) -> None:
     gap_m = ahead_m - (rows["length"] + rows["length"][:, None]) / 2 - _GAP_M
     braked = np.where(leads, 2 * _BRAKING_M_S2 * np.maximum(gap_m, 0.0), np.inf)
     for _ in range(count):  # a vehicle slowed down for one ahead may be too slow for one behind
-        slower = np.minimum(rows["speed"], np.sqrt((rows["speed"] ** 2 + braked).min(axis=1, initial=np.inf)))
+        slower = np.minimum(rows["speed"], np.sqrt((np.square(rows["speed"]) + braked).min(axis=1, initial=np.inf)))
         if (slower == rows["speed"]).all():
             break
         rows["speed"] = slower

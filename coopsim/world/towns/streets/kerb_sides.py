@@ -190,7 +190,7 @@ def _round_of(sides: list[Side]) -> Round:
     ahead /= np.maximum(exact.norm(ahead, axis=1), 1e-9)[:, None]
     mean = ahead + np.roll(ahead, 1, axis=0)
     # At a kink the line beside it is as far from both edges.
-    mean *= (2 / np.maximum((mean**2).sum(axis=1), 1.0))[:, None]
+    mean *= (2 / np.maximum(np.square(mean).sum(axis=1), 1.0))[:, None]
     return Round(
         tuple(sides),
         np.repeat(np.arange(len(sides)), [len(side.kerb) - 1 for side in sides]),

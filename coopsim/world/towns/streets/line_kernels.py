@@ -61,7 +61,7 @@ def _farthest(points: Floats, first: int, last: int, most_m: float) -> int:
     """Return which point between two is farthest from the line between them; -1: none is farther than `most_m`."""
     length2, worst, where = 0.0, most_m * most_m, -1
     for axis in range(points.shape[1]):
-        length2 += (points[last, axis] - points[first, axis]) ** 2
+        length2 += np.square(points[last, axis] - points[first, axis])
     length2 = max(length2, 1e-12)
     for k in range(first + 1, last):
         share, squared = 0.0, 0.0
@@ -70,7 +70,7 @@ def _farthest(points: Floats, first: int, last: int, most_m: float) -> int:
         share = min(max(share / length2, 0.0), 1.0)
         for axis in range(points.shape[1]):
             along = points[last, axis] - points[first, axis]
-            squared += (points[k, axis] - points[first, axis] - share * along) ** 2
+            squared += np.square(points[k, axis] - points[first, axis] - share * along)
         if squared > worst + _SAME_M2:
             worst, where = squared, k
     return where

@@ -28,7 +28,7 @@ ROUNDABOUT_MEDIAN_M = 2.0
 LOOP_RADIUS_M = 10.0
 """Radius of a turning loop's middle line; the lane is `LANE_M` wide."""
 
-LOOP_REACH_M = float(np.sqrt(30.0**2 - (20.0 + INNER_M) ** 2))
+LOOP_REACH_M = float(np.sqrt(np.square(30.0) - np.square(20.0 + INNER_M)))
 """Distance from the end of a street to the middle of its turning loop, on the line that goes straight on there."""
 
 

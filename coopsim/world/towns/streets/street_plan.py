@@ -203,7 +203,7 @@ def _node(arms: list[tuple[float, int, bool]], wish: _Wish) -> _Node:
             aside_m = entry_m + INNER_M + ROUNDABOUT_MEDIAN_M / 2
             if least - 2 * exact.arcsin(aside_m / (ring_m + entry_m)) > _RING_PIECE_M / ring_m:
                 node.kind, node.ring = "roundabout", (ring_m, entry_m)
-                node.stop_m = math.sqrt((ring_m + entry_m) ** 2 - aside_m**2)
+                node.stop_m = math.sqrt(np.square(ring_m + entry_m) - np.square(aside_m))
                 return node
     pairs = combinations(range(len(arms)), 2)
     bend, main = min((abs(math.remainder(arms[j][0] - arms[i][0] - math.pi, 2 * math.pi)), (i, j)) for i, j in pairs)
