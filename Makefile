@@ -15,7 +15,12 @@ TRAIN_FLAGS ?=
 KERNEL_ROOMS := $(addprefix tests/unit/,bench/detect comms data detection envs fusion geometry metrics nn/detector \
 	sensors tracking types world)
 
-.PHONY: demo test lint types check check-long docs bench weights clean
+# Interpreters besides the usual one, and what is tested with them.
+PYTHONS ?= python3.12 python3.13
+PYTHON_TOOLS := filterpy hypothesis psutil pytest shapely
+PYTHON_ROOMS := $(addprefix tests/unit/,config geometry metrics support tracking types wire)
+
+.PHONY: demo test lint types check check-long check-pythons docs bench weights clean
 
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
@@ -41,6 +46,17 @@ check-long: $(VENV)/.dev
 	$(BIN)/python -m pytest -m long --numprocesses $(TEST_PROCESSES) --dist worksteal
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/checked_kernels $(BIN)/python -m pytest $(KERNEL_ROOMS) \
 		--numprocesses $(TEST_PROCESSES) --dist worksteal
+
+# A short selection with other Pythons, without torch; those that are not installed are named and left out.
+check-pythons:
+	set -e; for python in $(PYTHONS); do \
+		$$python -c pass 2>/dev/null || { echo "$$python is not here"; continue; }; \
+		env=build/pythons/$$($$python -c 'import sys; print(sys.version.split()[0])'); echo "$$env"; \
+		test -x $$env/bin/python || $$python -m venv $$env; \
+		$$env/bin/python -m pip install --quiet --constraint constraints.txt --editable '.[camera]' $(PYTHON_TOOLS); \
+		$$env/bin/coopsim demo --frames 3 --report $$env/demo.html; \
+		OMP_NUM_THREADS=1 $$env/bin/python -m pytest -q $(PYTHON_ROOMS); \
+	done
 
 # The site, from docs/ into build/site/index.html; the switch silences what plugins say of mkdocs' future.
 docs: $(VENV)/.dev
