@@ -3,14 +3,16 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.fused_samples import scene_samples
+from coopsim.learn.samples.fused_samples import VIEW_CELLS, VIEW_REACH_M, SceneDraft, scene_samples
 from coopsim.nn.cooperative.warp import warp
+from coopsim.types import BevGrid
 
 sys.path.append(str(Path(__file__).parent))
 from test_cloud_samples import clip
@@ -52,6 +54,16 @@ def test_maps_lie_on_cells_of_the_world_whatever_the_errors_of_poses(mirrored: f
         cells = np.concatenate([view.source_SE2_target[:, :2] for view in sample.views]) / (4 * sample.grid.cell_m)
         assert np.abs(cells).max() > 1
         np.testing.assert_allclose(cells, np.round(cells), atol=1e-6)
+
+
+def test_parts_reach_the_edge_of_the_surroundings_and_end_there() -> None:
+    cell_m = VIEW_REACH_M / (VIEW_CELLS // 2 + 1)  # a part may begin at three places along an axis
+    draft = SimpleNamespace(grid=BevGrid((-cell_m, cell_m), (-cell_m, cell_m), cell_m), rng=np.random.default_rng(0))
+    parts = [SceneDraft._part(draft, np.zeros((0, 7))) for _ in range(60)]
+    low, high = -VIEW_REACH_M, VIEW_REACH_M - VIEW_CELLS * cell_m
+    for axis in ("x_m", "y_m"):
+        begins = {round(getattr(part, axis)[0] / cell_m) for part in parts}
+        assert begins == {round(low / cell_m), round((low + high) / 2 / cell_m), round(high / cell_m)}
 
 
 def test_a_share_of_samples_has_no_errors() -> None:

@@ -41,6 +41,14 @@ def test_corners_are_those_of_the_box() -> None:
     assert torch.allclose(corners(box).sum(1), torch.zeros(1, 3), atol=1e-5)
 
 
+def test_of_corners_the_largest_features_count() -> None:
+    net, known = started(MotionFeatures(WIDTH)), some_instances(5)
+    each = torch.stack([net.corners(corner) for corner in corners(known.box).unbind(1)])
+    turned = torch.column_stack([known.box[:, 6].cos(), known.box[:, 6].sin(), known.velocity / 10.0])
+    expected = net.join(torch.cat([each.max(0).values, net.speed(turned)], dim=1))
+    assert torch.allclose(net(known.box, known.velocity), expected, atol=1e-5)
+
+
 def test_motion_does_not_know_where_the_object_is() -> None:
     net, known = started(MotionFeatures(WIDTH)), some_instances(5)
     elsewhere = known.box + torch.tensor([10.0, -3.0, 0.5, 0, 0, 0, 0])
