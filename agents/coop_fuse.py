@@ -1,9 +1,11 @@
-"""coop_fuse, coopsim's own tracker, with weights learned on the V2V4Real training recordings."""
+"""coop_fuse, coopsim's own tracker, with weights learned for the detector whose boxes it fuses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
 
 from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
@@ -18,7 +20,7 @@ from coopsim.tracking.lifecycle import ByScore
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.track_scoring import Likelihood
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import Detections
+from coopsim.types import AgentSpec, Detections
 
 MERGE_GATE, LEAST_CHANCE = 0.14, 0.02
 DOUBT = Doubt(
@@ -43,6 +45,25 @@ CALIBRATION = Calibration(bias=-4.8248, score=10.4472, away=-0.0418, volume=0.72
 LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192, missed=-0.3319)
 """Learned by `scripts/fit_coop_fuse.py` on the training recordings 0001 to 0031 of V2V4Real."""
 
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """What `coop_fuse` has learned of one detector: see the fields of these names there."""
+
+    doubt: Doubt
+    hearsay: Doubt
+    calibration: Calibration
+    likelihood: Likelihood
+    least: float = 0.035
+
+
+LEARNED: dict[str | None, Weights] = {
+    None: Weights(DOUBT, HEARSAY, CALIBRATION, LIKELIHOOD),
+}
+"""By `AgentSpec.calibration`; other detectors are taken for the first, PointPillars on V2V4Real.
+
+Those of "pillars" were learned by the same script in the towns 100000 to 100005."""
+
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))
 """AB3DMOT's, with a length, a width and a heading that hardly change; a height does, where it is a compromise."""
 
@@ -60,8 +81,9 @@ class CoopFuse(TrackingPolicy):
     """AB3DMOT on fused boxes, which weigh by their likelihood; a track's score is its probability to be on an object.
 
     Which agent is right about a box (`Doubt`), how likely the box then is right (`Calibration`) and how likely a track
-    is real (`Likelihood`) were learned from labels; the rest is AB3DMOT's. Further parameters: `TrackingPolicy`, with
-    `delayed="replay"` by default.
+    is real (`Likelihood`) were learned from labels, for each of the detectors in `LEARNED`; the rest is AB3DMOT's. A
+    parameter that is None is as learned for the detector of the running episode. Further parameters: `TrackingPolicy`,
+    with `delayed="replay"` by default.
 
     Attributes:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
@@ -82,24 +104,37 @@ class CoopFuse(TrackingPolicy):
     merge_gate: float = MERGE_GATE
     least_chance: float = LEAST_CHANCE
     gate: float = -0.2
-    least: float = 0.035
+    least: float | None = None
     age: int = 3
-    doubt: Doubt = DOUBT
-    hearsay: Doubt = HEARSAY
-    calibration: Calibration = CALIBRATION
-    likelihood: Likelihood = LIKELIHOOD
+    doubt: Doubt | None = None
+    hearsay: Doubt | None = None
+    calibration: Calibration | None = None
+    likelihood: Likelihood | None = None
 
     def __post_init__(self) -> None:
         require_between(-1, 1, merge_gate=self.merge_gate, gate=self.gate)
-        require_probability(least=self.least, least_chance=self.least_chance)
+        require_probability(least_chance=self.least_chance)
+        if self.least is not None:
+            require_probability(least=self.least)
         require_count(1, age=self.age)
+        self._weights = self._weights_of(None)
         super().__post_init__()
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        self._weights = self._weights_of(spec.calibration)
+        super().begin(spec, rng)
 
     def make_tracker(self) -> Tracker:
         stages = Cascade([Stage(_AFFINITY, hungarian, self.gate)])
-        lifecycle = ByScore(self.least, age=self.age, coast=self.age)
-        return Tracker(MOTION, stages, lifecycle, scoring=self.likelihood)
+        lifecycle = ByScore(self._weights.least, age=self.age, coast=self.age)
+        return Tracker(MOTION, stages, lifecycle, scoring=self._weights.likelihood)
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
-        fused = trust_likelier(groups, self.merge_gate, self.doubt, self.hearsay, self.least_chance)
-        return [replace(fused.detections, score=self.calibration.of(fused))]
+        weights = self._weights
+        fused = trust_likelier(groups, self.merge_gate, weights.doubt, weights.hearsay, self.least_chance)
+        return [replace(fused.detections, score=weights.calibration.of(fused))]
+
+    def _weights_of(self, detector: str | None) -> Weights:
+        """Return the parameters that are given, and as learned for a detector those that are None."""
+        given = {each.name: getattr(self, each.name) for each in fields(Weights)}
+        return replace(LEARNED.get(detector, LEARNED[None]), **{k: v for k, v in given.items() if v is not None})

@@ -22,7 +22,10 @@ from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage, missed, nothing
 from coopsim.tracking.tracker import AssociationRound, Tracker
-from coopsim.types import Detections, Ints
+from coopsim.types import AgentSpec, Detections, Ints
+
+_OVERLAPPING = 0.3
+"""3D GIoU of boxes that surely overlap."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -33,21 +36,30 @@ class GraphLap(AB3DMOTTracking):
         match_iou: 3D IoU from which boxes of two agents are one object, in (0, 1].
         neighbours: 0 for the fully connected graph of the paper, on which a box hardly moves towards its own anchor
             (1/N^2); else each box is connected to this many nearest ones.
-        one_per_object: track only the first agent's box of each object. The paper tracks all boxes.
+        one_per_object: track only the first agent's box of each object. The paper, with two agents, tracks all boxes;
+            None: so does this, but with more agents, each of which would add a track, one of each object.
         matched_only: move only the boxes of objects that several agents see. In the paper, and as the equations read,
             the others move with them.
     """
 
     match_iou: float = 0.1
     neighbours: int = 0
-    one_per_object: bool = False
+    one_per_object: bool | None = None
     matched_only: bool = False
 
     def __post_init__(self) -> None:
         require_threshold(match_iou=self.match_iou)
         require_count(0, neighbours=self.neighbours)
-        require_flag(one_per_object=self.one_per_object, matched_only=self.matched_only)
+        require_flag(matched_only=self.matched_only)
+        if self.one_per_object is not None:
+            require_flag(one_per_object=self.one_per_object)
+        self._one = bool(self.one_per_object)
         super().__post_init__()
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        if self.one_per_object is None:
+            self._one = len(self.specs) > 2
+        super().begin(spec, rng)
 
     def _pool(self, groups: Sequence[Detections]) -> tuple[Detections, Ints, Ints]:
         """Return all boxes, the number (N,) of each one's agent, and that of its object."""
@@ -66,7 +78,7 @@ class GraphLap(AB3DMOTTracking):
             shared = np.bincount(object_of)[object_of] > 1
             refined = np.where(shared[:, None], refined, center)
         moved = replace(pooled, boxes=Boxes3D(refined, pooled.boxes.size, pooled.boxes.yaw))
-        return moved[np.unique(object_of, return_index=True)[1]] if self.one_per_object else moved
+        return moved[np.unique(object_of, return_index=True)[1]] if self._one else moved
 
 
 @POLICIES.register("graph_lap_aos")
@@ -88,13 +100,15 @@ class GraphLapTSA(GraphLap):
 
     Later stages only extend tracks that the stages before missed (algorithm 1, lines 18-20). In the paper they begin
     tracks, too (line 21); not here, because every box stands in every stage, so each would begin another track of an
-    object that the stage before has just updated. Parameters: `GraphLap`.
+    object that the stage before has just updated. Where one box of each object is tracked, later stages only take what
+    overlaps a missed track: all boxes stand there, and a neighbour's would be near enough. Parameters: `GraphLap`.
     """
 
     method = "Graph Lap-CoMOT (Damanaki et al., 2025), a stage for each agent; later ones begin no tracks"
 
     def make_tracker(self) -> Tracker:
-        extend = Cascade([Stage(giou_3d, hungarian, gate=self.gate, tracks=missed)])
+        gate = max(self.gate, _OVERLAPPING) if self._one else self.gate
+        extend = Cascade([Stage(giou_3d, hungarian, gate=gate, tracks=missed)])
         return ab3dmot(self.gate, self.hits, self.age, later=AssociationRound(extend, initiator=nothing))
 
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:

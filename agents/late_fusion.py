@@ -1,7 +1,7 @@
 """Late fusion: agents share boxes; each receiver pools them, merges duplicates and tracks the rest.
 
 The baseline of that name in the tables of cooperative perception (V2V4Real, Xu et al., CVPR 2023; DINO-CoDT, He et al.,
-Table II). With `delayed="as_current"` a box is taken as if it were measured now: pose noise and latency show in full.
+Table II). There a box is taken as if it were measured now, so that latency shows in full: `delayed="as_current"`.
 """
 
 from __future__ import annotations

@@ -76,6 +76,7 @@ class PerceivingPolicy(TrackingPolicy):
     own_tracker: ClassVar[str | None] = None
     """The name of `tracker` for which the network itself tracks; None: there is none."""
 
+    delayed: str = "as_current"
     weights: str = "pillars"
     tracker: str = "ab3dmot"
     least_score: float = 0.1

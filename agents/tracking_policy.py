@@ -62,7 +62,7 @@ class TrackingPolicy(Policy):
             detectors state, as "dmstrack", before boxes are fused and tracked; None: what they state.
     """
 
-    delayed: str = "as_current"
+    delayed: str = "predict"
     align: bool = False
     covariance: str | None = None
 

@@ -1,6 +1,7 @@
 """Learn the weights of `coop_fuse`: which agent's box to trust, and how likely a box or a track is right.
 
     python scripts/fit_coop_fuse.py RECORDINGS [--without 0000] [--frames 150]
+    python scripts/fit_coop_fuse.py --towns 100000-100007 --detector pillars --frames 40
 
 RECORDINGS is a folder with labels and the detections of two agents or more, the frame's owner first, as
 V2V4Real's training recordings have them. Recording 0000 is left out by default: it is one of those that coop_fuse is
@@ -8,6 +9,9 @@ tested on. Only the first frames of each recording are used, so that no long one
 scores on the same frames and in threefold cross-validation: on all recordings together, and on average over draws of
 six, because coop_fuse is tested on six. The number of recall levels that are reached is an integer, and all averages
 jump with it; the draws smooth that.
+
+With `--towns` the recordings are drawn towns, of seeds that networks are trained with: each receiver's own boxes and
+those it hears, by one of coopsim's detectors.
 
 The folds are blocks of recordings, because successive recordings are alike: with every third recording held out,
 weights that know their roads would score too well.
@@ -17,13 +21,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse
+from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse, Weights
+from coopsim.agents.late_fusion import LateFusion
+from coopsim.bench.evaluate import listening_env
+from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.fusion.calibration import Calibration
 from coopsim.fusion.compromise import ON_OBJECT
@@ -32,13 +39,13 @@ from coopsim.fusion.trust import FusedBoxes, correspond, trust_likelier
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
-from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.rng import stream
 from coopsim.tracking.track_scoring import Likelihood
-from coopsim.types import Mask
+from coopsim.types import Detections, GroundTruth, Mask, Observation, Tracks
 from coopsim.types.valid_detections import drop_invalid
 
 NS_PER_FRAME = 100_000_000
@@ -48,27 +55,22 @@ DRAWS, DRAWN = 60, 6
 _TRACK_WEIGHTS = ("bias", "mean", "latest", "young", "missed")
 
 
-@dataclass(frozen=True)
-class Weights:
-    """Learned weights."""
-
-    doubt: Doubt
-    hearsay: Doubt
-    calibration: Calibration
-    likelihood: Likelihood
-
-
 def main() -> None:
     """Read the arguments, fit, print."""
     parser = argparse.ArgumentParser(description="Learn what coop_fuse ships.")
-    parser.add_argument("recordings", help="folder with labels/ and detections/")
+    parser.add_argument("recordings", nargs="?", help="folder with labels/ and detections/")
+    parser.add_argument("--towns", type=seeds, default=(), help="seeds of towns to learn from instead")
+    parser.add_argument("--detector", default="pillars", help="in towns")
     parser.add_argument("--detections", default="ego,1", help="agents, the frame's owner first")
     parser.add_argument("--without", nargs="*", default=["0000"], help="recordings to leave out")
     parser.add_argument("--frames", type=int, default=150, help="of each recording")
     args = parser.parse_args()
-    folder, agents = RecordingSet(args.recordings), tuple(args.detections.split(","))
-    kept = [name for name in folder.sequences if name not in args.without]
-    recordings = [folder.load(name, agents) for name in kept]
+    if args.towns:
+        recordings = [each for seed in args.towns for each in town(seed, args.frames, args.detector)]
+    else:
+        folder, agents = RecordingSet(args.recordings), tuple(args.detections.split(","))
+        kept = [name for name in folder.sequences if name not in args.without]
+        recordings = [folder.load(name, agents) for name in kept]
     weights = fit(recordings, args.frames)
     print(weights.doubt, weights.hearsay, weights.calibration, weights.likelihood, sep="\n")
     report("the same recordings", figures([log_of(each, weights, args.frames) for each in recordings]))
@@ -78,6 +80,46 @@ def main() -> None:
         held_out += [log_of(recordings[k], learned, args.frames) for k in block]
     report("recordings held out", figures(held_out))
     report(f"{DRAWN} of them, mean of {DRAWS} draws", figures_of_draws(held_out))
+
+
+class Heard(LateFusion):
+    """Late fusion that keeps the groups of each agent's frames, and its base frame's poses in their frame."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.groups: dict[str, list[Sequence[Detections]]] = {}
+        self.poses: dict[str, list[SE3]] = {}
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        tracks = super().track(agent, observation)
+        self.groups.setdefault(agent, []).append(self._latest)
+        self.poses.setdefault(agent, []).append(self._states[agent].frame.odom_SE3_base)
+        return tracks
+
+    def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
+        self._latest = list(groups)
+        return super().fuse(groups)
+
+
+def town(seed: int, frames: int, detector: str) -> list[Recording]:
+    """Return a drawn town as each of its agents sees and hears it: boxes and truth in the agent's odometry frame."""
+    policy, truth = Heard(), dict[str, list[GroundTruth]]()
+    env = listening_env("town", policy, {"detector": detector, "max_cycles": frames, "expose_ground_truth": True})
+    observations, infos = env.reset(seed=seed)
+    policy.reset(env.agent_specs, seed=seed)
+    while env.agents:
+        actions = policy.act(observations)
+        for agent in observations:
+            there, pose = infos[agent]["ground_truth"], policy.poses[agent][-1]
+            boxes = Boxes3D.from_array(there["box"]).transform(pose)
+            truth.setdefault(agent, []).append(GroundTruth(there["id"], boxes, there["label"]))
+        observations, _, _, _, infos = env.step(actions)
+    env.close()
+    return [
+        Recording(len(truth[agent]), truth[agent], dict(zip(map(str, range(len(groups))), by_sender, strict=True)))
+        for agent, heard in policy.groups.items()
+        for groups, by_sender in [(heard[-1], list(zip(*heard, strict=True)))]
+    ]
 
 
 def fit(recordings: Sequence[Recording], frames: int) -> Weights:

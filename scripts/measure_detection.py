@@ -32,7 +32,7 @@ PLACES = (
 )  # fmt: skip
 METHODS = {
     "none": "no_fusion",
-    "late": "late_fusion(merge=nms)",
+    "late": "late_fusion(merge=nms, delayed=as_current)",
     "early": "early",
     "F-Cooper": "fcooper",
     "AttFuse": "attfuse",
@@ -43,7 +43,7 @@ METHODS = {
     "V2VNet": "v2vnet",
     "CoBEVT": "cobevt",
     "V2X-ViT": "v2x_vit",
-    "late, aligned": "late_fusion(merge=nms, align=true)",
+    "late, aligned": "late_fusion(merge=nms, align=true, delayed=as_current)",
     "Where2comm, aligned": "where2comm(align=true)",
 }
 _RAIN = {"weather": {"rain_mm_h": 10}}

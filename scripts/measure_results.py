@@ -1,6 +1,6 @@
 """Measure the tables of simulated runs in docs/results again, and print them.
 
-    python scripts/measure_results.py [delays] [poses] [budgets] [codecs] [--seeds 5] [--frames 100] [--workers 2]
+    python scripts/measure_results.py [poses] [budgets] [codecs] [--seeds 5] [--frames 100] [--workers 2]
 
 Without a name all tables are measured, which takes minutes. Set OMP_NUM_THREADS=1 for the same numbers on every
 machine. Each cell is the mean over seeds and agents; differences are paired by seed, with the 95 % interval of
@@ -74,23 +74,6 @@ class Table:
         return tabulate(rows, self.heading, tablefmt="github", disable_numparse=True)
 
 
-def delays() -> Table:
-    """Define the table of delayed messages."""
-    heading = ("scenario", "latency", "as_current", "predict", "replay")
-    rows = [
-        (
-            (scenario, f"{latency_ms} ms"),
-            tuple(
-                Run(scenario, f"late_fusion(delayed={delayed})", (("latency_s", latency_ms / 1000),))
-                for delayed in heading[2:]
-            ),
-        )
-        for scenario in ("crossing", "highway")
-        for latency_ms in range(0, 600, 100)
-    ]
-    return Table(heading, rows)
-
-
 def poses() -> Table:
     """Define the table of pose correction."""
     white = {
@@ -135,7 +118,7 @@ def codecs() -> Table:
     return Table(("codec", *METRICS), rows, metrics=METRICS)
 
 
-TABLES: Mapping[str, Callable[[], Table]] = {"delays": delays, "poses": poses, "budgets": budgets, "codecs": codecs}
+TABLES: Mapping[str, Callable[[], Table]] = {"poses": poses, "budgets": budgets, "codecs": codecs}
 
 
 def measure(run: Run, seeds: int, frames: int) -> Floats:

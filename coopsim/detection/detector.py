@@ -60,11 +60,14 @@ class DetectorBase:
         needs: the sensors without which it cannot work; checked when an environment is made.
         embedding_dim: length of the embeddings in its detections; 0: they have none.
         states_covariance: whether its detections have covariances.
+        calibration: name of what its scores and errors are like, by which policies choose weights that were learned
+            from such detections ("pillars"); None: as those of PointPillars on V2V4Real, or unknown.
     """
 
     needs: ClassVar[SensorNeeds] = SensorNeeds()
     embedding_dim: int = 0
     states_covariance: bool = False
+    calibration: str | None = None
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
         """Return the detector of one episode, for all agents: this one itself, unless it keeps state.

@@ -39,6 +39,7 @@ class PillarsDetector(Detector):
     """
 
     needs = SensorNeeds(lidar=True)
+    calibration = "pillars"
 
     def __init__(
         self,

@@ -6,6 +6,7 @@ From cheap to exact: `AsIfCurrent`, `PredictForward`, `RewindAndReplay`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import lt
@@ -198,7 +199,9 @@ class _Senders:
         self._trackers = {name: self._trackers[name] for name in self._measured}
 
     def take(self, source: str, captured_ns: int, found: Detections) -> bool:
-        """Take in a measurement; return whether it is newer than all that the sender has sent."""
+        """Take in a measurement, unless it is the receiver's; return whether it is newer than all of the sender's."""
+        if source == RECEIVER:
+            return True
         tracker = self._trackers.get(source) or self._make_tracker()
         if tracker.time_ns is not None and captured_ns <= tracker.time_ns:
             return False
@@ -218,16 +221,31 @@ class _Senders:
 
 
 class PredictForward(DelayedMeasurements):
-    """Delayed detections are moved on to now by the velocity of their object (see `_Senders`)."""
+    """Delayed detections are moved on to now by the velocity of their object (see `_Senders`).
+
+    Until a measurement is late this is `AsIfCurrent`, and costs no more; what came on time just before is then read by
+    the senders' trackers.
+    """
+
+    _REMEMBERED = 5  # steps, after which velocities are known well enough
 
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         super().__init__(make_tracker, fusion, first)
-        self._senders = _Senders(make_tracker)
+        self._senders, self._any_late = _Senders(make_tracker), False
+        self._on_time: deque[tuple[int, Measurements]] = deque(maxlen=self._REMEMBERED)
 
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
+        newest = self._newest(measurements)
+        if not self._any_late:
+            if all(measurements.captured_ns[number] >= now_ns for number in newest):
+                self._on_time.append((now_ns, measurements))
+                return self._track(measurements.groups.take(newest), now_ns)
+            self._any_late = True
+            for time_ns, step in self._on_time:
+                for each in (step[number] for number in self._newest(step)):
+                    self._senders.take(each.source, time_ns, each.detections)
         self._senders.forget(now_ns - _EXPIRY_NS)
-        newest = (measurements[number] for number in self._newest(measurements))
-        return self._track(DetectionGroups.of(self._moved(measurement, now_ns) for measurement in newest), now_ns)
+        return self._track(DetectionGroups.of(self._moved(measurements[number], now_ns) for number in newest), now_ns)
 
     def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
         """Return the detections where their objects should be at `now_ns`; none if they are overtaken or expired."""
@@ -319,8 +337,7 @@ class RewindAndReplay(DelayedMeasurements):
             if source not in moment.groups:
                 moment.groups[source], moment.joined = (measurements.groups, number), None
                 first_ns = min(first_ns, captured_ns)
-                if source != RECEIVER:
-                    self._senders.take(source, captured_ns, measurements.groups[number])
+                self._senders.take(source, captured_ns, measurements.groups[number])
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
         self._senders.forget(now_ns - 2 * self._window_ns)  # what the oldest moment may need
         self._replay(min([first_ns, *self._move_on()]), last_ns)

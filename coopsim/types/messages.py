@@ -133,6 +133,8 @@ class AgentSpec:
         lidars: mounting of each of its LiDARs, by name; of the running episode, as cars differ in height. Empty where
             no rays are cast, as in a recording.
         sense_every: sensors and detector run in every n-th frame, beginning with the first.
+        calibration: name of what its detector's scores and errors are like, as `DetectorBase.calibration` says; None:
+            unknown, as of a recording.
     """
 
     name: str
@@ -146,3 +148,4 @@ class AgentSpec:
     codec: str | None = None
     lidars: Mapping[str, LidarMounting] = field(default_factory=dict, compare=False)
     sense_every: int = 1
+    calibration: str | None = None

@@ -163,6 +163,7 @@ class SensorReplay(FrameSource):
             is_object=kind == "cav",
             cameras={camera: picture.calibration for camera, picture in pictures.items()},
             lidars={LIDAR: LidarMounting(pose, _RANGE_M, _COLUMNS, np.zeros(0))},
+            calibration=self._options.chosen_detector.calibration,
         )
 
     def _images(self, name: str, agent: RecordedAgent, *, over: bool) -> dict[str, CameraImage]:

@@ -111,6 +111,7 @@ class Simulation(FrameSource):
                 cameras=self._equipment.calibrations(body),
                 lidars=self._equipment.mountings(body),
                 sense_every=self._options.sense_every,
+                calibration=self._options.chosen_detector.calibration,
             )
             for name, body in bodies.items()
         }

@@ -120,10 +120,10 @@ def test_what_was_overtaken_by_newer_of_its_source_is_left_out() -> None:
 
 def test_who_is_silent_for_long_is_forgotten_and_what_is_far_too_old_left_out() -> None:
     tracks = PredictForward(lambda: ab3dmot(hits=1))
-    for k in range(300):
+    for k in range(1, 300):
         source = f"pseudonym {k // 10}"
-        tracks.step([Measurement(source, k * FRAME_NS, cars(0.1 * k))], k * FRAME_NS)
-    assert len([*tracks._senders]) <= 6
+        tracks.step([Measurement(source, (k - 1) * FRAME_NS, cars(0.1 * k))], k * FRAME_NS)
+    assert 1 <= len([*tracks._senders]) <= 6
     assert len(tracks.step([Measurement("rsu_0", 200 * FRAME_NS, cars(90.0))], 300 * FRAME_NS)) == 1
     assert "rsu_0" not in tracks._senders
 
@@ -175,6 +175,19 @@ def test_as_if_current_is_the_plain_tracker() -> None:
         own, other = cars(1.0 * k), cars(30.0)
         measured = [Measurement("b", 0, other), Measurement(RECEIVER, k * FRAME_NS, own)]
         assert same(wrapped.step(measured, k * FRAME_NS), plain.step_in_turn([own, other], k * FRAME_NS))
+
+
+def test_predicting_is_the_plain_tracker_until_a_message_is_late_and_then_knows_velocities() -> None:
+    wrapped, plain = PredictForward(ab3dmot), AsIfCurrent(ab3dmot)
+
+    def heard(frame: int) -> Measurement:
+        return Measurement("b", frame * FRAME_NS, cars(SPEED_M_S * 0.1 * frame))
+
+    for k in range(20):
+        measured = [Measurement(RECEIVER, k * FRAME_NS, cars(80.0)), heard(k)]
+        assert same(wrapped.step(measured, k * FRAME_NS), plain.step(measured, k * FRAME_NS))
+    shown = wrapped.step([Measurement(RECEIVER, 24 * FRAME_NS, cars(80.0)), heard(21)], 24 * FRAME_NS)
+    assert np.abs(shown.boxes.center[:, 0] - SPEED_M_S * 2.4).min() < 0.3
 
 
 def test_replay_misses_nothing_before_news_of_it_can_have_arrived_and_waits_for_nobody_longer_than_its_window() -> None:
