@@ -59,10 +59,32 @@ class Weights:
 
 LEARNED: dict[str | None, Weights] = {
     None: Weights(DOUBT, HEARSAY, CALIBRATION, LIKELIHOOD),
+    "pillars": Weights(
+        Doubt(
+            bias=0.0234,
+            own_score=-13.503,
+            other_score=13.5085,
+            own_away=0.0139,
+            other_away=-0.0146,
+            gap=-0.1529,
+            gap_away=0.0047,
+        ),
+        Doubt(
+            bias=-0.4154,
+            own_score=0.0,
+            other_score=2.2014,
+            own_away=0.0268,
+            other_away=-0.0202,
+            gap=4.5772,
+            gap_away=0.0091,
+        ),
+        Calibration(bias=-11.0712, score=20.9587, away=0.0132, volume=0.3002, chance=0.9731),
+        Likelihood(bias=-6.189, mean=12.9901, latest=4.6959, young=-0.7684, missed=-0.1428),
+    ),
 }
 """By `AgentSpec.calibration`; other detectors are taken for the first, PointPillars on V2V4Real.
 
-Those of "pillars" were learned by the same script in the towns 100000 to 100005."""
+Those of "pillars" were learned by the same script in the towns 100000 to 100003."""
 
 MOTION = ConstantVelocity(process_variance_per_s=(10.0, 10.0, 10.0, 0.1, 0.1, 10.0, 0.1))
 """AB3DMOT's, with a length, a width and a heading that hardly change; a height does, where it is a compromise."""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from coopsim.agents.coop_fuse import CoopFuse
+import numpy as np
+from some_tracks import cars
+
+import coopsim
+from coopsim.agents.coop_fuse import CALIBRATION, CoopFuse
+from coopsim.detection.detector import Detector, Rng, SensorNeeds
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.types import Detections, Tracks
+from coopsim.types import AgentSpec, Detections, SensorView, Tracks
 
 NS_PER_FRAME = 100_000_000
 HIGHER_M = 0.3
@@ -45,3 +50,31 @@ def test_what_is_less_likely_than_asked_for_is_not_reported() -> None:
     assert [len(each.id) for each in tracked(frames, least=0)] == [2, 2, 2]
     assert len(tracked(frames, least=0.1)[-1].id) == 1
     assert not len(tracked(frames, least=1)[-1].id)
+
+
+class Silent(Detector):
+    needs, calibration = SensorNeeds(), "pillars"
+
+    def detect(self, view: SensorView, rng: Rng) -> Detections:
+        return Detections.empty()
+
+
+def test_weights_are_those_learned_for_the_detector_of_the_episode() -> None:
+    """A score of 0.5 means a real object of one detector, and most likely none of another."""
+    chance = dict[str | None, float]()
+    for detector in (None, "pillars", "unheard of"):
+        policy = CoopFuse()
+        policy.begin(AgentSpec("cav_0", "cav", 0.1, calibration=detector), np.random.default_rng(0))
+        (found,) = policy.fuse([cars(20.0, score=0.5)])
+        chance[detector] = float(found.score[0])
+    assert abs(chance["pillars"] - chance[None]) > 0.1 and chance["unheard of"] == chance[None]
+    given = CoopFuse(calibration=CALIBRATION, least=0.5)
+    given.begin(AgentSpec("cav_0", "cav", 0.1, calibration="pillars"), np.random.default_rng(0))
+    assert given.fuse([cars(20.0, score=0.5)])[0].score[0] == chance[None]
+
+
+def test_an_environment_says_whose_boxes_its_agents_have() -> None:
+    for detector, calibration in ((Silent(), "pillars"), ("simulated", None)):
+        env = coopsim.parallel_env("crossing", detector=detector, lidar=None)
+        assert {spec.calibration for spec in env.agent_specs.values()} == {calibration}
+        env.close()
