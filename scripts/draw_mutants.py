@@ -139,12 +139,11 @@ def _is_of_types(node: ast.AST) -> bool:
 
 
 def draw(root: Path, room: str, count: int, seed: int) -> list[Mutant]:
-    """Draw mutants of a room, each file as likely as it has lines to change. The first are the same for any count."""
+    """Draw mutants of a room. The first are the same for any count, and a change of one file moves no other's draw."""
     every: list[Mutant] = []
     for path in sorted((root / "coopsim" / room).rglob("*.py")):
         every += find_mutants(str(path.relative_to(root)), path.read_text())
-    random.Random(f"{seed} {room}").shuffle(every)
-    return every[:count]
+    return sorted(every, key=lambda each: random.Random(f"{seed} {each}").random())[:count]
 
 
 def tests_of(root: Path, mutant: Mutant, conformance: bool) -> list[list[str]]:
