@@ -75,7 +75,12 @@ def test_a_policy_with_cameras_on_a_gpu(sensors: str, monkeypatch: pytest.Monkey
     np.testing.assert_allclose(there, alone, atol=1e-4)
 
 
-@pytest.mark.parametrize("spec", [tiny_detector(), *map(tiny_picture_detector, ("lift_splat", "points_and_pictures"))])
+# Named by hand: a folder made anew in each process would be part of the ids, and processes must collect the same ones.
+@pytest.mark.parametrize(
+    "spec",
+    [tiny_detector(), *map(tiny_picture_detector, ("lift_splat", "points_and_pictures"))],
+    ids=["pillars", "lift_splat", "points_and_pictures"],
+)
 def test_a_detector_on_a_gpu_has_everything_there_and_finds_the_same(
     spec: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
