@@ -66,7 +66,7 @@ def test_a_policy_with_cameras_on_a_gpu(sensors: str, monkeypatch: pytest.Monkey
     def maps(device: str) -> list[Any]:
         policy: Any = coopsim.make_policy("fcooper", **learned("fcooper", sensors=sensors, device=device))
         lidar = replace(VIEWS[1], agent="rsu_1", lidars=spec_of("cav_0").lidars)
-        return [each.message.values for each in policy._encoded({"rsu_0": VIEWS[0], "rsu_1": lidar}).values()]
+        return [each.message.values for each in policy._encode.all([VIEWS[0], lidar]).values()]
 
     alone = maps("cpu")
     with FakeGpu(monkeypatch) as gpu:

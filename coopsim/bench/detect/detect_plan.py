@@ -128,7 +128,7 @@ class DetectPlan:
         else:
             name, parameters = parse_spec("detector", self.box_detector)
             networks = name in DETECTORS.names() and has_network(DETECTORS.get(name))
-        return arithmetic_on(parameters.get("device", PROCESSOR)) if networks else None
+        return arithmetic_on(str(parameters.get("device", PROCESSOR))) if networks else None
 
     def check(self) -> None:
         """Make every policy in the first environment, and every environment for the first policy.

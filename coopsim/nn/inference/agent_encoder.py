@@ -51,7 +51,7 @@ def encoded(looks: Sequence[Look], canvases: Sequence[BevGrid]) -> Tensor:
         made = encoder([looks[row].gather(canvases[row]) for row in rows])
         if len(rows) == len(looks):
             return made
-        found.update(zip(rows, made.split(1), strict=True))
+        found.update((row, made[k : k + 1]) for k, row in enumerate(rows))
     return torch.cat([found[row] for row in range(len(looks))])
 
 

@@ -104,8 +104,8 @@ class FlowSender:
         before_SE2_now = _before_SE2_now(before.moved(view.time_ns, view.odometry), view)
         return _Step(own.message, before.content, before_SE2_now, (view.time_ns - before.time_ns) / NS_PER_S)
 
-    def _changes(self, steps: Sequence[_Step]) -> NDArray[np.float32]:
-        """Return how the maps of A agents change, (A, C, h, w) per second."""
+    def _changes(self, steps: Sequence[_Step]) -> list[NDArray[np.float32]]:
+        """Return how the map of each agent changes, (C, h, w) per second."""
         with self._backend.inference():
             now = self._backend.put(torch.from_numpy(np.stack([step.now.values for step in steps])))
             before = self._backend.put(torch.from_numpy(np.stack([step.before.values for step in steps])))
@@ -116,8 +116,7 @@ class FlowSender:
             earlier, known = (torch.cat(each) for each in zip(*placed, strict=True))
             interval_s = self._backend.put(torch.tensor([step.interval_s for step in steps]))
             change = self._flow(now, earlier, known, interval_s)
-        found: NDArray[np.float32] = change.numpy(force=True)
-        return found
+        return list(change.numpy(force=True))
 
 
 def _with_change(own: OwnMap, change: NDArray[np.float32] | None) -> OwnMap:

@@ -161,10 +161,10 @@ class QueryPerceiver:
     def _see(self, looks: Sequence[Look], positions_m: Sequence[Floats]) -> list[SeenMap]:
         canvases = [canvas_around(position_m, self._reach_m, self._canvas_m) for position_m in positions_m]
         with self._backend.inference():
-            maps = encoded(looks, canvases).float().split(1)
+            maps = encoded(looks, canvases).float()
             return [
-                seen_map(self._net, self._head, features, canvas.coarser(STRIDE))
-                for features, canvas in zip(maps, canvases, strict=True)
+                seen_map(self._net, self._head, maps[k : k + 1], canvas.coarser(STRIDE))
+                for k, canvas in enumerate(canvases)
             ]
 
 
@@ -178,7 +178,8 @@ def peaks_of(net: QueryNet | IntegratedNet, head: torch.nn.Module, features: Ten
     found = decode(head, features, grid, least_score=LEAST_SCORE)[0][: net.config.places]  # type: ignore[arg-type]
     box = torch.from_numpy(found.boxes.array.astype(np.float32))
     score = torch.from_numpy(found.score.astype(np.float32))
-    return to_device(net.seen(box, score, torch.from_numpy(np.array(found.label))), features.device)
+    seen: Instances = to_device(net.seen(box, score, torch.from_numpy(np.array(found.label))), features.device)
+    return seen
 
 
 def detections_of(known: Instances) -> Detections:
