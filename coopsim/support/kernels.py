@@ -16,12 +16,17 @@ import stat
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
-from numba.core import caching
+import numba.core.caching
+
+_numba: Any = numba  # most of it has no types
+_caching: Any = numba.core.caching
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).parents[1]
 _PACKAGE = _ROOT.name
@@ -31,14 +36,19 @@ _KEPT, _KEPT_S = 4, 86400.0
 """
 
 
-def njit(*functions: Any, **options: Any) -> Any:
-    """Do as `numba.njit` does; nothing is kept where no folder for it is to be had."""
-    return numba.njit(*functions, **_possible(options))
+if TYPE_CHECKING:
+    from numba import njit as njit
+else:
+
+    def njit(*functions: Any, **options: Any) -> Any:
+        """Do as `numba.njit` does; nothing is kept where no folder for it is to be had."""
+        return numba.njit(*functions, **_possible(options))
 
 
-def vectorize(*signatures: Any, **options: Any) -> Any:
+def vectorize(**options: Any) -> Callable[[_Function], _Function]:
     """Do as `numba.vectorize` does; nothing is kept where no folder for it is to be had."""
-    return numba.vectorize(*signatures, **_possible(options))
+    decorate: Callable[[_Function], _Function] = _numba.vectorize(**_possible(options))
+    return decorate
 
 
 def _possible(options: dict[str, Any]) -> dict[str, Any]:
@@ -50,7 +60,7 @@ def _has_folder() -> bool:
     return _version_folder(__file__, sources_digest(__name__)) is not None
 
 
-class KernelLocator(caching._CacheLocator):  # type: ignore[misc]
+class KernelLocator(_caching._CacheLocator):  # type: ignore[misc]
     """The place of one of our kernels in numba's cache: a folder for each version of its module."""
 
     def __init__(self, folder: str, digest: str, line: int) -> None:
@@ -159,9 +169,14 @@ def _remove_old(folder: str) -> None:
 
 
 def _chosen_home(py_file: str) -> str | None:
-    chosen = numba.config.CACHE_DIR
-    subpath = caching._CacheLocator.get_suitable_cache_subpath(py_file)
-    return os.path.join(chosen, subpath) if chosen else None
+    chosen: str = _caching.config.CACHE_DIR
+    return os.path.join(chosen, _subpath(py_file)) if chosen else None
+
+
+def _subpath(py_file: str) -> str:
+    """Return the folder below a cache's for a module's own, as numba names it."""
+    subpath: str = _caching._CacheLocator.get_suitable_cache_subpath(py_file)
+    return subpath
 
 
 def _home_in_package(py_file: str) -> str:
@@ -169,13 +184,13 @@ def _home_in_package(py_file: str) -> str:
 
 
 def _home_of_user(py_file: str) -> str:
-    base: str = caching.AppDirs(appname="numba", appauthor=False).user_cache_dir
-    return os.path.join(base, caching._CacheLocator.get_suitable_cache_subpath(py_file))
+    base: str = _caching.AppDirs(appname="numba", appauthor=False).user_cache_dir
+    return os.path.join(base, _subpath(py_file))
 
 
 def _home_for_now(py_file: str) -> str | None:
     base = _temporary_home()
-    return base and os.path.join(base, caching._CacheLocator.get_suitable_cache_subpath(py_file))
+    return base and os.path.join(base, _subpath(py_file))
 
 
 @lru_cache
@@ -204,4 +219,4 @@ def _is_private(folder: str) -> bool:
     return stat.S_ISDIR(found.st_mode) and mine and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-caching.CacheImpl._locator_classes.insert(0, KernelLocator)
+_caching.CacheImpl._locator_classes.insert(0, KernelLocator)

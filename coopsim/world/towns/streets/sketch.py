@@ -70,7 +70,7 @@ class Sketch:
 
 def _heading(start: Floats, end: Floats) -> float:
     """Return the direction from one point (2,) to another, rad, in [0, 2 pi)."""
-    return exact.arctan2(end[1] - start[1], end[0] - start[0]) % (2 * math.pi)
+    return float(exact.arctan2(end[1] - start[1], end[0] - start[0])) % (2 * math.pi)
 
 
 @dataclass(frozen=True, slots=True)

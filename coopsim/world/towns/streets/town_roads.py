@@ -44,9 +44,8 @@ class TownLane:
         ends = self.piece.begin, self.piece.end
         asides = [self.way.aside_m(at) for at in ends]
         along_m = abs(ends[1][1] - ends[0][1])
-        return exact.hypot(
-            along_m * (1 - asides[0] * self.way.stretch(self.piece).curvature_1_m), asides[1] - asides[0]
-        )
+        ahead_m = along_m * (1 - asides[0] * self.way.stretch(self.piece).curvature_1_m)
+        return float(exact.hypot(ahead_m, asides[1] - asides[0]))
 
 
 @dataclass(slots=True)
