@@ -27,6 +27,7 @@ def test_ab3dmot_on_cobevt(v2v4real: Path, tmp_path: Path, capsys: pytest.Captur
     assert {name: ignore[name] for name in expected} == pytest.approx(expected, abs=0.1)
 
 
+@pytest.mark.long
 def test_every_name_is_an_agent_and_messages_make_a_difference(v2v4real: Path) -> None:
     alone = coopsim.evaluate_recordings("no_fusion", v2v4real, ("ego", "1"))
     together = coopsim.evaluate_recordings("late_fusion", v2v4real, ("ego", "1"))
@@ -38,6 +39,7 @@ def test_every_name_is_an_agent_and_messages_make_a_difference(v2v4real: Path) -
     assert together.count["bytes_per_s"] > 0 == alone.count["bytes_per_s"]
 
 
+@pytest.mark.long
 def test_learned_covariances_with_two_cars(v2v4real: Path) -> None:
     found = coopsim.evaluate_recordings("dmstrack", v2v4real, ("ego", "1"), odometry="none")
     expected = {"sAMOTA": 73.3, "AMOTA": 31.5, "AMOTP": 58.0, "MOTA": 63.3, "MT": 60.2}
