@@ -105,20 +105,20 @@ def test_the_same_of_a_policy_with_a_network() -> None:
     require_the_same(PolicySpec.parse("attfuse"), lidar="VLP-16", lidar_columns=256, vehicles=6, max_cycles=4)
 
 
-def file_of(tmp_path: Path, text: str) -> Path:
-    path = tmp_path / "theirs.py"
+def file_of(tmp_path: Path, text: str, name: str = "theirs.py") -> Path:
+    path = tmp_path / name
     path.write_text(text)
     return path
 
 
 def test_the_process_has_no_seed_no_salt_and_no_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MY_SECRET", "secret")
-    spec = PolicySpec.parse(f"{file_of(tmp_path, NOSY)}:Nosy")
+    spec = PolicySpec.parse(f"{file_of(tmp_path, NOSY, 'nosy.py')}:Nosy")
     with Isolation(60.0, SALT).policy(spec) as policy:
         counts = coopsim.evaluate(policy, "crossing", seed=7, lidar=None, **OPTIONS).counts
     assert counts["seed"] not in (7, Isolation(None, SALT).seed(7))
     assert counts["imported envs"] == 0 and counts["salt in sight"] == 0 and counts["descriptors"] < 6
-    assert "coopsim_policy_theirs" not in sys.modules, "the class is not imported here"
+    assert "coopsim_policy_nosy" not in sys.modules, "the class is not imported here"
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,9 @@ class DetectPlan:
     @cached_property
     def box_detector(self) -> str | None:
         """The detector of policies that detect nothing themselves; None: the environment's default."""
-        return detector_on(self.device, self.detector if self.detector is not None else usual_detector())
+        given = self.detector if self.detector is not None else usual_detector()
+        detector: str | None = detector_on(self.device, given)
+        return detector
 
     def arithmetic(self, policy: str) -> str | None:
         """Return the arithmetic of a row's networks, see `coopsim.support.precision`; None: there are none."""
