@@ -293,8 +293,7 @@ def test_every_receiver_gives_the_best_answer_it_has_to_delayed_messages(name: s
     policies = set(find_grid(name).grid().policies)
     # Networks are told how late messages are.
     policies = {each for each in policies if not issubclass(PolicySpec.parse(each).policy_class(), PerceivingPolicy)}
-    answer = "predict" if name == "paper" else "replay"  # as measured with the detector of the preset
-    assert {"late_fusion(delayed=as_current)", f"late_fusion(delayed={answer})"} <= policies
+    assert {"late_fusion(delayed=as_current)", "late_fusion(delayed=replay)"} <= policies
     for text in policies - {"no_fusion", "late_fusion(delayed=as_current)", "late_fusion(delayed=predict)"}:
-        best = "predict" if text.startswith("track_to_track") else answer  # tracks have no measurements to replay
+        best = "predict" if text.startswith("track_to_track") else "replay"  # tracks have no measurements to replay
         assert PolicySpec.parse(text).parameters == {"delayed": best}, text
