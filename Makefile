@@ -17,7 +17,7 @@ KERNEL_ROOMS := $(addprefix tests/unit/,bench/detect comms data detection envs f
 
 # Interpreters besides the usual one, and what is tested with them.
 PYTHONS ?= python3.12 python3.13
-PYTHON_TOOLS := filterpy hypothesis psutil pytest shapely
+PYTHON_TOOLS := filterpy hypothesis motmetrics psutil pytest shapely
 PYTHON_ROOMS := $(addprefix tests/unit/,config geometry metrics support tracking types wire)
 
 .PHONY: demo test lint types check check-long check-pythons docs bench weights clean
