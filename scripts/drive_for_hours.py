@@ -18,7 +18,7 @@ import yaml
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Scenario, make_scenario
-from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 
 COUNTS = [field.name for field in fields(Population)]

@@ -14,7 +14,7 @@ from coopsim.sensors.camera.picture import FramePainter
 from coopsim.sensors.camera.renderers.raycast_renderer import RaycastRenderer
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.viz import palette
-from coopsim.world.source import WorldSource
+from coopsim.world.snapshot import WorldSource
 
 _HEIGHT_M = 1000.0
 """Of the camera; from here a wall of 10 m leans out by 1 % of its distance from the middle."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
@@ -13,12 +14,11 @@ from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
 from coopsim.world.furniture.furnished import furnished_for
 from coopsim.world.models import Model, make_models
-from coopsim.world.places.crossing import make_crossing, make_t_junction
 from coopsim.world.places.highway import make_highway, make_platoon
+from coopsim.world.places.junctions import make_crossing, make_roundabout, make_t_junction
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
 from coopsim.world.places.parking_street import make_occluded_crossing, make_parking_street
-from coopsim.world.places.roundabout import make_roundabout
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.snapshot import StaticPart
@@ -207,3 +207,34 @@ def usual_detail(place: Place) -> str:
 def _is_count(value: object) -> bool:
     """Return whether a value can be scaled; `Population` refuses other ones in the user's words."""
     return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+class EpisodeScenarios(ABC):
+    """The scenarios of an environment's episodes, whose agents have the same names in all of them.
+
+    Attributes:
+        name: of the environment's scenario.
+        most_actors: the largest number of actors in any of them; None: as many as are there at the start.
+    """
+
+    name: str
+    most_actors: int | None = None
+
+    @abstractmethod
+    def of(self, seed: int) -> Scenario:
+        """Return the scenario of the episode with this seed."""
+
+
+class SameScenario(EpisodeScenarios):
+    """The same scenario in all episodes.
+
+    Args:
+        scenario: the place and its population.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.name, self._scenario = scenario.name, scenario
+
+    def of(self, seed: int) -> Scenario:
+        """Return the scenario."""
+        return self._scenario

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import frozen, sealed
 from coopsim.types import Ints
+from coopsim.world.models.model import Model
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,3 +163,26 @@ class RoadMap:
     yards: tuple[Floats, ...] = ()
     grass: tuple[Floats, ...] = ()
     walls: tuple[Floats, ...] = ()
+
+
+class WorldSource(Protocol):
+    """A world, frame by frame, such as `World`.
+
+    Attributes:
+        models: shapes that actors' `model` indexes.
+        static: meshes that never move.
+        map: outlines for drawing.
+    """
+
+    models: tuple[Model, ...]
+    static: tuple[StaticPart, ...]
+    map: RoadMap
+
+    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+        """Advance by `dt_s`."""
+
+    def actors(self) -> Actors:
+        """Return all actors, in the world frame."""
+
+    def agents(self) -> dict[str, AgentBody]:
+        """Return the bodies of the agents, in order."""

@@ -18,7 +18,7 @@ from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
-from coopsim.world.traffic.engine.fleet import Fleet
+from coopsim.world.traffic.fleet import Fleet
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1

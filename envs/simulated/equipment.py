@@ -15,8 +15,7 @@ from coopsim.sensors.visibility.lidar_visibility import VisibilityProbe
 from coopsim.types import CameraCalibration, CameraImage, LidarMounting
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.models.model import Model
-from coopsim.world.snapshot import AgentBody
-from coopsim.world.source import WorldSource
+from coopsim.world.snapshot import AgentBody, WorldSource
 
 
 class Equipment:

@@ -28,8 +28,7 @@ from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
-from coopsim.world.custom.place import read_place
-from coopsim.world.custom.place_file import write_place_file
+from coopsim.world.custom.place import read_place, write_place_file
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
 from coopsim.world.towns.place_seeds import PlaceSeeds

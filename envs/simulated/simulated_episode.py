@@ -26,8 +26,7 @@ from coopsim.sensors.visibility.lidar_visibility import Visibility
 from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, seconds_to_ns
-from coopsim.world.snapshot import Actors, AgentBody
-from coopsim.world.source import WorldSource
+from coopsim.world.snapshot import Actors, AgentBody, WorldSource
 
 
 class SimulatedEpisode:

@@ -12,11 +12,10 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec
 from coopsim.wire.observation_format import ObservationFormat
-from coopsim.world.episode_scenarios import EpisodeScenarios
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
-from coopsim.world.snapshot import AgentBody
-from coopsim.world.source import WorldSource
+from coopsim.world.scenario import EpisodeScenarios
+from coopsim.world.snapshot import AgentBody, WorldSource
 from coopsim.world.world import World
 
 

@@ -22,9 +22,8 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
-from coopsim.world.episode_scenarios import SameScenario
 from coopsim.world.population import Population
-from coopsim.world.scenario import Scenario
+from coopsim.world.scenario import SameScenario, Scenario
 
 BUSY = {"vehicles": 44, "pedestrians": 26}
 """As many vehicles as the crossing has room for, and people to make it 70 actors."""

@@ -18,8 +18,7 @@ from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.scene import SceneGeometry
-from coopsim.world.episode_scenarios import SameScenario
-from coopsim.world.scenario import Scenario, make_scenario
+from coopsim.world.scenario import SameScenario, Scenario, make_scenario
 from coopsim.world.snapshot import StaticPart
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.world import World

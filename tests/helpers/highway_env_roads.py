@@ -9,9 +9,9 @@ from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
 from coopsim.world.places import road_network
-from coopsim.world.traffic.engine.fleet import HIGHWAY, VEHICLE, Fleet
-from coopsim.world.traffic.engine.lanes import NumberedNetwork
-from coopsim.world.traffic.highway_reference.drivers import HighwayDriver
+from coopsim.world.traffic.fleet import HIGHWAY, VEHICLE, Fleet
+from coopsim.world.traffic.highway_env_engine import HighwayDriver
+from coopsim.world.traffic.lanes import NumberedNetwork
 
 PLACES = {"highway": HighwayEnv, "intersection": IntersectionEnv, "merge": MergeEnv, "roundabout": RoundaboutEnv}
 

@@ -11,8 +11,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
-from coopsim.world.traffic.rules.driving import STANDING_M_S
-from coopsim.world.traffic.rules.junctions import (
+from coopsim.world.traffic.right_of_way import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
     EXIT_SPACE_M,
@@ -24,6 +23,7 @@ from coopsim.world.traffic.rules.junctions import (
     clearances,
     roles,
 )
+from coopsim.world.traffic.rules import STANDING_M_S
 
 
 class Traveller(Protocol):

@@ -128,15 +128,6 @@ def test_no_folder_of_a_room_imports_itself_by_way_of_others(package: str) -> No
     assert circles(folder_graph(package, loose_apart=True)) == []
 
 
-def test_no_two_files_have_the_same_name() -> None:
-    """A newcomer who searches for a file by its name finds one."""
-    places: dict[str, list[str]] = {}
-    for module, path in module_files().items():
-        places.setdefault(path.name, []).append(module)
-    del places["__init__.py"]
-    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
-
-
 def runtime_imports(tree: ast.AST) -> list[str]:
     """Names of imported modules, without those that only type checkers see."""
     names: list[str] = []

@@ -19,8 +19,7 @@ from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.support.rng import stream
 from coopsim.types import Ints, Sweep, stack_xyz_yaw
-from coopsim.world.snapshot import AgentBody
-from coopsim.world.source import WorldSource
+from coopsim.world.snapshot import AgentBody, WorldSource
 
 _LIDAR = "lidar"
 _DRONE_PITCH_RAD = math.pi / 4  # by which drones' LiDARs look down, as in environments

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.carriageways import carriageways
+from coopsim.support.kernels import njit
+from coopsim.types import Ints
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
-from coopsim.world.places.road_network import Road
-from coopsim.world.relief.crown import crown_triangles
+from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
+from coopsim.world.relief.crown import crown_triangles, normals_of
 from coopsim.world.relief.draping import drape, laid_on
 from coopsim.world.relief.humps import Hump
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
@@ -107,3 +110,214 @@ def _lifted(points: Floats, up_m: float) -> Floats:
 
 def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate([np.zeros((0, 3, 3)), *parts])
+
+
+_SAGITTA_M = 0.1  # between a bend and its chords, from which a crown is 2.5 mm off
+_SAMPLE_M = 4.0  # between the places where a carriageway's edges are measured
+_SAME_M = 0.1  # by which its edges move at most from one to the next, measured from a lane's middle
+_KINK_RAD = np.radians(20.0)  # at which lanes still lead on; places from files have no sharper ones
+_TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
+_ABREAST = 0.9  # cosine of the angle up to which lanes lie side by side
+_OVER_M = 1.0  # by which lanes lie on one another in forks, and nowhere else
+_MOST_LANES, _FARTHEST_M = 32, 100.0  # side by side, and from the middle of a lane to that of one beside it
+_JUNCTION = 1_000_000_000  # rank of flat roads, higher than any other
+
+
+class Carriageway(NamedTuple):
+    """A strip of road.
+
+    Attributes:
+        line: (K, 2) m, along its middle.
+        half_m: from the middle to each edge.
+    """
+
+    line: Floats
+    half_m: float
+
+
+def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriageway]:
+    """Return the carriageways of a place.
+
+    Lanes are followed from node to node. Of those side by side the longest decides how far the carriageway goes. Where
+    lanes join or leave it on the way it ends, and another one begins. There is none beside flat roads, nor in forks.
+
+    Args:
+        network: all lanes.
+        flat: roads that belong to none, as movements over a junction.
+    """
+    lanes = network.lanes
+    chains = _chains({index: lane for index, lane in lanes.items() if index[:2] not in flat})
+    if not chains:
+        return []
+    points = dict(zip(lanes, lane_points(list(lanes.values())), strict=True))
+    length_m = [sum(lanes[index].length for index in chain) for chain in chains]
+    rank = dict.fromkeys(lanes, _JUNCTION)
+    for k, number in enumerate(np.argsort(length_m, kind="stable").tolist()):
+        rank |= dict.fromkeys(chains[number], k)
+    by_lane = {index: _pieces(points[index], lane.width / 2, rank[index]) for index, lane in lanes.items()}
+    pieces = np.concatenate(list(by_lane.values()))
+    found: list[Carriageway] = []
+    for chain in chains:
+        line = np.concatenate([*(points[index][:-1] for index in chain), points[chain[-1]][-1:]])
+        places, along_m = _places(np.concatenate([by_lane[index] for index in chain]))
+        found += _runs(line, along_m, *_edges(places, pieces), rank[chain[0]])
+    return found
+
+
+def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Ints, rank: int) -> list[Carriageway]:
+    """Return the carriageways along a line (K, 2) whose place they have, as long as their edges stay where they are.
+
+    Args:
+        line: along the middles of lanes.
+        along_m: (P,) places on it.
+        low: (P,) m, the right edge from the line to its left.
+        high: (P,) m, the left edge.
+        longest: (P,) highest rank of the lanes side by side.
+        rank: of these lanes.
+    """
+    at_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
+    own = longest == rank
+    moved = np.maximum(np.abs(np.diff(low)), np.abs(np.diff(high))) > _SAME_M
+    cut = np.flatnonzero(moved | (own[1:] != own[:-1])) + 1
+    found, ends = [], [0, *cut.tolist(), len(own)]
+    for first, end in pairwise(ends):
+        if not own[first]:
+            continue
+        start_m = 0.0 if first == 0 else along_m[first]
+        end_m = at_m[-1] if end == len(own) else along_m[end - 1]
+        kept_m = np.concatenate([[start_m], at_m[(at_m > start_m) & (at_m < end_m)], [end_m]])
+        right_m, left_m = float(low[first:end].max()), float(high[first:end].min())
+        if end_m > start_m and left_m > right_m:
+            part = np.stack([np.interp(kept_m, at_m, line[:, axis]) for axis in range(2)], axis=1)
+            found.append(Carriageway(_shifted(part, (right_m + left_m) / 2), (left_m - right_m) / 2))
+    return found
+
+
+def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
+    """Return points (K, 2) m on the middles of lanes, from the start of each to its end."""
+    # A place on a lane is one on the line between two points, plus one on an arc; one of the two is nothing.
+    rows = np.array([_shape(lane) for lane in lanes])
+    counts = (
+        np.maximum(np.ceil(np.array([lane.length for lane in lanes]) / _chord_m(rows[:, 4])), 1).astype(np.int64) + 1
+    )
+    first = np.cumsum(counts) - counts
+    row = np.repeat(rows, counts, axis=0)
+    share = (np.arange(len(row)) - np.repeat(first, counts)) / np.repeat(counts - 1, counts)
+    phase = row[:, 5] + share * (row[:, 6] - row[:, 5])
+    points = row[:, :2] + share[:, None] * (row[:, 2:4] - row[:, :2])
+    points += row[:, 4, None] * np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
+    return np.split(points, first[1:])
+
+
+def _shape(lane: Lane) -> list[float]:
+    """Return two points, x and y, and radius, first and last angle of an arc around them."""
+    if isinstance(lane, CircularLane):
+        return [*lane.center, *lane.center, lane.radius, lane.start_phase, lane.end_phase]
+    return [*lane.position(0.0, 0.0), *lane.position(lane.length, 0.0), 0.0, 0.0, 0.0]
+
+
+def _chord_m(radius_m: Floats) -> Floats:
+    """Return the length (L,) of chords that are `_SAGITTA_M` from arcs (L,); a straight lane is one."""
+    return np.where(radius_m > 0, np.sqrt(8 * radius_m * _SAGITTA_M), np.inf)
+
+
+def _pieces(points: Floats, half_m: float, rank: int) -> Floats:
+    """Return start, end, half the width and rank of the straight pieces of a lane, (K - 1, 6)."""
+    pieces = np.empty((len(points) - 1, 6))
+    pieces[:, :2], pieces[:, 2:4], pieces[:, 4], pieces[:, 5] = points[:-1], points[1:], half_m, rank
+    return pieces
+
+
+def _places(pieces: Floats) -> tuple[Floats, Floats]:
+    """Return x, y, direction and half the width (P, 5) at places along pieces (S, 6), and how far along (P,) m."""
+    along = pieces[:, 2:4] - pieces[:, :2]
+    length_m = exact.hypot(along[:, 0], along[:, 1])
+    counts = np.maximum(np.ceil(length_m / _SAMPLE_M), 1).astype(np.int64)
+    own = np.repeat(np.arange(len(pieces)), counts)
+    share = (np.arange(len(own)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[own]
+    places = np.empty((len(own), 5))
+    places[:, :2] = pieces[own, :2] + share[:, None] * along[own]
+    places[:, 2:4], places[:, 4] = (along / length_m[:, None])[own], pieces[own, 4]
+    along_m: Floats = (np.cumsum(length_m) - length_m)[own] + share * length_m[own]
+    return places, along_m
+
+
+def _chains(lanes: Mapping[LaneIndex, Lane]) -> list[list[LaneIndex]]:
+    """Return lanes that follow each other; at a fork the straight one does, if there is only one."""
+    onward: dict[tuple[str, int], list[LaneIndex]] = {}
+    for index in lanes:
+        onward.setdefault((index[0], index[2]), []).append(index)
+    after: dict[LaneIndex, LaneIndex] = {}
+    for index, lane in lanes.items():
+        ways = onward.get((index[1], index[2]), [])
+        ways = ways if len(ways) == 1 else [way for way in ways if isinstance(lanes[way], StraightLane)]
+        if len(ways) == 1 and abs(_turn(lane, lanes[ways[0]])) < _KINK_RAD and ways[0] not in after.values():
+            after[index] = ways[0]
+    chains = []
+    for first in [index for index in lanes if index not in set(after.values())]:
+        chain = [first]
+        while chain[-1] in after:
+            chain.append(after[chain[-1]])
+        chains.append(chain)
+    return chains
+
+
+def _turn(lane: Lane, following: Lane) -> float:
+    turn = following.heading_at(0.0) - lane.heading_at(lane.length)
+    return float((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+@njit(cache=True, nogil=True)
+def _edges(places: Floats, pieces: Floats) -> tuple[Floats, Floats, Ints]:
+    """Return right and left edge (P,) m and the highest rank (P,) of the lanes side by side at places on lanes.
+
+    Where lanes lie on one another, as in a fork, the rank is `_JUNCTION`.
+
+    Args:
+        places: (P, 5) x, y, direction, and half the lane's width.
+        pieces: (S, 6) start, end, half the width and rank of straight pieces of all lanes.
+    """
+    low, high, longest = -places[:, 4], places[:, 4].copy(), np.full(len(places), -1)
+    spans = np.empty((_MOST_LANES, 3))
+    for n in range(len(places)):
+        met = _cross_section(places[n], pieces, spans)
+        for _ in range(met):
+            for k in range(met):
+                if spans[k, 0] < high[n] + _TOUCH_M and spans[k, 1] > low[n] - _TOUCH_M:
+                    low[n], high[n] = min(low[n], spans[k, 0]), max(high[n], spans[k, 1])
+                    longest[n] = max(longest[n], int(spans[k, 2]))
+        for k in range(met):
+            for other in range(k):
+                over_m = min(spans[k, 1], spans[other, 1]) - max(spans[k, 0], spans[other, 0])
+                if over_m > _OVER_M and spans[k, 0] >= low[n] and spans[k, 1] <= high[n]:
+                    longest[n] = _JUNCTION
+    return low, high, longest
+
+
+@njit(cache=True, nogil=True)
+def _cross_section(place: Floats, pieces: Floats, spans: Floats) -> int:
+    """Fill `spans` (N, 3) with right and left edge (m) and rank of lanes across a place; return their number.
+
+    Lanes that cross the place's at an angle are left out, and those of streets far away.
+    """
+    x, y, ux, uy = place[0], place[1], place[2], place[3]
+    met = 0
+    for s in range(len(pieces)):
+        ahead_a = (pieces[s, 0] - x) * ux + (pieces[s, 1] - y) * uy
+        ahead_b = (pieces[s, 2] - x) * ux + (pieces[s, 3] - y) * uy
+        if (ahead_a <= 0) == (ahead_b <= 0) or met == len(spans):
+            continue
+        left_a = (pieces[s, 1] - y) * ux - (pieces[s, 0] - x) * uy
+        left_b = (pieces[s, 3] - y) * ux - (pieces[s, 2] - x) * uy
+        abreast = abs(ahead_b - ahead_a) / exact.hypot(ahead_b - ahead_a, left_b - left_a)
+        if abreast > _ABREAST:
+            aside, half = left_a + ahead_a / (ahead_a - ahead_b) * (left_b - left_a), pieces[s, 4] / abreast
+            if abs(aside) < _FARTHEST_M:
+                spans[met] = aside - half, aside + half, pieces[s, 5]
+                met += 1
+    return met
+
+
+def _shifted(line: Floats, left_m: float) -> Floats:
+    """Return a line (K, 2) moved to its left, corners mitred."""
+    return line + left_m * normals_of(line)

@@ -13,7 +13,7 @@
 | `rides` | the same for bicycles and scooters, along them one way; without it they use `walks` |
 | `parked` | list of bays: `at`, `heading_deg`, `label` (a class; without: a car or now and then a van) |
 | `buildings` | list of blocks: `outline` (convex) and `height_m`; `windows: true`, bands of glass; `roof: gable`, on |
-| | four walls of that height; `color`, one of `coopsim.world.custom.custom_buildings.COLORS` |
+| | four walls of that height; `color`, one of `coopsim.world.custom.scenery.COLORS` |
 | `walls` | list: `along`, points from end to end; `height_m`; `thickness_m` (0.25) |
 | `trees` | list: `at`, `height_m` and `crown_m` |
 | `paved` | list of further ground: `outline` (convex) and `kind` (road, pavement, parking, yard or grass) |
@@ -31,31 +31,38 @@ the beginning of the road, bend or piece that crosses; the first to ask goes fir
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from coopsim.config.checked_entry import DataEntry, Entry, plain
-from coopsim.errors import InvalidValueError
+from coopsim.config.yaml_text import yaml_text
+from coopsim.errors import InvalidValueError, ScenarioFileError
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count
+from coopsim.support.files import write_whole
 from coopsim.world.custom.clearance import Kerbs, require_space_to_park
-from coopsim.world.custom.custom_buildings import read_building, read_wall
-from coopsim.world.custom.custom_furniture import read_furniture
-from coopsim.world.custom.custom_map import road_map_of
-from coopsim.world.custom.custom_scenery import read_tree
-from coopsim.world.custom.fittings import read_bay, read_unit
-from coopsim.world.custom.ground import GROUND_KEYS, read_ground, turning_loops
-from coopsim.world.custom.paving import paved_parts, read_paved
-from coopsim.world.custom.raised import require_off_lanes
-from coopsim.world.custom.roads import read_roads
-from coopsim.world.custom.starts import read_speeds, read_starts
-from coopsim.world.custom.ways import read_ways
+from coopsim.world.custom.ground import (
+    GROUND_KEYS,
+    paved_parts,
+    read_ground,
+    read_paved,
+    require_off_lanes,
+    turning_loops,
+)
+from coopsim.world.custom.roads import Roads, read_roads
+from coopsim.world.custom.scenery import read_building, read_furniture, read_tree, read_wall
+from coopsim.world.custom.starts import read_bay, read_speeds, read_starts, read_unit
+from coopsim.world.custom.ways import Ways, read_ways
 from coopsim.world.furniture.furnished import with_furniture
-from coopsim.world.places.layout import Layout, flights_around, rectangle
-from coopsim.world.places.scenery import town_parts
+from coopsim.world.places.layout import Layout, flights_around, lane_outline, rectangle
+from coopsim.world.places.road_network import RoadNetwork
+from coopsim.world.places.scenery import lane_lines, town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
+from coopsim.world.snapshot import RoadMap
 
 KEYS = (
     "starts",
@@ -172,3 +179,57 @@ def _usual_population(layout: Layout) -> Population:
         rsus=rsus,
         drones=0 if vehicles or rsus else 1,
     )
+
+
+def write_place_file(path: str | Path, description: Mapping[str, Any], content: Mapping[str, Any]) -> Path:
+    """Write a scenario file with a place that reads back to the same numbers, bit by bit.
+
+    Args:
+        path: the file; an older one is replaced.
+        description: of the place, as `Place.description`.
+        content: other keys of the file as plain data; they are checked when it is read.
+
+    Raises:
+        ScenarioFileError: the file cannot be written.
+    """
+    try:
+        return write_whole(path, yaml_text({"place": description, **content}))
+    except InvalidValueError as error:
+        raise ScenarioFileError(str(error)) from error
+
+
+_STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
+
+
+def road_map_of(
+    roads: Roads, walks: Ways | None, paved: Mapping[str, list[Floats]], buildings: list[Floats], walls: list[Floats]
+) -> RoadMap:
+    """Return the outlines of a place.
+
+    Args:
+        roads: of the place.
+        walks: of people.
+        paved: outlines (K, 2) m by the field that they belong to.
+        buildings: outlines (K, 2) m.
+        walls: outlines (4, 2) m.
+    """
+    lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
+    crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
+    more = {field: tuple(outlines) for field, outlines in paved.items()}
+    more |= {"lanes": (*lanes, *paved["lanes"]), "pavements": (*pavements, *paved["pavements"])}
+    lines = lane_lines(roads.network, roads.movements)
+    return RoadMap(crosswalks=tuple(crosswalks), buildings=tuple(buildings), walls=tuple(walls), markings=lines, **more)
+
+
+def _wedges(network: RoadNetwork) -> list[Floats]:
+    """Return triangles (3, 2) m, counter-clockwise, that fill the outsides of kinks between lanes."""
+    wedges = []
+    for (_, node, _), lane in network.lanes.items():
+        for after in (other for lanes in network.graph.get(node, {}).values() for other in lanes):
+            turn = float(wrap_angle(after.heading_at(0.0) - lane.heading_at(lane.length)))
+            if abs(turn) < _STRAIGHT_RAD:
+                continue
+            outside = -np.sign(turn) / 2
+            corners = [lane.position(lane.length, outside * lane.width), after.position(0.0, outside * after.width)]
+            wedges.append(np.array([after.position(0.0, 0.0), *(corners if turn > 0 else corners[::-1])]))
+    return wedges

@@ -1,4 +1,4 @@
-"""Starts of vehicles from a file, and the speeds that a policy can choose from."""
+"""Starts and bays of vehicles, speeds that a policy can choose from, and roadside units, from a file."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
-from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.checks import require_between, require_count
-from coopsim.world.custom.clearance import require_space_to_start
+from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.support.checks import require_between, require_count, require_finite_number
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.custom.clearance import Kerbs, require_space_to_start
 from coopsim.world.custom.roads import Roads
-from coopsim.world.places.layout import StartSlot
+from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.places.road_network import CircularLane, Road
 from coopsim.world.places.streets import spaced_slots
 
 _STOPPING_M = 14.0  # no starts this close before a stop line: the vehicle could not stop
 _APART_M = 14.0  # between two starts in one lane: the longest bus, and the variation of its start
 _BESIDE_M = 3.0  # between the middles of two lanes
+_PARKED_M = 3.0  # from the middle of a lane to the middle of a parked vehicle
+_PARKED = {label.title: label for label in ObjectClass if label not in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)}
 
 
 def read_starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSlot, float]]:
@@ -91,3 +94,23 @@ def read_speeds(roads: Roads, fields: Mapping[str, Entry]) -> tuple[float, ...]:
             f"speeds_m_s must be at least two, rising in equal steps from 0 or more, got {speeds}"
         )
     return tuple(speeds)
+
+
+def read_bay(entry: Entry, kerbs: Kerbs) -> Bay:
+    """Return a bay beside the roads."""
+    fields = entry.fields(("at", "heading_deg"), ("label",))
+    at = fields["at"].point()
+    kerbs.require_beside(at[None], fields["at"], "at", _PARKED_M)
+    heading_deg = float(fields["heading_deg"].checked(require_finite_number))
+    label = _PARKED[fields["label"].choice(_PARKED)] if "label" in fields else None
+    return Bay(float(at[0]), float(at[1]), float(np.radians(heading_deg)), label)
+
+
+def read_unit(entry: Entry, kerbs: Kerbs) -> SE3:
+    """Return `world_SE3_base` of a roadside unit beside the roads."""
+    fields = entry.fields(("at", "look_at"))
+    at, ahead = fields["at"].point(), fields["look_at"].point() - fields["at"].point()
+    kerbs.require_beside(at[None], fields["at"], "at")
+    if not ahead.any():
+        raise fields["look_at"].error("look_at must be another place than at")
+    return SE3.from_xyz_yaw([*at, 0.0], float(exact.arctan2(ahead[1], ahead[0])))

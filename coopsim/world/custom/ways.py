@@ -17,7 +17,7 @@ from coopsim.support.kernels import njit
 from coopsim.types import Mask
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
-from coopsim.world.traffic.engine.lanes import NumberedNetwork, distance_to_box, local_coordinates
+from coopsim.world.traffic.lanes import NumberedNetwork, distance_to_box, local_coordinates
 
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5

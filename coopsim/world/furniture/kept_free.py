@@ -11,7 +11,7 @@ from coopsim.world.furniture.free_ground import BULKY, CROWN, GROUND, UNPAVED, O
 from coopsim.world.places.layout import Bay, Footways, Layout
 from coopsim.world.places.road_network import CircularLane, Lane
 from coopsim.world.snapshot import StaticPart
-from coopsim.world.traffic.rules.driving import cut_inside_m
+from coopsim.world.traffic.rules import cut_inside_m
 
 KERB_M = 0.45
 """Least distance of furniture from the edge of a lane."""

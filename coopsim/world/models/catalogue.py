@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+
+import numpy as np
 
 from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.support.registry import Registry
-from coopsim.world.models.cars import make_cars, make_vans
-from coopsim.world.models.heavy import make_buses, make_trucks
+from coopsim.types import Ints
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.cars import make_cars, make_vans, make_varied_cars
+from coopsim.world.models.heavy import make_buses, make_trucks, make_varied_buses, make_varied_trucks
 from coopsim.world.models.model import Model
-from coopsim.world.models.pedestrians import make_adults, make_children
-from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters
-from coopsim.world.models.varied_cars import make_varied_cars
-from coopsim.world.models.varied_heavy import make_varied_buses, make_varied_trucks
-from coopsim.world.models.varied_people import make_varied_people
-from coopsim.world.models.varied_riders import make_varied_riders
+from coopsim.world.models.pedestrians import make_adults, make_children, make_varied_people
+from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters, make_varied_riders
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
@@ -64,3 +65,28 @@ def _variants() -> tuple[Model, ...]:
         *make_varied_riders(),
         *make_varied_people(),
     )
+
+
+def models_of(models: Sequence[Model], label: ObjectClass, *, parked: bool = False) -> Ints:
+    """Return the indices of the models of a class, at least one; `parked` also of those that only stand.
+
+    Raises:
+        InvalidValueError: no model has that class.
+    """
+    fitting = [k for k, model in enumerate(models) if model.label == label and (parked or not model.stands)]
+    if not fitting:
+        known = sorted({ObjectClass(model.label).title for model in models})
+        raise InvalidValueError(f"there is no model of class {label.title!r}, only of {', '.join(known)}")
+    return np.array(fitting, dtype=np.int64)
+
+
+def draw_models(rng: np.random.Generator, models: Sequence[Model], fitting: Ints, count: int) -> Ints:
+    """Draw `count` of the indices `fitting` of `models`, each as often as its model's share says.
+
+    Models of equal shares take one whole number each from `rng`, as they did before there were shares.
+    """
+    share = np.array([models[k].share for k in fitting])
+    if (share == share[0]).all():
+        return fitting[rng.integers(len(fitting), size=count)]
+    drawn: Ints = fitting[np.searchsorted(np.cumsum(share / share.sum())[:-1], rng.random(count), side="right")]
+    return drawn

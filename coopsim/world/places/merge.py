@@ -21,9 +21,8 @@ from coopsim.world.places.layout import (
     lane_outline,
     rectangle,
 )
-from coopsim.world.places.markings import lane_lines
 from coopsim.world.places.road_network import RoadNetwork
-from coopsim.world.places.scenery import town_map, town_parts
+from coopsim.world.places.scenery import lane_lines, town_map, town_parts
 from coopsim.world.places.streets import add_bend, add_straight, spaced_slots
 from coopsim.world.snapshot import StaticPart
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import LANE_M, Bay, Footways, Layout, flights_around, lane_outline, rectangle
-from coopsim.world.places.markings import lane_lines
 from coopsim.world.places.road_network import RoadNetwork
-from coopsim.world.places.scenery import row_of_buildings, town_map, town_parts
+from coopsim.world.places.scenery import lane_lines, row_of_buildings, town_map, town_parts
 from coopsim.world.places.streets import (
     APPROACH_SPEED_M_S,
     RSU_HEIGHT_M,
@@ -20,13 +19,13 @@ from coopsim.world.places.streets import (
     add_straight,
     corner_units,
     crosswalk_of,
+    footways_of,
     inbound_first,
     pavements_of,
     place,
     slots_of,
     stripes_of,
 )
-from coopsim.world.places.walks import footways_of
 
 _BAY_M = 2.7  # width of the strip between lane and pavement
 _BAY_LENGTH_M = 6.4

@@ -9,9 +9,8 @@ import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.places.layout import LANE_M, Footways, Layout, StartSlot, flights_around, lane_outline, rectangle
-from coopsim.world.places.markings import lane_lines
 from coopsim.world.places.road_network import RoadNetwork
-from coopsim.world.places.scenery import Building, town_map, town_parts
+from coopsim.world.places.scenery import Building, lane_lines, town_map, town_parts
 from coopsim.world.places.streets import (
     RSU_HEIGHT_M,
     SPEED_M_S,

@@ -15,12 +15,10 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count, require_frame_time
 from coopsim.support.rng import require_seed
 from coopsim.world.custom.place import place_from
-from coopsim.world.episode_scenarios import EpisodeScenarios, SameScenario
 from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
-from coopsim.world.scenario import Place, Scenario, make_scenario
-from coopsim.world.snapshot import Actors, AgentBody, StaticPart
-from coopsim.world.source import WorldSource
+from coopsim.world.scenario import EpisodeScenarios, Place, SameScenario, Scenario, make_scenario
+from coopsim.world.snapshot import Actors, AgentBody, StaticPart, WorldSource
 from coopsim.world.towns.scenario_choice import choose_scenarios
 from coopsim.world.world import World
 

@@ -6,8 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from coopsim.support.checks import require_choice
-from coopsim.world.episode_scenarios import EpisodeScenarios, SameScenario
-from coopsim.world.scenario import SCENARIOS, Place, make_scenario
+from coopsim.world.scenario import SCENARIOS, EpisodeScenarios, Place, SameScenario, make_scenario
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.streets.town_options import TownOptions
 from coopsim.world.towns.town_scenarios import TOWN, TownScenarios

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.scenario import Scenario
-from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 
 DT_S = 0.1

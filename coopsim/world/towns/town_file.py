@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from coopsim.errors import InvalidValueError
-from coopsim.world.custom.place_file import write_place_file
+from coopsim.world.custom.place import write_place_file
 from coopsim.world.scenario import Scenario
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.streets.town_options import TownOptions

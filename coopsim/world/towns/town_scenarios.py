@@ -8,10 +8,9 @@ from numbers import Integral
 from typing import Any
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.world.episode_scenarios import EpisodeScenarios
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
-from coopsim.world.scenario import NUMBERS, Scenario, rooms, wanted_numbers
+from coopsim.world.scenario import NUMBERS, EpisodeScenarios, Scenario, rooms, wanted_numbers
 from coopsim.world.towns.drawn_place import draw_place
 from coopsim.world.towns.place_seeds import PlaceSeeds
 from coopsim.world.towns.streets.town_options import TownOptions

@@ -13,7 +13,7 @@ WORLD = Path(coopsim.world.__file__).parent
 ROOMS = ("custom", "furniture", "models", "places", "relief", "towns")
 DRAWING = [
     *(path for room in ROOMS for path in sorted((WORLD / room).rglob("*.py"))),
-    WORLD / "traffic" / "spawning.py",
+    WORLD / "traffic" / "traffic.py",
 ]
 
 BY_EXACT = {"sin", "cos", "tan", "arctan", "arctan2", "atan", "atan2", "arcsin", "asin", "arccos", "acos", "hypot"}

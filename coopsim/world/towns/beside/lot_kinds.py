@@ -11,7 +11,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.world.towns.beside import building_shapes as shapes
 
 COLORS = ("brick", "sand", "slate", "ochre", "white", "white", "rose", "sage", "umber", "concrete")
-"""Colours of buildings, as often as they are named; see `coopsim.world.custom.custom_buildings`."""
+"""Colours of buildings, as often as they are named; see `coopsim.world.custom.scenery`."""
 
 _STOREY_M = 3.1
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from coopsim.config.checked_entry import DataEntry
 from coopsim.errors import InvalidValueError
-from coopsim.world.custom.convex import read_convex
+from coopsim.world.custom.clearance import read_convex
 
 
 def read(points: object) -> np.ndarray:

@@ -8,8 +8,8 @@ import pytest
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.sensors.scene import is_closed
-from coopsim.world.custom.custom_buildings import COLORS
 from coopsim.world.custom.place import place_from
+from coopsim.world.custom.scenery import COLORS
 from coopsim.world.places.layout import Layout
 from coopsim.world.snapshot import StaticPart
 

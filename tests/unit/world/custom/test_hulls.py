@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import MultiPoint
 
-from coopsim.world.custom.hulls import box_around
+from coopsim.world.custom.scenery import box_around
 
 POINTS = st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=4, max_size=9)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.world.custom.paving import KINDS
+from coopsim.world.custom.ground import KINDS
 from coopsim.world.custom.place import place_from
 from coopsim.world.places.layout import Layout
 

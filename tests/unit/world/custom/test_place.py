@@ -15,10 +15,10 @@ from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file
 from coopsim.errors import RecordingError, ScenarioFileError
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.conflicts import conflicting_roads
+from coopsim.world.custom.roads import conflicting_roads
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario
-from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 
 VILLAGE = SHIPPED / "village.yaml"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from coopsim.geometry.se3 import Floats
 from coopsim.world.furniture.lane_paint import lane_paint
-from coopsim.world.places.crossing import make_crossing
+from coopsim.world.places.junctions import make_crossing
 from coopsim.world.places.layout import Layout
 from coopsim.world.towns.drawn_place import draw_place
 

@@ -6,7 +6,7 @@ import pytest
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.model_choice import draw_models, models_of
+from coopsim.world.models.catalogue import draw_models, models_of
 
 MODELS = make_models(varied=True)
 

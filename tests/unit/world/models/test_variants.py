@@ -13,12 +13,12 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.attachments import RETRO_PLATE
+from coopsim.world.models.catalogue import models_of
 from coopsim.world.models.model import BRIGHTEST, Model
-from coopsim.world.models.model_choice import models_of
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, recorded_scenario
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 
 PLAIN, MODELS = make_models(), make_models(varied=True)

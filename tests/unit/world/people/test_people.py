@@ -15,14 +15,14 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.iou import iou_bev
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
+from coopsim.world.models.catalogue import models_of
 from coopsim.world.models.model import Model
-from coopsim.world.models.model_choice import models_of
 from coopsim.world.people import people
 from coopsim.world.people.people import MANNERS, People, join_bodies
-from coopsim.world.people.social_force import is_blocked, push_apart
+from coopsim.world.people.walking import is_blocked, push_apart
 from coopsim.world.places.layout import Footways
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic.engine.fleet import BODY, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import BODY, VEHICLE, Fleet
 
 DT_S = 0.1
 CROSSING = make_scenario("crossing").layout

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopsim.world.places.carriageways import carriageways
+from coopsim.world.custom.groundworks import carriageways
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from coopsim.world.places.markings import lane_lines
 from coopsim.world.places.road_network import RoadNetwork, StraightLane
+from coopsim.world.places.scenery import lane_lines
 from coopsim.world.scenario import make_scenario
 
 

@@ -8,7 +8,7 @@ import coopsim
 from coopsim.errors import CrowdedWarning, InvalidValueError
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic.engine.fleet import PARKED
+from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.traffic.traffic import Traffic
 
 MIXED = {"vehicles": 20, "buses": 6, "vans": 4, "motorcycles": 4, "pedestrians": 20, "bicycles": 6}

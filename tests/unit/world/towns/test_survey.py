@@ -4,7 +4,7 @@ import pytest
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.world.scenario import Place, make_scenario
 from coopsim.world.towns.survey import Diary, held_by_wrecks, survey_traffic
-from coopsim.world.traffic.engine.fleet import PARKED, TOWN, VEHICLE
+from coopsim.world.traffic.fleet import PARKED, TOWN, VEHICLE
 
 
 def fleet(*spots):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from coopsim.world.places.crossing import make_crossing
 from coopsim.world.places.highway import make_highway
+from coopsim.world.places.junctions import make_crossing
 from coopsim.world.towns.town_population import FEWEST, MOST, count_junctions, usual_population
 
 

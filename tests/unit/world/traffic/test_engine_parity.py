@@ -17,12 +17,11 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types.maneuvers import MANEUVERS
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic.engine import car_following, lanes, vehicle_motion
-from coopsim.world.traffic.engine.array_engine import ArrayEngine
-from coopsim.world.traffic.engine.fleet import BODY, PARKED, bodies_of
-from coopsim.world.traffic.engine.lanes import NumberedNetwork
-from coopsim.world.traffic.engine.neighbours import behind, in_front, list_along_lanes
-from coopsim.world.traffic.rules import driving
+from coopsim.world.traffic import drivers, lanes, motion, rules
+from coopsim.world.traffic.array_engine import ArrayEngine
+from coopsim.world.traffic.fleet import BODY, PARKED, bodies_of
+from coopsim.world.traffic.lanes import NumberedNetwork
+from coopsim.world.traffic.neighbours import behind, in_front, list_along_lanes
 from coopsim.world.traffic.traffic import ENGINES
 from coopsim.world.world import World
 
@@ -126,14 +125,14 @@ def test_constants_are_highway_envs() -> None:
         "LANE_CHANGE_MIN_ACC_GAIN",
         "LANE_CHANGE_MAX_BRAKING_IMPOSED",
     ):
-        assert getattr(car_following, name) == getattr(IDMVehicle, name), name
+        assert getattr(drivers, name) == getattr(IDMVehicle, name), name
     assert IDMVehicle.POLITENESS == 0
-    assert pytest.approx(ControlledVehicle.KP_HEADING) == vehicle_motion.HEADING_GAIN_1_S
-    assert pytest.approx(ControlledVehicle.KP_A) == vehicle_motion.SPEED_GAIN_1_S
-    assert pytest.approx(ControlledVehicle.TAU_PURSUIT) == vehicle_motion.PURSUIT_S
-    assert ControlledVehicle.MAX_STEERING_ANGLE == driving.STEERING_MAX_RAD
-    assert Vehicle.MAX_SPEED == -Vehicle.MIN_SPEED == vehicle_motion.SPEED_MAX_M_S
-    assert Vehicle.LENGTH == driving.VEHICLE_LENGTH_M
+    assert pytest.approx(ControlledVehicle.KP_HEADING) == motion.HEADING_GAIN_1_S
+    assert pytest.approx(ControlledVehicle.KP_A) == motion.SPEED_GAIN_1_S
+    assert pytest.approx(ControlledVehicle.TAU_PURSUIT) == motion.PURSUIT_S
+    assert ControlledVehicle.MAX_STEERING_ANGLE == rules.STEERING_MAX_RAD
+    assert Vehicle.MAX_SPEED == -Vehicle.MIN_SPEED == motion.SPEED_MAX_M_S
+    assert Vehicle.LENGTH == rules.VEHICLE_LENGTH_M
 
 
 places = st.tuples(st.floats(-150, 250), st.floats(-150, 150), st.floats(-7, 7))

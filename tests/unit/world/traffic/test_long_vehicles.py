@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from worlds import DT_S, make_world
 
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
-from coopsim.world.traffic.engine.array_engine import ArrayEngine
-from coopsim.world.traffic.engine.fleet import BODY, PARKED, TOWN, VEHICLE, Fleet
-from coopsim.world.traffic.engine.lanes import NumberedNetwork
-from coopsim.world.traffic.highway_reference.reference_engine import ReferenceEngine
-from coopsim.world.traffic.rules.driving import swing_m
+from coopsim.world.traffic.array_engine import ArrayEngine
+from coopsim.world.traffic.fleet import BODY, PARKED, TOWN, VEHICLE, Fleet
+from coopsim.world.traffic.highway_env_engine import ReferenceEngine
+from coopsim.world.traffic.lanes import NumberedNetwork
+from coopsim.world.traffic.rules import swing_m
 
 WIDTH_M = 2.55
 COACH = {"length": 12.3, "width": WIDTH_M, "axle_m": 12.3 / 4}

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.traffic.engine.fleet import Body
-from coopsim.world.traffic.engine.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates
-from coopsim.world.traffic.rules.driving import NEAR_M, VEHICLE_LENGTH_M
+from coopsim.world.traffic.fleet import Body
+from coopsim.world.traffic.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates
+from coopsim.world.traffic.rules import NEAR_M, VEHICLE_LENGTH_M
 
 _ON_LANE_M = 1.0  # bodies up to this far outside a lane are on it
 

@@ -17,8 +17,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
-from coopsim.world.traffic.engine.records import dtype_of
-from coopsim.world.traffic.rules.driving import wrap
+from coopsim.world.traffic.fleet import Vehicle, dtype_of
+from coopsim.world.traffic.rules import VEHICLE_LENGTH_M, draw_turn, wrap
 
 STRAIGHT, CIRCULAR = range(2)
 
@@ -217,3 +217,83 @@ def _distance_with_heading(lane: LaneRow, x: float, y: float, heading: float) ->
     along, aside = local_coordinates(lane, x, y)
     angle = abs(wrap(heading - heading_at(lane, along)))
     return abs(aside) + max(along - lane.length, 0.0) + max(-along, 0.0) + angle
+
+
+@njit(cache=True, nogil=True)
+def plan_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
+    """Draw turns until the route is full, or the road ends."""
+    here = network.lanes[vehicle.target_lane].road
+    if vehicle.route_length == 0 or route[0, 0] != here:
+        # Without a lane's number: where a route has one, MOBIL changes no lane.
+        route[0, 0], route[0, 1] = here, -1
+        vehicle.route_length = 1
+    while vehicle.route_length < len(route):
+        road: RoadRow = network.roads[route[vehicle.route_length - 1, 0]]
+        if road.ways == 0:
+            return
+        turn = draw_turn(vehicle.turn_key, vehicle.turns, road.ways)
+        vehicle.turns += 1
+        route[vehicle.route_length, 0] = network.ways[road.first_way + turn]
+        route[vehicle.route_length, 1] = -1
+        vehicle.route_length += 1
+
+
+@njit(cache=True, nogil=True)
+def lane_of_route(network: LaneArrays, vehicle: Vehicle, route: Ints, k: int) -> int:
+    """Return the lane of the route's road `k`: the one that the route names, or that with the present number."""
+    road: RoadRow = network.roads[route[k, 0]]
+    number: int = route[k, 1]
+    if number < 0:
+        number = min(network.lanes[vehicle.target_lane].number, road.lanes - 1)
+    return road.first_lane + number
+
+
+@njit(cache=True, nogil=True)
+def start_of_route(network: LaneArrays, vehicle: Vehicle, route: Ints) -> float:
+    """Return the distance to the start of the route's first road, m; <= 0, because the vehicle is on it."""
+    lane = network.lanes[lane_of_route(network, vehicle, route, 0)]
+    return -local_coordinates(lane, vehicle.x, vehicle.y)[0]
+
+
+@njit(cache=True, nogil=True)
+def follow_road(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
+    """Target the next lane at the end of the target lane."""
+    lane = network.lanes[vehicle.target_lane]
+    along, _ = local_coordinates(lane, vehicle.x, vehicle.y)
+    if along > lane.length - VEHICLE_LENGTH_M / 2:
+        x, y = position_at(lane, along)
+        vehicle.target_lane = _next_lane(network, vehicle, route, x, y)
+
+
+@njit(cache=True, nogil=True)
+def _next_lane(network: LaneArrays, vehicle: Vehicle, route: Ints, x: float, y: float) -> int:
+    """Return the route's next lane, or without a route the closest to (x, y); the same lane where the road ends."""
+    here = network.lanes[vehicle.target_lane].road
+    if vehicle.route_length > 0 and route[0, 0] == here:
+        for k in range(1, vehicle.route_length):
+            route[k - 1, 0], route[k - 1, 1] = route[k, 0], route[k, 1]
+        vehicle.route_length -= 1
+    if vehicle.route_length > 0 and network.roads[route[0, 0]].start == network.roads[here].end:
+        return _lane_on_road(network, vehicle.target_lane, route[0, 0], route[0, 1], x, y)
+    best, least = vehicle.target_lane, np.inf
+    for k in range(network.roads[here].ways):
+        way = network.ways[network.roads[here].first_way + k]
+        lane = _lane_on_road(network, vehicle.target_lane, way, -1, x, y)
+        distance = distance_to(network.lanes[lane], x, y)
+        if distance < least:
+            best, least = lane, distance
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _lane_on_road(network: LaneArrays, lane: int, way: int, number: int, x: float, y: float) -> int:
+    """Return the lane of the same number (or `number`, if >= 0) on a road with as many lanes, else the closest."""
+    road: RoadRow = network.roads[way]
+    if network.roads[network.lanes[lane].road].lanes == road.lanes:
+        return road.first_lane + (number if number >= 0 else network.lanes[lane].number)
+    best, least = road.first_lane, np.inf
+    for k in range(road.first_lane, road.first_lane + road.lanes):
+        distance = distance_to(network.lanes[k], x, y)
+        if distance < least:
+            best, least = k, distance
+    return best

@@ -14,15 +14,12 @@ from coopsim.types import Ints
 from coopsim.types.maneuvers import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
-from coopsim.world.traffic.engine import town_driving
-from coopsim.world.traffic.engine.car_following import ACC_MAX, change_lane, follow, is_reachable
-from coopsim.world.traffic.engine.collisions import collide
-from coopsim.world.traffic.engine.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
-from coopsim.world.traffic.engine.lanes import LaneArrays, NumberedNetwork
-from coopsim.world.traffic.engine.neighbours import Scene, list_along_lanes
-from coopsim.world.traffic.engine.right_of_way import GRANTED, grant, line_ahead, movements_of
-from coopsim.world.traffic.engine.routes import follow_road, plan_ahead
-from coopsim.world.traffic.engine.vehicle_motion import SPEED_GAIN_1_S, move, steer
+from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, look_ahead, stop_at
+from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
+from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork, follow_road, plan_ahead
+from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
+from coopsim.world.traffic.neighbours import Scene, list_along_lanes
+from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead, movements_of
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -123,12 +120,12 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
 def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)
-    leader, leader_m = town_driving.look_ahead(scene, me)
+    leader, leader_m = look_ahead(scene, me)
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
-    acceleration = town_driving.drive(scene, me, leader, leader_m)
+    acceleration = drive(scene, me, leader, leader_m)
     if vehicle.ticket > GRANTED:
         _, line_m = line_ahead(network, vehicle, route, movement_of)
         if 0 < line_m < np.inf:
-            acceleration = min(acceleration, town_driving.stop_at(scene, me, line_m))
+            acceleration = min(acceleration, stop_at(scene, me, line_m))
     return acceleration

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
-from coopsim.world.traffic.engine.records import dtype_of
+
+_DTYPES = {"int": np.int64, "float": np.float64, "bool": np.bool_}
+
+
+def dtype_of(declaration: type[Any]) -> np.dtype[Any]:
+    """Return the dtype with the fields of a class whose annotations are int, float or bool.
+
+    Its module must postpone annotations (`from __future__ import annotations`), so that they are names.
+    """
+    return np.dtype([(name, _DTYPES[kind]) for name, kind in declaration.__annotations__.items()], align=True)
+
 
 HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(4)
 """Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; a policy; none."""
@@ -45,7 +55,7 @@ class Vehicle(Protocol):
     turn_key: int  # decides all its turns
     turns: int  # how many it has drawn
     movement: int  # over the junction, that it asks for; -1: none
-    ticket: int  # see `coopsim.world.traffic.engine.right_of_way`
+    ticket: int  # see `coopsim.world.traffic.right_of_way`
 
 
 class Body(Protocol):

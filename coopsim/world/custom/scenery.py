@@ -1,0 +1,298 @@
+"""Buildings and walls from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import trimesh
+
+from coopsim.config.checked_entry import Entry
+from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_between, require_finite_number, require_flag
+from coopsim.support.kernels import njit
+from coopsim.types import Ints
+from coopsim.world.custom.clearance import Kerbs, along_outline, read_convex
+from coopsim.world.furniture.furnishing import line_pieces
+from coopsim.world.furniture.kinds import KINDS, Kind
+from coopsim.world.places.scenery import PAINTS
+from coopsim.world.snapshot import StaticPart
+
+COLORS: Mapping[str, tuple[int, int, int]] = {
+    **dict(zip(("brick", "sand", "slate", "ochre"), PAINTS, strict=True)),
+    "white": (222, 220, 212),
+    "rose": (204, 158, 146),
+    "sage": (158, 170, 146),
+    "umber": (124, 98, 80),
+    "concrete": (160, 158, 152),
+}
+"""Colours of buildings; without one they have the first four by turns."""
+
+_REFLECTIVITY = 0.4
+_GLASS, _GLASS_REFLECTIVITY = (66, 80, 94), 0.08  # glass lets light through, or mirrors it away
+_STOREY_M, _SILL_M, _PANE_M = 3.1, 1.0, 1.4  # a floor's height, and of a band of windows the lower edge and height
+_BESIDE_M, _BEFORE_M = 0.6, 0.02  # from a corner to the glass, and of the glass from the wall
+_TILES, _RISE, _STEEPEST_M = (126, 74, 60), 0.35, 5.0  # a gable's rise, in widths and at most
+_WALL_COLOR, _WALL_M = (158, 148, 134), 0.25
+
+
+class Building(NamedTuple):
+    """A building or wall.
+
+    Attributes:
+        outlines: (K, 2) m, counter-clockwise.
+        parts: meshes.
+    """
+
+    outlines: list[Floats]
+    parts: list[StaticPart]
+
+
+def read_building(entry: Entry, number: int, kerbs: Kerbs) -> Building:
+    """Return a block with its windows and roof; `number` decides the colour if the file gives none."""
+    fields = entry.fields(("outline", "height_m"), ("windows", "roof", "color"))
+    height_m = float(fields["height_m"].checked(require_between, 0.2, 500))
+    outline = read_convex(fields["outline"], "write a building of another shape as several")
+    kerbs.require_beside(along_outline(outline), fields["outline"], "outline")
+    color = COLORS[fields["color"].choice(COLORS)] if "color" in fields else PAINTS[number % len(PAINTS)]
+    box = box_around(outline, 0.0, height_m)[None]
+    block = StaticPart("building", *prism(outline, 0.0, height_m), color, _REFLECTIVITY, closed=True, boxes=box)
+    parts = [block]
+    if "windows" in fields and fields["windows"].checked(require_flag):
+        parts += _windows(outline, height_m)
+    if "roof" in fields and fields["roof"].choice(("flat", "gable")) == "gable":
+        if len(outline) != 4:
+            raise fields["roof"].error(f"roof must be flat on an outline of {len(outline)} corners, got 'gable'")
+        parts.append(_gable(outline, height_m))
+    return Building([outline], parts)
+
+
+def read_wall(entry: Entry, kerbs: Kerbs) -> Building:
+    """Return a wall of the same height along a line."""
+    fields = entry.fields(("along", "height_m"), ("thickness_m",))
+    line = fields["along"].points(2)
+    height_m = float(fields["height_m"].checked(require_between, 0.2, 20))
+    thick_m = float(fields["thickness_m"].checked(require_between, 0.05, 2)) if "thickness_m" in fields else _WALL_M
+    steps = np.diff(line, axis=0)
+    length_m = exact.hypot(steps[:, 0], steps[:, 1])
+    if not length_m.all():
+        raise fields["along"].error("along must lead from point to point, each another place than the one before")
+    ahead = steps / length_m[:, None] * thick_m / 2
+    aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    start, end = line[:-1] - ahead, line[1:] + ahead  # the pieces overlap at corners
+    outlines = list(np.stack([start - aside, end - aside, end + aside, start + aside], axis=1))
+    for outline in outlines:
+        kerbs.require_beside(along_outline(outline), fields["along"], "the side of the wall")
+    pieces = [prism(outline, 0.0, height_m) for outline in outlines]
+    vertices = np.concatenate([vertices for vertices, _ in pieces])
+    faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(pieces)])
+    boxes = np.array([box_around(outline, 0.0, height_m) for outline in outlines])
+    part = StaticPart("wall", vertices, faces, _WALL_COLOR, _REFLECTIVITY, closed=True, boxes=boxes)
+    return Building(outlines, [part])
+
+
+def _windows(outline: Floats, height_m: float) -> list[StaticPart]:
+    """Build a band of glass on every storey of every side that is wide enough."""
+    following = np.concatenate([outline[1:], outline[:1]])
+    edges = following - outline
+    length_m = exact.hypot(edges[:, 0], edges[:, 1])
+    wide = length_m > 3 * _BESIDE_M
+    sills_m = np.arange(int((height_m + _STOREY_M - _SILL_M - _PANE_M - 0.3) / _STOREY_M)) * _STOREY_M + _SILL_M
+    if not wide.any() or not len(sills_m):
+        return []
+    along = (edges / length_m[:, None])[wide]
+    outward = np.column_stack([along[:, 1], -along[:, 0]]) * _BEFORE_M
+    ends = [outline[wide] + _BESIDE_M * along + outward, following[wide] - _BESIDE_M * along + outward]
+    corners = np.stack([ends[0], ends[1], ends[1], ends[0]], axis=1)  # (E, 4, 2)
+    heights_m = sills_m[:, None] + [0.0, 0.0, _PANE_M, _PANE_M]  # (S, 4)
+    panes = np.empty((len(sills_m), len(corners), 4, 3))
+    panes[..., :2], panes[..., 2] = corners, heights_m[:, None]
+    first = 4 * np.arange(len(sills_m) * len(corners))[:, None, None]
+    faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    none = np.zeros((0, 7))
+    return [StaticPart("window", panes.reshape(-1, 3), faces, _GLASS, _GLASS_REFLECTIVITY, closed=False, boxes=none)]
+
+
+def _gable(outline: Floats, height_m: float) -> StaticPart:
+    """Build a roof on four walls; its ridge is along the longer sides."""
+    sides_m = exact.hypot(*(np.concatenate([outline[1:], outline[:1]]) - outline).T)
+    corners = outline if sides_m[0] + sides_m[2] >= sides_m[1] + sides_m[3] else np.roll(outline, -1, axis=0)
+    rise_m = min(_RISE * float(min(sides_m[0] + sides_m[2], sides_m[1] + sides_m[3])) / 2, _STEEPEST_M)
+    ridge = np.array([corners[[0, 3]].mean(axis=0), corners[[1, 2]].mean(axis=0)])
+    heights_m = np.repeat([height_m, height_m + rise_m], [4, 2])
+    vertices = np.column_stack([np.vstack([corners, ridge]), heights_m])
+    faces = np.array([[0, 1, 5], [0, 5, 4], [2, 3, 4], [2, 4, 5], [3, 0, 4], [1, 2, 5], [0, 2, 1], [0, 3, 2]])
+    # Half as high, the box hides about as much.
+    box = box_around(outline, height_m, height_m + rise_m / 2)[None]
+    return StaticPart("roof", vertices, faces, _TILES, 0.35, closed=True, boxes=box)
+
+
+def prism(outline: Floats, low_m: float, high_m: float) -> tuple[Floats, Ints]:
+    """Return vertices and faces of walls on a convex outline (K, 2) m, counter-clockwise, with floor and roof."""
+    count = len(outline)
+    vertices = np.empty((2 * count, 3))
+    vertices[:count, :2] = vertices[count:, :2] = outline
+    vertices[:count, 2], vertices[count:, 2] = low_m, high_m
+    return vertices, _prism_faces(count)
+
+
+def box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
+    """Return the box (7,) over the smallest rectangle around a convex outline (K, 2) m, from one height to another.
+
+    One side of that rectangle lies along one of the outline (Freeman and Shapira 1975).
+    """
+    return _box_around(np.ascontiguousarray(outline), low_m, high_m)
+
+
+@njit(cache=True, nogil=True)
+def _box_around(outline: Floats, low_m: float, high_m: float) -> Floats:
+    best, least_m2 = np.zeros(7), np.inf
+    for k in range(len(outline)):
+        after = (k + 1) % len(outline)
+        edge_x, edge_y = outline[after, 0] - outline[k, 0], outline[after, 1] - outline[k, 1]
+        edge_m = exact.hypot(edge_x, edge_y)
+        cos, sin = edge_x / edge_m, edge_y / edge_m
+        first, last, right, left = np.inf, -np.inf, np.inf, -np.inf
+        for n in range(len(outline)):
+            along, aside = outline[n, 0] * cos + outline[n, 1] * sin, outline[n, 1] * cos - outline[n, 0] * sin
+            first, last, right, left = min(first, along), max(last, along), min(right, aside), max(left, aside)
+        x, y, length_m, width_m = (first + last) / 2, (right + left) / 2, last - first, left - right
+        if length_m * width_m < least_m2:
+            least_m2 = length_m * width_m
+            best[0], best[1], best[2] = x * cos - y * sin, x * sin + y * cos, (low_m + high_m) / 2
+            best[3], best[4], best[5] = length_m, width_m, high_m - low_m
+            best[6] = exact.arctan2(sin, cos)
+    return best
+
+
+@lru_cache(maxsize=32)
+def _prism_faces(count: int) -> Ints:
+    here, fan = np.arange(count), np.arange(1, count - 1)
+    there = np.roll(here, -1)
+    faces = np.vstack(
+        [
+            np.column_stack([here, there, there + count]),
+            np.column_stack([here, there + count, here + count]),
+            np.column_stack([np.zeros_like(fan), fan + 1, fan]),
+            np.column_stack([np.full_like(fan, count), fan + count, fan + 1 + count]),
+        ]
+    )
+    faces.setflags(write=False)
+    return faces
+
+
+_BARK, _LEAVES = (92, 70, 52), (70, 104, 58)
+_TRUNK_M = 0.2  # radius
+_CROWN = 2 / 3  # share of a tree's height with leaves
+
+
+def read_tree(entry: Entry, kerbs: Kerbs) -> list[StaticPart]:
+    """Build a trunk and a crown."""
+    fields = entry.fields(("at",), ("height_m", "crown_m"))
+    at = fields["at"].point()
+    kerbs.require_beside(at[None], fields["at"], "at")
+    height_m = float(fields["height_m"].checked(require_between, 2, 60)) if "height_m" in fields else 9.0
+    crown_m = float(fields["crown_m"].checked(require_between, 0.5, 30)) if "crown_m" in fields else 5.0
+    low_m = height_m * (1 - _CROWN)
+    trunk_size = np.array([2 * _TRUNK_M, 2 * _TRUNK_M, low_m + 0.5])
+    crown_size = np.array([crown_m, crown_m, height_m * _CROWN])
+    return [
+        _part("trunk", _cylinder(), np.array([*at, trunk_size[2] / 2]), trunk_size, _BARK, 0.3),
+        _part("leaves", _ball(), np.array([*at, (height_m + low_m) / 2]), crown_size, _LEAVES, 0.45),
+    ]
+
+
+def _part(
+    name: str,
+    shape: tuple[Floats, Ints],
+    middle: Floats,
+    size: Floats,
+    color: tuple[int, int, int],
+    reflectivity: float,
+) -> StaticPart:
+    """Build a part of a shape whose sides are 1 m."""
+    box = np.array([[*middle, *size, 0.0]])
+    return StaticPart(name, shape[0] * size + middle, shape[1], color, reflectivity, closed=True, boxes=box)
+
+
+@lru_cache(maxsize=1)
+def _cylinder() -> tuple[Floats, Ints]:
+    mesh = trimesh.creation.cylinder(0.5, height=1.0, sections=6)
+    return exact.settled(mesh.vertices), np.asarray(mesh.faces)
+
+
+@lru_cache(maxsize=1)
+def _ball() -> tuple[Floats, Ints]:
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    return exact.settled(mesh.vertices) / 2, np.asarray(mesh.faces)
+
+
+_SAMPLE_M = 1.0  # along lines; no lane is so narrow
+
+
+def read_furniture(entry: Entry, kerbs: Kerbs) -> list[dict[str, Any]]:
+    """Read the key `furniture` of a place: a list for `furnishing_parts`.
+
+    Raises:
+        ScenarioFileError: names the file and the line: an unknown kind or size, or furniture on a road.
+    """
+    items, pieces = entry.entries(), []
+    spots: list[Floats] = []
+    for item in items:
+        if "kind" not in (named := item.named()):
+            raise item.error(f"kind is missing in furniture. Accepted: {', '.join(KINDS)}")
+        kind = KINDS[named["kind"].choice(KINDS, "kind of furniture")]
+        piece = _read_piece(item, kind)
+        pieces.append(piece)
+        spots.append(_ground(piece, kind))
+    if not _all_beside(spots, entry, kerbs):
+        for item, points in zip(items, spots, strict=True):
+            kerbs.require_beside(points, item, "furniture")
+    return pieces
+
+
+def _read_piece(item: Entry, kind: Kind) -> dict[str, Any]:
+    required = ("kind", "along") if kind.along else ("kind", "at", "heading_deg")
+    fields = item.fields(required, tuple(kind.sizes))
+    piece: dict[str, Any] = {"kind": fields["kind"].text()}
+    if kind.along:
+        points = fields["along"].points(2)
+        if not np.diff(points, axis=0).any(axis=1).all():
+            raise fields["along"].error("along must lead from point to point, each another place than the one before")
+        piece["along"] = points.tolist()
+    else:
+        piece["at"] = fields["at"].point().tolist()
+        piece["heading_deg"] = float(fields["heading_deg"].checked(require_finite_number))
+    for name, size in kind.sizes.items():
+        if name in fields:
+            piece[name] = float(fields[name].checked(require_between, size.least, size.most))
+    if piece.get("stem_m", kind.sizes["stem_m"].usual if "stem_m" in kind.sizes else 0) >= piece.get("height_m", 9.0):
+        raise item.error("stem_m must be less than height_m: the crown is between them")
+    return piece
+
+
+def _ground(piece: dict[str, Any], kind: Kind) -> Floats:
+    """Return points (N, 2) m that must not be on a road."""
+    if kind.along:
+        points = np.array(piece["along"])
+        return np.concatenate([line_pieces(points, _SAMPLE_M)[0], points])
+    length, width = kind.ground_m
+    heading = np.radians(piece["heading_deg"])
+    ahead, left = np.array([[exact.cos(heading), exact.sin(heading)], [-exact.sin(heading), exact.cos(heading)]])
+    corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    around = [piece["at"] + a * ahead + b * left for a, b in corners]
+    return np.array([piece["at"], *around])
+
+
+def _all_beside(spots: list[Floats], entry: Entry, kerbs: Kerbs) -> bool:
+    """Return whether no point is on a road, in one go: a town has hundreds of pieces."""
+    if not spots:
+        return True
+    try:
+        kerbs.require_beside(np.concatenate(spots), entry, "furniture")
+    except entry.kind:
+        return False
+    return True

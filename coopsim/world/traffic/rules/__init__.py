@@ -1,1 +1,0 @@
-"""Rules of traffic that both engines share."""
