@@ -322,7 +322,7 @@ class Traffic:
         in_lane[k] = False
         ahead_m = (rows["x"] - x) * exact.cos(lane.heading_at(0.0))
         closing_m_s = np.maximum(0.0, (speed - rows["speed"]) * np.sign(ahead_m))
-        return not (in_lane & (np.abs(ahead_m) < _ENTRY_M + closing_m_s**2 / (2 * _EASY_BRAKING_M_S2))).any()
+        return not (in_lane & (np.abs(ahead_m) < _ENTRY_M + np.square(closing_m_s) / (2 * _EASY_BRAKING_M_S2))).any()
 
 
 def _goes_east(lane: LaneIndex) -> bool:
