@@ -32,7 +32,7 @@ class DescribedBoxes(PooledBoxes):
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._embed is None:
             return super().make_uplink(spec, rng)
-        return ShareEmbedded(self._embed, spec, spec.codec or "detections")
+        return ShareEmbedded(self._embed, spec, spec.codec or "detections", self.velocities)
 
     def perceive(self, agent: str, observation: Observation) -> Detections:
         return observation.detections if self._embed is None else self._embed(observation, self.specs[agent])

@@ -12,6 +12,9 @@ import numpy as np
 from coopsim.agents.learned_covariance import LearnedCovariance
 from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
+from coopsim.comms.uplinks.share_detections import ShareDetections
+from coopsim.comms.uplinks.uplink import Uplink
+from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.geometry.box_cover import covers
 from coopsim.geometry.se3 import Floats
@@ -60,14 +63,21 @@ class TrackingPolicy(Policy):
         align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
         covariance: weights, by name or path, of a network that gives every box its covariance in the place of what
             detectors state, as "dmstrack", before boxes are fused and tracked; None: what they state.
+        velocities: send boxes with velocities, by a tracker of each sender's own, 4 bytes each. Late boxes are moved by
+            them; without them, by the receiver's tracker of each sender.
     """
 
     delayed: str = "predict"
     align: bool = False
     covariance: str | None = None
+    velocities: bool = False
 
     def __post_init__(self) -> None:
-        require_flag(align=self.align)
+        require_flag(align=self.align, velocities=self.velocities)
+        if self.velocities and self.needs.uplink != "detections":
+            raise InvalidValueError(
+                f"velocities must be False for a policy that shares no boxes, got True: it shares {self.needs.uplink}"
+            )
         DELAYED.get(self.delayed)
         self._covariance = None if self.covariance is None else LearnedCovariance(self.covariance)
         self._states: dict[str, _AgentState] = {}
@@ -93,6 +103,11 @@ class TrackingPolicy(Policy):
         delayed messages, alignment and tracker are inherited. Messages are in `observation.inbox`, see `read`.
         """
         return observation.detections
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if self.velocities:
+            return ShareDetections(spec.codec or "detections", velocities=True)
+        return super().make_uplink(spec, rng)
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         first = RECEIVER if spec.frame_owner in (None, spec.name) else spec.frame_owner

@@ -178,9 +178,9 @@ class _Moving:
 class _Senders:
     """What senders measured, and the velocities of their objects.
 
-    Every sender has a tracker of its own, in its own time, which gives the velocities. Velocities of the receiver's
-    tracks would not do: a measurement that was moved with a velocity confirms it, and the error grows from frame to
-    frame.
+    Boxes that were sent with velocities have these. For all others every sender has a tracker of its own, in its own
+    time. Velocities of the receiver's tracks would not do: a measurement that was moved with a velocity confirms it,
+    and the error grows from frame to frame.
     """
 
     def __init__(self, make_tracker: MakeTracker) -> None:
@@ -196,19 +196,24 @@ class _Senders:
         for name, measured in self._measured.items():
             self._measured[name] = [each for each in measured if each.captured_ns >= oldest_ns]
         self._measured = {name: measured for name, measured in self._measured.items() if measured}
-        self._trackers = {name: self._trackers[name] for name in self._measured}
+        self._trackers = {name: tracker for name, tracker in self._trackers.items() if name in self._measured}
 
     def take(self, source: str, captured_ns: int, found: Detections) -> bool:
         """Take in a measurement, unless it is the receiver's; return whether it is newer than all of the sender's."""
         if source == RECEIVER:
             return True
-        tracker = self._trackers.get(source) or self._make_tracker()
-        if tracker.time_ns is not None and captured_ns <= tracker.time_ns:
+        measured = self._measured.setdefault(source, [])
+        if measured and captured_ns <= measured[-1].captured_ns:
             return False
-        velocity, confirmed = tracker.known(found, captured_ns)
-        tracker.step(found, captured_ns)
-        self._trackers[source] = tracker
-        self._measured.setdefault(source, []).append(_Moving(captured_ns, found, velocity, confirmed))
+        if found.velocity is None:
+            tracker = self._trackers.get(source) or self._make_tracker()
+            velocity, confirmed = tracker.known(found, captured_ns)
+            tracker.step(found, captured_ns)
+            self._trackers[source] = tracker
+        else:
+            confirmed = np.isfinite(found.velocity).all(axis=1)
+            velocity = np.where(confirmed[:, None], found.velocity, 0.0)
+        measured.append(_Moving(captured_ns, found, velocity, confirmed))
         return True
 
     def last_before(self, source: str, time_ns: int) -> _Moving | None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from coopsim.localization.odometry_frame import OdometryFrame
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.types import Observation
+from coopsim.types import Detections, Observation
 from coopsim.types.track_estimates import TrackEstimates
 from coopsim.types.valid_detections import drop_unreportable
 
@@ -38,3 +42,19 @@ class OnBoardTracker:
         )
         beliefs = self._tracker.reported().beliefs
         return TrackEstimates(tracks, ConstantVelocity.planar_covariance(beliefs))
+
+    def with_velocities(self, observation: Observation, found: Detections) -> Detections:
+        """Take in one frame and return its detections with the velocities of their tracks.
+
+        Args:
+            observation: the frame.
+            found: valid detections in the agent's base frame.
+        """
+        self.frame.move(observation)
+        odom_SE3_base, time_ns = self.frame.odom_SE3_base, observation.time_ns
+        placed = found.transform(odom_SE3_base)
+        self._tracker.step(placed, time_ns)
+        velocity, _ = self._tracker.known(placed, time_ns)
+        # A track that has had one detection stands still: its velocity is unknown.
+        velocity[~velocity.any(axis=1)] = np.nan
+        return replace(found, velocity=velocity @ odom_SE3_base.rotation[:2, :2])

@@ -29,6 +29,7 @@ class Detections:
         covariance: (N, 7, 7) of x, y, z, l, w, h, yaw; None: the detector states none.
         embedding: (N, D) appearance, or None. A row that is not finite, or all zeros, means that it is unknown.
         seen_by: (N, A) which of A agents detected each object, where several agents' detections were merged, or None.
+        velocity: (N, 2) m/s over ground, in the axes of the frame; a row of NaN is unknown. None: all are unknown.
     """
 
     boxes: Boxes3D
@@ -37,6 +38,7 @@ class Detections:
     covariance: Floats | None = None
     embedding: Floats | None = None
     seen_by: Mask | None = None
+    velocity: Floats | None = None
 
     def __post_init__(self) -> None:
         count = len(self.boxes)
@@ -50,6 +52,8 @@ class Detections:
             object.__setattr__(self, "embedding", embedding)
         if self.seen_by is not None:
             object.__setattr__(self, "seen_by", frozen(self.seen_by, (count, None), np.bool_, "seen_by"))
+        if self.velocity is not None:
+            object.__setattr__(self, "velocity", frozen(self.velocity, (count, 2), np.float64, "velocity"))
 
     @classmethod
     def trusted(
@@ -60,6 +64,7 @@ class Detections:
         covariance: Floats | None = None,
         embedding: Floats | None = None,
         seen_by: Mask | None = None,
+        velocity: Floats | None = None,
     ) -> Detections:
         """Make detections without a check, of new or read-only arrays that are known to have shape and type."""
         detections = object.__new__(cls)
@@ -69,6 +74,7 @@ class Detections:
         object.__setattr__(detections, "covariance", covariance if covariance is None else sealed(covariance))
         object.__setattr__(detections, "embedding", embedding if embedding is None else sealed(embedding))
         object.__setattr__(detections, "seen_by", seen_by if seen_by is None else sealed(seen_by))
+        object.__setattr__(detections, "velocity", velocity if velocity is None else sealed(velocity))
         return detections
 
     @classmethod
@@ -82,6 +88,7 @@ class Detections:
 
         Covariances stay only where every non-empty part has them. Embeddings stay if any part has them, with NaN for
         the detections of parts without embeddings, or with embeddings of another length than the first part's.
+        Velocities stay if any part has them, with NaN for the others.
         `seen_by` is dropped: the parts need not count the same agents.
         """
         full = [part for part in parts if len(part.score)]
@@ -96,6 +103,7 @@ class Detections:
             np.concatenate([part.label for part in full]),
             np.concatenate(covariances) if len(covariances) == len(full) else None,
             _joined_embeddings(full),
+            velocity=_joined_velocities(full),
         )
 
     def __len__(self) -> int:
@@ -109,21 +117,27 @@ class Detections:
             None if self.covariance is None else self.covariance[index],
             None if self.embedding is None else self.embedding[index],
             None if self.seen_by is None else self.seen_by[index],
+            None if self.velocity is None else self.velocity[index],
         )
 
     def transform(self, dst_SE3_src: SE3) -> Detections:
         """Move the detections from frame src to frame dst (gravity-aligned)."""
-        boxes, covariance = self.boxes.transform(dst_SE3_src), self.covariance
-        if covariance is not None:
-            covariance = _turned(covariance, dst_SE3_src.rotation)
-        return Detections.trusted(boxes, self.score, self.label, covariance, self.embedding, self.seen_by)
+        return self._moved(self.boxes.transform(dst_SE3_src), dst_SE3_src.rotation)
 
     def transform_each(self, transforms: SE3Batch, number: Ints) -> Detections:
         """Move each detection by the transform of its number (N,), as `transform` does."""
-        boxes, covariance = transforms.boxes(self.boxes, number), self.covariance
+        return self._moved(transforms.boxes(self.boxes, number), transforms.rotation[number])
+
+    def _moved(self, boxes: Boxes3D, rotation: Floats) -> Detections:
+        """Return the detections with moved boxes, turned by a rotation (3, 3), or each by its own (N, 3, 3)."""
+        covariance, velocity = self.covariance, self.velocity
         if covariance is not None:
-            covariance = _turned(covariance, transforms.rotation[number])
-        return Detections.trusted(boxes, self.score, self.label, covariance, self.embedding, self.seen_by)
+            covariance = _turned(covariance, rotation)
+        if velocity is not None:
+            velocity = (rotation[..., :2, :2] @ velocity[:, :, None])[:, :, 0]
+        return Detections.trusted(
+            boxes, self.score, self.label, covariance, self.embedding, self.seen_by, velocity=velocity
+        )
 
 
 def _turned(covariance: Floats, rotation: Floats) -> Floats:
@@ -140,6 +154,16 @@ def diagonals(variance: Floats) -> Floats:
     covariance: Floats = np.zeros((*variance.shape, variance.shape[1]))
     covariance[:, np.arange(7), np.arange(7)] = variance
     return covariance
+
+
+def _joined_velocities(parts: Sequence[Detections]) -> Floats | None:
+    """Join velocities as `Detections.concatenate` says: (N, 2), or None if no part has any."""
+    if all(part.velocity is None for part in parts):
+        return None
+    unknown = (np.full((len(part), 2), np.nan) for part in parts)
+    return np.concatenate(
+        [none if part.velocity is None else part.velocity for part, none in zip(parts, unknown, strict=True)]
+    )
 
 
 def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:

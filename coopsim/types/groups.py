@@ -97,7 +97,7 @@ class DetectionGroups(Sequence[Detections]):
 
 def are_alike(parts: Iterable[Detections]) -> bool:
     """Return whether all parts with detections have the same columns, and none has `seen_by`, so that no part of their
-    concatenation gains or lacks anything.
+    concatenation gains or lacks anything. Velocities do not count: a part without them gains unknown ones.
     """
     full = [part for part in parts if len(part.score)]
     kinds = {(part.covariance is None, None if part.embedding is None else part.embedding.shape[1]) for part in full}

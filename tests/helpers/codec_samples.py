@@ -62,10 +62,17 @@ def some_queries(count: int, seed: int = 0, width: int = 16) -> InstanceQueries:
 
 def some_perception(count: int, seed: int = 0) -> CollectivePerception:
     rng = np.random.default_rng(seed)
+    velocity = some_velocities(rng, count)
+    position = rng.uniform(-500, 500, 3)
+    found = replace(some_detections(count, seed), velocity=velocity)
+    return CollectivePerception(7, 12_345_678_901, position, found)
+
+
+def some_velocities(rng: np.random.Generator, count: int) -> np.ndarray[Any, Any]:
+    """(N, 2) m/s; a third of them unknown."""
     velocity = rng.normal(0, 15, (count, 2))
     velocity[::3] = np.nan
-    position = rng.uniform(-500, 500, 3)
-    return CollectivePerception(7, 12_345_678_901, position, some_detections(count, seed), velocity)
+    return velocity
 
 
 SAMPLES: dict[str, Callable[[int], Any]] = {

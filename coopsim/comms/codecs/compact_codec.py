@@ -8,7 +8,7 @@ import struct
 import numpy as np
 
 from coopsim.comms.codecs.codec import CODECS, pack_rows, unpack_rows
-from coopsim.comms.codecs.detection_codec import PlainDetections
+from coopsim.comms.codecs.detection_codec import VELOCITY_ROW, PlainDetections, velocities_in, velocity_rows
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -23,11 +23,12 @@ _MOST_RHO = 126
 _ROW = np.dtype([("center", "<i2", (3,)), ("size", "<u2", (3,)), ("yaw", "<u2"), ("score", "<f2"), ("label", "u1")])
 _SPREAD = np.dtype([("sigma", "u1", (7,)), ("rho", "i1")])
 _FLAGS = struct.Struct("<B")
+_SPREAD_FOLLOWS, _VELOCITY_FOLLOWS = 1, 2
 
 
 @CODECS.register("compact")
 class CompactDetectionsCodec(PlainDetections):
-    """A box, its score and its label in 17 bytes, and its uncertainty in 8 more.
+    """A box, its score and its label in 17 bytes, its uncertainty in 8 more, and its velocity in 4 more.
 
     | bytes | what | step | range |
     |---|---|---|---|
@@ -37,12 +38,14 @@ class CompactDetectionsCodec(PlainDetections):
     | uint16 | heading | 2 pi / 65,536 | all |
     | float16 | score | 2^-11 of itself | within 65,504 |
     | uint8 | label | | `ObjectClass` |
-    | 1 | whether uncertainties follow: 0 or 1 | | |
+    | 1 | what follows: 1 for uncertainties, 2 for velocities, 3 for both, 0 for neither | | |
     | 8 each: 7 x uint8 | standard deviations of x, y, z, l, w, h, yaw | 5.6 % | 1 mm (mrad) to 1 km (krad) |
     | int8 | correlation of x and y | 1/127 | within 126/127 |
+    | 4 each: 2 x int16 | velocity over ground along x and y | 1 cm/s | within 327.67 m/s; -32,768: unknown |
 
     Values out of range are refused, because a box in a wrong place is worse than none; only standard deviations and
-    correlations saturate. Other correlations, and embeddings, are not sent. At most 65,535 objects are decoded.
+    correlations saturate, and a velocity out of range counts as unknown. Other correlations, and embeddings, are not
+    sent. At most 65,535 objects are decoded.
     """
 
     CENTER_ERROR_M = SIZE_ERROR_M = _STEP_M / 2
@@ -80,20 +83,30 @@ class CompactDetectionsCodec(PlainDetections):
         rows["yaw"] = np.rint(wrap_angle(content.boxes.yaw) / _STEP_RAD).astype(np.int64) % 2**16
         rows["score"], rows["label"] = content.score, content.label
         spread = b"" if content.covariance is None else _spread(content.covariance)
-        return pack_rows(rows, "detections") + _FLAGS.pack(content.covariance is not None) + spread
+        velocity = velocity_rows(content.velocity)
+        flags = (_SPREAD_FOLLOWS if content.covariance is not None else 0) | (_VELOCITY_FOLLOWS if velocity else 0)
+        return pack_rows(rows, "detections") + _FLAGS.pack(flags) + spread + velocity
 
     def decode(self, payload: bytes) -> Detections:
         rows, rest = unpack_rows(payload, _ROW, "detections")
-        stated = rest[:1] == b"\x01"
-        if rest[:1] not in (b"\x00", b"\x01") or len(rest) != _FLAGS.size + stated * len(rows) * _SPREAD.itemsize:
+        flags = rest[0] if rest else -1
+        spread_bytes = len(rows) * _SPREAD.itemsize * bool(flags & _SPREAD_FOLLOWS)
+        velocity_bytes = len(rows) * VELOCITY_ROW.itemsize * bool(flags & _VELOCITY_FOLLOWS)
+        if flags not in range(4) or len(rest) != _FLAGS.size + spread_bytes + velocity_bytes:
             raise CodecError(f"{len(payload)} bytes are not {len(rows)} compact detections")
         score = rows["score"].astype(np.float64)
         good = np.isfinite(score) & (rows["size"] > 0).all(axis=1) & (rows["label"] < len(CLASS_NAMES))
         if not good.all():
             raise CodecError(f"detection {int(np.argmin(good))} is invalid: accepted are {self.accepted}")
         boxes = Boxes3D(rows["center"] * _STEP_M, rows["size"] * _STEP_M, wrap_angle(rows["yaw"] * _STEP_RAD))
-        spread = np.frombuffer(rest, dtype=_SPREAD, offset=_FLAGS.size) if stated else None
-        return Detections(boxes, score, rows["label"], None if spread is None else _covariance(spread))
+        spread, velocity = rest[_FLAGS.size : _FLAGS.size + spread_bytes], rest[_FLAGS.size + spread_bytes :]
+        return Detections(
+            boxes,
+            score,
+            rows["label"],
+            _covariance(np.frombuffer(spread, dtype=_SPREAD)) if flags & _SPREAD_FOLLOWS else None,
+            velocity=velocities_in(velocity, len(rows)) if flags & _VELOCITY_FOLLOWS else None,
+        )
 
 
 def _spread(covariance: Floats) -> bytes:

@@ -61,8 +61,11 @@ def position_of(asn1: Mapping[str, Any]) -> Floats:
     return np.array([east * DEGREE_M, north * DEGREE_M, asn1["altitude"]["altitudeValue"] / 100])
 
 
-def asn1_objects(found: Detections, velocity: Floats | None) -> list[dict[str, Any]]:
-    """Convert objects, and their velocities (N, 2) m/s or NaN, to a list of `PerceivedObject`.
+_FASTEST_MPS = 163.8
+
+
+def asn1_objects(found: Detections) -> list[dict[str, Any]]:
+    """Convert objects to a list of `PerceivedObject`. Velocities that the standard cannot express are left out.
 
     asn1tools needs an object as a dict of dicts; only that is made object by object.
     """
@@ -87,9 +90,9 @@ def asn1_objects(found: Detections, velocity: Floats | None) -> list[dict[str, A
             zip(centers, sizes, angles, percents, found.label.tolist(), strict=True)
         )
     ]
-    if velocity is not None:
-        known = np.asarray(np.isfinite(velocity).all(axis=1))
-        speeds = _units(np.where(known[:, None], velocity, 0.0), 0.01)
+    if found.velocity is not None:
+        known = np.asarray((np.abs(found.velocity) <= _FASTEST_MPS).all(axis=1))
+        speeds = _units(np.where(known[:, None], found.velocity, 0.0), 0.01)
         for number in np.flatnonzero(known):
             x, y = ({"value": value, "confidence": 127} for value in speeds[number])
             asn1[number]["velocity"] = ("cartesianVelocity", {"xVelocity": x, "yVelocity": y})
@@ -99,8 +102,8 @@ def asn1_objects(found: Detections, velocity: Floats | None) -> list[dict[str, A
 _UNREAD = ("acceleration", "zAngularVelocity", "lowerTriangularCorrelationMatrices", "mapPosition")
 
 
-def objects_of(asn1: list[dict[str, Any]]) -> tuple[Detections, Floats | None]:
-    """Return the objects that have all fields of a detection, and their velocities (None if no object has one).
+def objects_of(asn1: list[dict[str, Any]]) -> Detections:
+    """Return the objects that have all fields of a detection, with their velocities if any has one.
 
     Raises:
         CodecError: an object has a field that coopsim does not read.
@@ -112,9 +115,9 @@ def objects_of(asn1: list[dict[str, Any]]) -> tuple[Detections, Floats | None]:
     boxes = Boxes3D(
         (rows[:, :3] - 0.5) * 0.01, (rows[:, 3:6] - 0.5) * 0.1, wrap_angle(np.radians((rows[:, 6] - 0.5) * 0.1))
     )
-    found = Detections(boxes, rows[:, 7] / 100, rows[:, 8].astype(np.int64))
     velocity = (rows[:, 9:] - 0.5) * 0.01
-    return found, None if np.isnan(velocity).all() else velocity
+    stated = None if np.isnan(velocity).all() else velocity
+    return Detections(boxes, rows[:, 7] / 100, rows[:, 8].astype(np.int64), velocity=stated)
 
 
 def _row(asn1: Mapping[str, Any]) -> list[float] | None:

@@ -45,20 +45,15 @@ class CollectivePerception:
         captured_ns: capture time since the episode's start.
         position: (3,) m, of the station in the world frame.
         objects: relative to the station, in axes parallel to the world's.
-        velocity: (N, 2) m/s of the objects, NaN where unknown; None: all unknown.
     """
 
     station_id: int
     captured_ns: int
     position: Floats
     objects: Detections = field(default_factory=Detections.empty)
-    velocity: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(self.position, (3,), np.float64, "position"))
-        if self.velocity is not None:
-            velocity = frozen(self.velocity, (len(self.objects), 2), np.float64, "velocity")
-            object.__setattr__(self, "velocity", velocity)
 
 
 @CODECS.register("cpm")
@@ -66,7 +61,8 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     """Unaligned PER of `CollectivePerceptionMessage`, by asn1tools (the extra `etsi`).
 
     Management container (time, position) and perceived objects: position, heading, dimensions, class and its
-    confidence, and velocity where known. Accuracies are sent as unavailable; covariances and embeddings are not sent.
+    confidence, and velocity where known and within 163.8 m/s. Accuracies are sent as unavailable; covariances and
+    embeddings are not sent.
     Where the standard rounds up ("n if at most n units and more than n - 1"), decoding returns the middle. Children
     become pedestrians: the standard does not distinguish them.
 
@@ -103,7 +99,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
 
     def encode(self, content: CollectivePerception) -> bytes:
         _require_sendable(content)
-        objects = asn1_objects(content.objects, content.velocity)
+        objects = asn1_objects(content.objects)
         container = {"numberOfPerceivedObjects": len(objects), "perceivedObjects": objects}
         data = messages().encode("PerceivedObjectContainer", container)
         message = {
@@ -122,8 +118,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
         """Return the message with as many leading objects as a budget holds: put the most useful first."""
 
         def first(count: int) -> CollectivePerception:
-            velocity = None if content.velocity is None else content.velocity[:count]
-            return replace(content, objects=content.objects[:count], velocity=velocity)
+            return replace(content, objects=content.objects[:count])
 
         return encode_prefix(lambda count: self.encode(first(count)), len(content.objects), budget_bytes)
 
@@ -140,11 +135,10 @@ class CpmCodec(SharesDetections[CollectivePerception]):
         found = [each for part in parts for each in part]
         if len(found) > self.most_objects:
             raise CodecError(f"a collective perception message has at most 255 objects, got {len(found)}")
-        objects, velocity = objects_of(found)
         captured_ns = management["referenceTime"] * _NS_PER_MS
         position = position_of(management["referencePosition"])
         _require_on_earth(position)
-        return CollectivePerception(header["stationId"], captured_ns, position, objects, velocity)
+        return CollectivePerception(header["stationId"], captured_ns, position, objects_of(found))
 
 
 def _in_range(found: Detections, largest_m: float) -> Mask:
@@ -170,8 +164,6 @@ def _require_sendable(content: CollectivePerception) -> None:
     if not (0 <= content.station_id < 2**32 and 0 <= content.captured_ns <= _LATEST_MS * _NS_PER_MS):
         raise CodecError(f"station {content.station_id} at {content.captured_ns} ns is out of ETSI's range")
     _require_on_earth(content.position)
-    if content.velocity is not None and np.abs(content.velocity[np.isfinite(content.velocity)]).max(initial=0) > 163.8:
-        raise CodecError("velocities must be within 163.8 m/s")
 
 
 def _require_on_earth(position: Floats) -> None:

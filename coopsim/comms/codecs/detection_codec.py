@@ -57,6 +57,38 @@ def require_objects(rows: NDArray[np.void], what: str) -> None:
         raise CodecError(f"{what} {int(np.argmin(good))} is invalid: numbers must be finite and sizes > 0")
 
 
+VELOCITY_ROW = np.dtype(("<i2", (2,)))
+"""A velocity over ground along x and y, in cm/s."""
+
+_UNKNOWN = -(2**15)
+_VELOCITIES_FOLLOW = b"\0\0"
+
+
+def velocity_rows(velocity: Floats | None) -> bytes:
+    """Return velocities (N, 2) m/s as `VELOCITY_ROW`s; nothing if all are unknown.
+
+    Unknown ones, and those beyond 327.67 m/s, which nothing on a road has, are sent as -32,768 in both places.
+    """
+    if velocity is None:
+        return b""
+    known = np.isfinite(velocity).all(axis=1)
+    steps = np.rint(100 * np.where(known[:, None], velocity, 0.0))
+    known &= (np.abs(steps) < -_UNKNOWN).all(axis=1)
+    return np.where(known[:, None], steps, _UNKNOWN).astype(VELOCITY_ROW.base).tobytes() if known.any() else b""
+
+
+def velocities_in(block: bytes, count: int) -> Floats:
+    """Return the velocities (N, 2) m/s of `velocity_rows`, NaN where unknown.
+
+    Raises:
+        CodecError: the bytes are not a velocity for each of `count` objects.
+    """
+    if not count or len(block) != count * VELOCITY_ROW.itemsize:
+        raise CodecError(f"{len(block)} bytes are not the velocities of {count} detections")
+    steps = np.frombuffer(block, dtype=VELOCITY_ROW.base).reshape(count, 2)
+    return np.where((steps == _UNKNOWN).any(axis=1, keepdims=True), np.nan, steps * 0.01)
+
+
 class SharesDetections(Codec[T]):
     """A codec for detections. Policies that need detections run with any of them."""
 
@@ -113,9 +145,10 @@ class PlainDetections(SharesDetections[Detections]):
 class DetectionsCodec(PlainDetections):
     """Boxes (seven float32), score (float32) and label (one byte): 33 bytes an object, 2 for their number.
 
-    Where any of them has an embedding, 2 bytes follow for the width, and 2 for each element of each object: the
-    embedding at length 1 as float16, zeros for none. Covariances are not sent. Decoded are at most 65,535 objects, and
-    4,194,304 elements of embeddings.
+    Where any of them has a velocity, two zeros follow and 4 bytes for each object (see `velocity_rows`). Where any has
+    an embedding, 2 bytes follow for the width, and 2 for each element of each object: the embedding at length 1 as
+    float16, zeros for none. Covariances are not sent. Decoded are at most 65,535 objects, and 4,194,304 elements of
+    embeddings.
     """
 
     RELATIVE_ERROR = 2.0**-24
@@ -131,13 +164,20 @@ class DetectionsCodec(PlainDetections):
     def encode(self, content: Detections) -> bytes:
         self.require_in_range(content)
         rows = object_rows(content.boxes, content.score, content.label)
-        return pack_rows(rows, "detections") + self._encode_embeddings(content)
+        velocity = velocity_rows(content.velocity)
+        moving = _VELOCITIES_FOLLOW + velocity if velocity else b""
+        return pack_rows(rows, "detections") + moving + self._encode_embeddings(content)
 
     def decode(self, payload: bytes) -> Detections:
         rows, rest = unpack_rows(payload, OBJECT_ROW, "detections")
         require_objects(rows, "detection")
+        velocity = None
+        if rest.startswith(_VELOCITIES_FOLLOW):
+            last = len(_VELOCITIES_FOLLOW) + len(rows) * VELOCITY_ROW.itemsize
+            velocity, rest = velocities_in(rest[len(_VELOCITIES_FOLLOW) : last], len(rows)), rest[last:]
         embedding = self._decode_embeddings(rest, len(rows))
-        return Detections(Boxes3D.from_array(rows["box"]), rows["score"], rows["label"], embedding=embedding)
+        boxes = Boxes3D.from_array(rows["box"])
+        return Detections(boxes, rows["score"], rows["label"], embedding=embedding, velocity=velocity)
 
     def _encode_embeddings(self, content: Detections) -> bytes:
         if content.embedding is None:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any, cast
 
+import numpy as np
+
 from coopsim.comms.codecs.codec import Codec
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.comms.uplinks.uplink import UPLINKS, ContentUplink
-from coopsim.types import Observation
+from coopsim.support.checks import require_flag
+from coopsim.tracking.onboard import OnBoardTracker
+from coopsim.types import AgentSpec, Observation
 
 
 @UPLINKS.register("detections")
@@ -18,16 +22,25 @@ class ShareDetections(ContentUplink[Any]):
 
     Args:
         codec: the spec of a codec for detections, or one as an object.
+        velocities: send each box with the velocity of its track, by an on-board tracker of the sender. Receivers move
+            late boxes by it.
     """
 
     content = "detections"
 
-    def __init__(self, codec: str | Codec[Any] = "detections") -> None:
+    def __init__(self, codec: str | Codec[Any] = "detections", velocities: bool = False) -> None:
         super().__init__(codec)
-        self._codec = cast(SharesDetections[Any], self.codec)
+        require_flag(velocities=velocities)
+        self._codec, self._velocities = cast(SharesDetections[Any], self.codec), velocities
+        self._trackers: dict[str, OnBoardTracker] = {}
+
+    def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
+        self._trackers[spec.name] = OnBoardTracker()
 
     def content_of(self, sender: str, observation: Observation) -> Any:
         found = observation.detections
         if not (sent := self._codec.sendable(found)).all():
             found = found[sent]
+        if self._velocities and found.velocity is None:
+            found = self._trackers[sender].with_velocities(observation, found)
         return self._codec.content_of(found, sender, observation.time_ns, observation.pose)

@@ -46,8 +46,10 @@ class ShareEmbedded(ShareDetections):
         spec: of the agent, the only one that this object serves.
     """
 
-    def __init__(self, embed: EmbedOnce, spec: AgentSpec, codec: str | Codec[Any] = "detections") -> None:
-        super().__init__(codec)
+    def __init__(
+        self, embed: EmbedOnce, spec: AgentSpec, codec: str | Codec[Any] = "detections", velocities: bool = False
+    ) -> None:
+        super().__init__(codec, velocities)
         self._embed, self._spec = embed, spec
 
     def content_of(self, sender: str, observation: Observation) -> Any:

@@ -236,3 +236,13 @@ def test_an_object_keeps_its_id_while_the_past_is_tracked_again(late_frames: int
             if x < 100:
                 ids.setdefault(round(x / 10), set()).add(each)
     assert len(ids) == 6 and {len(each) for each in ids.values()} == {1}
+
+
+def test_late_boxes_are_moved_by_the_velocities_that_they_were_sent_with() -> None:
+    """At once, with no frame before: a receiver's tracker of the sender would have no velocity yet."""
+    sent = replace(cars(10.0, 60.0, 90.0), velocity=np.array([[20.0, -5.0], [np.nan, np.nan], [0.0, 0.0]]))
+    told: list[Sequence[Detections]] = []
+    strategy = PredictForward(ab3dmot, lambda groups: told.append(groups) or groups)
+    strategy.step([Measurement("cav_1", 0, sent)], 3 * FRAME_NS)
+    (group,) = told[0]
+    np.testing.assert_allclose(group.boxes.center[:, :2] - sent.boxes.center[:, :2], [[6.0, -1.5], [0, 0], [0, 0]])

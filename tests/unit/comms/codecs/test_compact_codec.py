@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from codec_samples import some_covariances, some_detections
+from codec_samples import some_covariances, some_detections, some_velocities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -90,6 +90,31 @@ def test_uncertainties_come_back_within_the_stated_errors_and_stay_covariances(s
     assert (np.abs(rho_back - rho) <= 1 / 127 + FLOAT).all()
     assert np.linalg.eigvalsh(got.covariance).min() > 0
     np.testing.assert_allclose(got.covariance, got.covariance.transpose(0, 2, 1))
+
+
+@pytest.mark.parametrize("codec", [CODEC, DetectionsCodec()])
+@pytest.mark.parametrize("sure", [False, True])
+def test_velocities_come_back_within_half_a_centimetre_a_second(codec: Any, sure: bool) -> None:
+    still = some_detections(7, sure=sure)
+    velocity = np.vstack([some_velocities(np.random.default_rng(4), 5), [[327.67, -327.67], [0.0, 327.68]]])
+    payload = codec.encode(replace(still, velocity=velocity))
+    got = codec.decode(payload).velocity
+    known = np.isfinite(velocity).all(axis=1) & (np.arange(7) < 6)
+    assert known.sum() == 4
+    np.testing.assert_array_equal(np.isfinite(got).all(axis=1), known)
+    assert np.abs(got - velocity)[known].max() <= 0.005 + FLOAT
+    marker = 2 if isinstance(codec, DetectionsCodec) else 0
+    assert len(payload) == len(codec.encode(still)) + marker + 7 * 4
+    with pytest.raises(CodecError):
+        codec.decode(payload[:-1])
+    assert codec.encode(replace(still, velocity=np.full((7, 2), np.nan))) == codec.encode(still)
+
+
+def test_velocities_stand_before_embeddings() -> None:
+    codec, velocity = DetectionsCodec(), np.full((3, 2), 1.5)
+    got = codec.decode(codec.encode(replace(some_detections(3), velocity=velocity, embedding=np.eye(3, 5))))
+    np.testing.assert_allclose(got.velocity, velocity)
+    np.testing.assert_allclose(got.embedding, np.eye(3, 5))
 
 
 def test_uncertainties_beyond_the_range_saturate() -> None:

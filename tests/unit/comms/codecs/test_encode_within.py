@@ -51,7 +51,7 @@ def test_of_boxes_the_first_rows_are_sent(name: str) -> None:
 
 def test_of_cpms_objects_the_first_are_sent() -> None:
     content, codec = SAMPLES["cpm"](9), decoder("cpm")
-    first = replace(content, objects=content.objects[:4], velocity=content.velocity[:4])
+    first = replace(content, objects=content.objects[:4])
     assert codec.encode_within(content, len(codec.encode(first))) == codec.encode(first)
 
 
