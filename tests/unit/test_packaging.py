@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from import_graph import arrows, circles, file_graph, folder_graph, module_files, room_graph
+from import_graph import arrows, circles, file_graph, folder_graph, room_graph
 
 import coopsim
 
