@@ -9,21 +9,19 @@ import numpy as np
 
 from coopsim.agents.tracking_policy import TrackingPolicy
 from coopsim.catalog import POLICIES
-from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.doubt import Doubt
-from coopsim.fusion.trust import trust_likelier
+from coopsim.fusion.box_fusion import trust_likelier
+from coopsim.fusion.fused_boxes import Calibration, SourceOdds
 from coopsim.geometry.assignment import hungarian
 from coopsim.support.checks import require_between, require_count, require_probability
 from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.lifecycle import ByScore
+from coopsim.tracking.lifecycle import ByScore, Likelihood
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.track_scoring import Likelihood
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections
 
 MERGE_GATE, LEAST_CHANCE = 0.14, 0.02
-DOUBT = Doubt(
+DOUBT = SourceOdds(
     bias=-1.2997,
     own_score=-4.7583,
     other_score=0.8533,
@@ -32,7 +30,7 @@ DOUBT = Doubt(
     gap=-0.2403,
     gap_away=0.0093,
 )
-HEARSAY = Doubt(
+HEARSAY = SourceOdds(
     bias=-3.0142,
     own_score=0.0,
     other_score=4.1407,
@@ -50,8 +48,8 @@ LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192,
 class Weights:
     """What `coop_fuse` has learned of one detector: see the fields of these names there."""
 
-    doubt: Doubt
-    hearsay: Doubt
+    doubt: SourceOdds
+    hearsay: SourceOdds
     calibration: Calibration
     likelihood: Likelihood
     least: float = 0.035
@@ -60,7 +58,7 @@ class Weights:
 LEARNED: dict[str | None, Weights] = {
     None: Weights(DOUBT, HEARSAY, CALIBRATION, LIKELIHOOD),
     "pillars": Weights(
-        Doubt(
+        SourceOdds(
             bias=0.0234,
             own_score=-13.503,
             other_score=13.5085,
@@ -69,7 +67,7 @@ LEARNED: dict[str | None, Weights] = {
             gap=-0.1529,
             gap_away=0.0047,
         ),
-        Doubt(
+        SourceOdds(
             bias=-0.4154,
             own_score=0.0,
             other_score=2.2014,
@@ -102,10 +100,10 @@ places whenever the boxes do: then each has the score of both.
 class CoopFuse(TrackingPolicy):
     """AB3DMOT on fused boxes, which weigh by their likelihood; a track's score is its probability to be on an object.
 
-    Which agent is right about a box (`Doubt`), how likely the box then is right (`Calibration`) and how likely a track
-    is real (`Likelihood`) were learned from labels, for each of the detectors in `LEARNED`; the rest is AB3DMOT's. A
-    parameter that is None is as learned for the detector of the running episode. Further parameters: `TrackingPolicy`,
-    with `delayed="replay"` by default.
+    Which agent is right about a box (`SourceOdds`), how likely the box then is right (`Calibration`) and how likely a
+    track is real (`Likelihood`) were learned from labels, for each of the detectors in `LEARNED`; the rest is
+    AB3DMOT's. A parameter that is None is as learned for the detector of the running episode. Further parameters:
+    `TrackingPolicy`, with `delayed="replay"` by default.
 
     Attributes:
         merge_gate: smallest BEV GIoU of two agents' boxes on one object, in [-1, 1].
@@ -128,8 +126,8 @@ class CoopFuse(TrackingPolicy):
     gate: float = -0.2
     least: float | None = None
     age: int = 3
-    doubt: Doubt | None = None
-    hearsay: Doubt | None = None
+    doubt: SourceOdds | None = None
+    hearsay: SourceOdds | None = None
     calibration: Calibration | None = None
     likelihood: Likelihood | None = None
 

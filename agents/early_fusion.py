@@ -19,7 +19,7 @@ from coopsim.comms.envelope import decode_points
 from coopsim.comms.uplinks.share_points import SharePoints
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import CodecError
-from coopsim.localization.recent_sweeps import Points, RecentSweeps, aged, turned
+from coopsim.localization.odometry import Points, RecentSweeps, aged, turned
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, Detections, Message, Observation, PointCloud, SensorView
 

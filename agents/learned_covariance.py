@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 from coopsim.types import Mask
 from coopsim.types.estimates import diagonals
 from coopsim.types.groups import DetectionGroups

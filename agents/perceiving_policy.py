@@ -19,12 +19,12 @@ from coopsim.catalog import POLICIES, make_policy
 from coopsim.config.spec import parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import ReceivedBoxes
-from coopsim.geometry.box_cover import covers
+from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.facing import facing_forwards
+from coopsim.tracking.motion.turning import face_velocity
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.valid_detections import drop_unreportable
@@ -166,7 +166,7 @@ class PerceivingPolicy(TrackingPolicy):
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
 
     def _track(self, agent: str, observation: Observation, found: Detections) -> Tracks:
-        return facing_forwards(self._follow(agent, observation, found))
+        return face_velocity(self._follow(agent, observation, found))
 
     def _follow(self, agent: str, observation: Observation, found: Detections) -> Tracks:
         """Return the tracks for what is found, before those that move are turned to face where they go."""

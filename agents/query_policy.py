@@ -18,7 +18,7 @@ from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
 from coopsim.comms.uplinks.share_instances import ShareInstances
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
-from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.localization.odometry import OdometryFrame
 from coopsim.support.checks import require_between, require_probability
 from coopsim.support.methods import WeakMethod
 from coopsim.types import AgentSpec, BevGrid, Detections, InstanceQueries, Message, Observation, SensorView, Tracks

@@ -19,14 +19,14 @@ from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
 from coopsim.fusion.track_fusion import fuse_tracks
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.se3_batch import SE3Batch
-from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.geometry.boxes import covers
+from coopsim.geometry.se3 import SE3Batch
+from coopsim.localization.odometry import OdometryFrame
 from coopsim.support.checks import require_between, require_choice, require_flag, require_number
+from coopsim.tracking.ab3dmot_tracker import OnBoardTracker
 from coopsim.tracking.delayed import RECEIVER
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.onboard import OnBoardTracker
-from coopsim.tracking.public_ids import ABSENT, PublicIds
+from coopsim.tracking.track_ids import ABSENT, PublicIds
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.track_estimates import TrackEstimates
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable

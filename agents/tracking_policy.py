@@ -16,10 +16,9 @@ from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.se3 import Floats
-from coopsim.geometry.se3_batch import SE3Batch
-from coopsim.localization.odometry_frame import OdometryFrame, stated_poses
+from coopsim.geometry.boxes import covers
+from coopsim.geometry.se3 import Floats, SE3Batch
+from coopsim.localization.odometry import OdometryFrame, stated_poses
 from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass

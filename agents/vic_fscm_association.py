@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from coopsim.agents.late_fusion import PooledBoxes
 from coopsim.catalog import POLICIES
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
-from coopsim.tracking.cascade import score_from
-from coopsim.tracking.four_stages import AFFINITIES, four_stages
-from coopsim.tracking.lifecycle import HitsAndAge
+from coopsim.tracking.cascade import AFFINITIES, four_stages, score_from
+from coopsim.tracking.lifecycle import DecayingScore, HitsAndAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.track_scoring import DecayingScore
 from coopsim.tracking.tracker import Tracker
 
 

@@ -17,8 +17,7 @@ from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
 from coopsim.catalog import POLICIES
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
-from coopsim.tracking.cascade import Cascade, Stage
-from coopsim.tracking.four_stages import AFFINITIES, four_stages
+from coopsim.tracking.cascade import AFFINITIES, Cascade, Stage, four_stages
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.types import AgentSpec, Detections, Observation, Tracks
 from coopsim.types.valid_detections import drop_unreportable

@@ -14,9 +14,9 @@ from coopsim.agents.yoloo_geometry import YolooGeometry
 from coopsim.catalog import POLICIES
 from coopsim.geometry.assignment import greedy
 from coopsim.support.checks import require_flag
+from coopsim.tracking.appearance import LastEmbedding, YolooAffinity
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.looks_and_distance import LastLook, LooksAndDistance
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
 
@@ -63,8 +63,8 @@ class Yoloo(DescribedBoxes, YolooGeometry):
     def make_tracker(self) -> Tracker:
         if self._embed is None:
             return super().make_tracker()
-        cost = Stage(LooksAndDistance(self._count), greedy, gate=0.0)
-        return Tracker(ConstantVelocity(), Cascade([cost]), HitsAndAge(self.hits, self.age), appearance=LastLook())
+        cost = Stage(YolooAffinity(self._count), greedy, gate=0.0)
+        return Tracker(ConstantVelocity(), Cascade([cost]), HitsAndAge(self.hits, self.age), appearance=LastEmbedding())
 
     def _count(self, with_looks: int, without: int) -> None:
         self.counts[_WITH_LOOKS] += with_looks

@@ -32,10 +32,9 @@ from coopsim.agents.late_fusion import LateFusion
 from coopsim.bench.evaluate import listening_env
 from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
-from coopsim.fusion.calibration import Calibration
+from coopsim.fusion.box_fusion import correspond, trust_likelier
 from coopsim.fusion.compromise import ON_OBJECT
-from coopsim.fusion.doubt import Doubt, pair_features
-from coopsim.fusion.trust import FusedBoxes, correspond, trust_likelier
+from coopsim.fusion.fused_boxes import Calibration, FusedBoxes, SourceOdds, pair_features
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
@@ -44,7 +43,7 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.rng import stream
-from coopsim.tracking.track_scoring import Likelihood
+from coopsim.tracking.lifecycle import Likelihood
 from coopsim.types import Detections, GroundTruth, Mask, Observation, Tracks
 from coopsim.types.valid_detections import drop_invalid
 
@@ -124,7 +123,7 @@ def town(seed: int, frames: int, detector: str) -> list[Recording]:
 
 def fit(recordings: Sequence[Recording], frames: int) -> Weights:
     """Learn from labelled recordings."""
-    doubt, hearsay = (Doubt(*_logistic(*each)) for each in _pairs(recordings, frames))
+    doubt, hearsay = (SourceOdds(*_logistic(*each)) for each in _pairs(recordings, frames))
     features, right, chance = _fused(recordings, frames, doubt, hearsay)
     calibration = Calibration(*_logistic(features, right, np.log(np.maximum(chance, 1e-6))))
     policy = CoopFuse(doubt=doubt, hearsay=hearsay, calibration=calibration)
@@ -198,7 +197,9 @@ def _one_right(own: FusedBoxes, other: FusedBoxes, truth: Floats) -> tuple[Float
     return features[one], other_right[one]
 
 
-def _fused(recordings: Sequence[Recording], frames: int, doubt: Doubt, hearsay: Doubt) -> tuple[Floats, Mask, Floats]:
+def _fused(
+    recordings: Sequence[Recording], frames: int, doubt: SourceOdds, hearsay: SourceOdds
+) -> tuple[Floats, Mask, Floats]:
     """Return features of all fused boxes, whether each is on an object, and its chance given that an agent is right."""
     features, right, chance = [], [], []
     for recording in recordings:

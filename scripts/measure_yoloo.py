@@ -30,7 +30,7 @@ from coopsim.learn.rollout.world_recipe import WorldRecipe
 from coopsim.learn.samples.compared_sightings import ComparedSightings, compare_sightings
 from coopsim.learn.tasks.point_identity_task import PointIdentityTask
 from coopsim.learn.weights import digest
-from coopsim.metrics.separation import separation
+from coopsim.metrics.average_precision import separation
 from coopsim.nn.detector.decode import GROUPS
 from coopsim.support.files import write_whole
 from coopsim.support.rng import stream

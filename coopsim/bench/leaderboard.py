@@ -17,8 +17,8 @@ from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
 from coopsim.bench.report.table import columns, format_value, score_row
 from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.metrics.clear import RECALL_POINTS
 from coopsim.metrics.metric import PRIMARY_METRIC
-from coopsim.metrics.recall_averages import RECALL_POINTS
 from coopsim.metrics.score import Score
 from coopsim.support.files import make_folder, write_whole
 

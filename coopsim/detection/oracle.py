@@ -10,8 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from coopsim.detection.detector import DetectorBase
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 from coopsim.support.methods import is_newer
 from coopsim.types import Detections, Ints, SensorView
 from coopsim.world.snapshot import Actors

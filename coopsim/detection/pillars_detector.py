@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Self
 
 from coopsim.detection.detector import DETECTORS, Detector, Rng, SensorNeeds
-from coopsim.localization.recent_sweeps import RecentSweeps
+from coopsim.localization.odometry import RecentSweeps
 from coopsim.support.checks import require_between, require_count, require_probability
 from coopsim.types import AgentSpec, Detections, SensorView
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.support.arrays import frozen, require_finite, sealed
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch, wrap_angle
+from coopsim.support.arrays import Ints, frozen, require_finite, sealed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,6 +99,11 @@ class Boxes3D:
         center = dst_SE3_src.apply(self.center)
         return Boxes3D.trusted(center, self.size, wrap_angle(self.yaw + dst_SE3_src.yaw))
 
+    def transform_each(self, transforms: SE3Batch, number: Ints) -> Boxes3D:
+        """Return each of N boxes moved by the transform of its number (N,), with the bits of `transform`."""
+        center = transforms.apply(self.center, number)
+        return Boxes3D.trusted(center, self.size, wrap_angle(self.yaw + transforms.yaw[number]))
+
     def validate(self, what: str = "boxes") -> None:
         """Raise `InvalidValueError` unless all numbers are finite and all sizes positive."""
         if not len(self):
@@ -107,3 +112,14 @@ class Boxes3D:
         if self.size.min() <= 0:
             row = int(np.argmin(self.size.min(axis=1)))
             raise InvalidValueError(f"{what}: sizes must be > 0 m, got {self.size[row].tolist()} at {row}")
+
+
+def covers(boxes: Boxes3D, point_m: Floats) -> NDArray[np.bool_]:
+    """Return the mask (N,) of boxes that cover a point on the ground, one (2,) for all or one for each (N, 2)."""
+    offset_m, beyond_m = boxes.center[:, :2] - point_m, boxes.size[:, 0] + boxes.size[:, 1]
+    over: NDArray[np.bool_] = (np.abs(offset_m[:, 0]) < beyond_m) & (np.abs(offset_m[:, 1]) < beyond_m)
+    near = np.flatnonzero(over)  # few; the others cannot
+    (x, y), (length, width), yaw = offset_m[near].T, boxes.size[near, :2].T, boxes.yaw[near]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    over[near] = (np.abs(x * cos + y * sin) <= length / 2) & (np.abs(y * cos - x * sin) <= width / 2)
+    return over

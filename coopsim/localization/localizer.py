@@ -16,8 +16,7 @@ import numpy as np
 from coopsim.config.load import load, read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.localization.pose_covariance import PoseCovariance
-from coopsim.localization.pose_noise import PoseError, PoseNoise
+from coopsim.localization.pose_noise import PoseCovariance, PoseError, PoseNoise
 from coopsim.support.checks import require_instance, require_non_negative, require_positive
 from coopsim.support.rng import stream
 from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw

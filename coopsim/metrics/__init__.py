@@ -1,4 +1,9 @@
-"""Tracking and detection metrics: from logs of reports and ground truth to scores."""
+"""Tracking and detection metrics: from reports and ground truth to scores.
+
+Reported tracks and the truth of each frame come in (`evaluator`), are kept as ids, scores and candidate pairs
+(`track_log`), and go out as a `score` with a value for every registered `metric`. Start with `built_in`, the table of
+all metrics; each family is computed in a file of its own.
+"""
 
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.metrics.evaluator import Evaluator, FrameCounts

@@ -1,4 +1,4 @@
-"""Average precision of boxes, frame by frame; identities do not matter.
+"""Average precision of boxes, frame by frame, whatever their identities.
 
 In each frame boxes are taken by falling score; each gets the object of largest IoU that is still free, if that reaches
 the threshold, as in OpenCOOD. The area under the curve of precision over recall is PASCAL VOC's since 2010: every
@@ -8,11 +8,13 @@ box that fits better is taken first, so the order in which boxes are listed chan
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import rankdata
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -200,3 +202,20 @@ def _boxes(given: Any, what: str) -> Boxes3D:
 
 def _one_frame(count: int) -> Ints:
     return np.array([0, count])
+
+
+def separation(similarity: ArrayLike, same: ArrayLike) -> float:
+    """Return the probability that a pair of one object is more similar than a pair of two: the area under the ROC.
+
+    1 tells all apart, 0.5 is chance; equal similarities count half. NaN without pairs of both kinds.
+
+    Args:
+        similarity: (K,) of pairs.
+        same: (K,) bool, which pairs are of one object.
+    """
+    same = np.asarray(same, dtype=bool)
+    alike, unlike = int(same.sum()), int((~same).sum())
+    if not alike or not unlike:
+        return math.nan
+    ranks = rankdata(np.asarray(similarity, dtype=np.float64))
+    return float((ranks[same].sum() - alike * (alike + 1) / 2) / (alike * unlike))

@@ -11,11 +11,10 @@ from functools import partial
 import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS
-from coopsim.metrics.candidate_pairs import NEAR_M
-from coopsim.metrics.clear import Clear
+from coopsim.metrics.clear import Clear, RecallSweep
 from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.matching import NEAR_M
 from coopsim.metrics.metric import METRICS, Metric, SweepMetric
-from coopsim.metrics.recall_averages import RecallSweep
 
 BYTES = "bytes_per_s"
 """Name of the metric of what an agent broadcasts."""

@@ -1,14 +1,14 @@
-"""CLEAR MOT: counts, and the ratios made of them (Bernardin and Stiefelhagen, EURASIP JIVP 2008)."""
+"""CLEAR MOT (Bernardin and Stiefelhagen, EURASIP JIVP 2008), and its averages over recall of AB3DMOT and nuScenes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import NumberedSequence, match_sequence
+from coopsim.metrics.matching import NEAR_M, NumberedSequence, match_sequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
@@ -125,3 +125,172 @@ def count_clear(
 
 def _ratio(part: float, whole: float) -> float:
     return part / whole if whole else 0.0
+
+
+RECALL_POINTS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """CLEAR at one level of recall.
+
+    Attributes:
+        recall: the level aimed at, in (0, 1].
+        threshold: smallest mean score of a reported track.
+        clear: the counts.
+    """
+
+    recall: float
+    threshold: float
+    clear: Clear
+
+
+@dataclass(frozen=True, slots=True)
+class RecallSweep:
+    """AB3DMOT's averages over recall (Weng et al., IROS 2020, sec. IV): CLEAR at all levels that a tracker reaches.
+
+    A tracker's score depends on the confidence from which it reports a track. So CLEAR is computed at 40 levels of
+    recall, each reached by a threshold of mean track score, and averaged. Identity switches are counted as in AB3DMOT's
+    code, which took the rule from KITTI's: only between two successive frames of an object.
+
+    AB3DMOT's code gives each level a match of its own, and drops level 0. So with n <= 40 boxes it reaches n - 1 levels
+    at most, and a perfect tracker of 20 boxes would have 47.5. Here one match may reach several levels of so few boxes.
+
+    Attributes:
+        all_tracks: plain CLEAR of every track, whatever its score, with switches across gaps.
+        points: the reached levels, in order of rising recall; at most 40.
+    """
+
+    all_tracks: Clear
+    points: tuple[OperatingPoint, ...]
+
+    @property
+    def samota(self) -> float:
+        """Mean scaled MOTA over 40 levels (eq. 5); an unreached level counts 0."""
+        return sum(point.clear.scaled_mota(point.recall) for point in self.points) / RECALL_POINTS
+
+    @property
+    def amota(self) -> float:
+        """Mean MOTA over 40 levels (eq. 2); an unreached level counts 0."""
+        return sum(point.clear.mota for point in self.points) / RECALL_POINTS
+
+    @property
+    def amotp(self) -> float:
+        """Mean MOTP over 40 levels; an unreached level counts 0."""
+        return sum(point.clear.motp for point in self.points) / RECALL_POINTS
+
+    @property
+    def best(self) -> Clear:
+        """CLEAR at the level with the highest MOTA, as in AB3DMOT's tables; of all tracks without levels."""
+        candidates = [point.clear for point in self.points]
+        return max(candidates, key=lambda clear: clear.mota, default=self.all_tracks)
+
+    def without_false_positives(self) -> RecallSweep:
+        """Return the sweep without false positives; neither the matching nor the levels depend on them."""
+        points = (replace(point, clear=replace(point.clear, fp=0)) for point in self.points)
+        return RecallSweep(replace(self.all_tracks, fp=0), tuple(points))
+
+
+def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
+    """Compute CLEAR at every level of recall."""
+    all_tracks, scores = count_clear(sequences)
+    points = []
+    for recall, threshold in recall_thresholds(scores, all_tracks.gt):
+        clear, _ = count_clear(sequences, threshold=threshold, adjacent_switches=True)
+        points.append(OperatingPoint(recall, threshold, clear))
+    return RecallSweep(all_tracks, tuple(points))
+
+
+def recall_thresholds(scores: Floats, truth: int) -> list[tuple[float, float]]:
+    """Find the levels of recall and the scores at which they are reached.
+
+    As in AB3DMOT's code, each level, in steps of 1/40 from 0, is assigned to the match whose recall is nearest to it;
+    level 0 is left out. Of up to 40 boxes a level is assigned to the first match with which recall reaches it; of 41
+    both rules are the same.
+
+    Args:
+        scores: (TP,) mean track score of every match.
+        truth: number of truth boxes.
+    """
+    ordered = np.sort(scores)[::-1]
+    if truth <= RECALL_POINTS:
+        reached = len(scores) * RECALL_POINTS // max(truth, 1)
+        # The first match from which level k / 40 is reached is number ceil(k / 40 * truth), counted from 1.
+        first = [-(-k * truth // RECALL_POINTS) - 1 for k in range(1, reached + 1)]
+        return [(k / RECALL_POINTS, float(ordered[match])) for k, match in enumerate(first, start=1)]
+    found: list[tuple[float, float]] = []
+    level = 0.0
+    for k, score in enumerate(ordered.tolist()):
+        last = k == len(ordered) - 1
+        here = (k + 1) / truth
+        following = here if last else (k + 2) / truth
+        if not last and following - level < level - here:
+            continue
+        found.append((level, score))
+        level += 1 / RECALL_POINTS
+    return found[1:]
+
+
+RECALLS = np.linspace(0.1, 1.0, 40).round(12)  # rounded as in the development kit
+
+
+@dataclass(frozen=True, slots=True)
+class NearSweep:
+    """nuScenes' averages over levels of recall from 0.1 (Caesar et al., CVPR 2020, and its development kit).
+
+    Like AB3DMOT's, tracks are cut by their mean score; unlike there, an object of any size is matched within 2 m,
+    thresholds are interpolated between scores, and an unreached level of recall counts as the worst value.
+
+    Attributes:
+        amota: mean MOTAR, in [0, 1].
+        amotp: mean distance of matched centres, in [0, 2] m; smaller is better.
+        best: CLEAR at the level with the highest MOTA, of several the one with the highest recall; None: no level is
+            reached.
+    """
+
+    amota: float
+    amotp: float
+    best: Clear | None = None
+
+
+def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
+    """Count at every level of recall; the pairs' similarity is 1 - distance / 2 m."""
+    thresholds = score_thresholds(_match_scores(sequences), sum(len(each.arrays.truth) for each in sequences))
+    levels = [count_clear(sequences, threshold=threshold)[0] for threshold in thresholds]
+    missing = len(RECALLS) - len(levels)
+    distances = [NEAR_M * (1.0 - level.motp) for level in levels]
+    best = max(reversed(levels), key=lambda level: max(level.mota, 0.0), default=None)
+    return NearSweep(sum(map(_motar, levels)) / len(RECALLS), (sum(distances) + missing * NEAR_M) / len(RECALLS), best)
+
+
+def score_thresholds(scores: Floats, truth: int) -> list[float]:
+    """Find the mean track scores at which the levels of recall are reached; unreached levels are left out.
+
+    Args:
+        scores: (TP,) mean track score of every match.
+        truth: number of truth boxes.
+    """
+    if not len(scores):
+        return []
+    recall = np.arange(1, len(scores) + 1) / truth
+    found: list[float] = np.interp(RECALLS[recall[-1] >= RECALLS], recall, np.sort(scores)[::-1]).tolist()
+    return found
+
+
+def _match_scores(sequences: Sequence[NumberedSequence]) -> Floats:
+    """Return the mean track score (TP,) of every match that is not an identity switch, with all tracks."""
+    scores = [np.zeros(0)]
+    for sequence in sequences:
+        found = match_sequence(sequence.arrays, np.ones(len(sequence.mean_score), np.bool_), sequence.objects)
+        kept = found.track_of[(found.track_of >= 0) & ~found.switched]
+        scores.append(sequence.mean_score[kept])
+    return np.concatenate(scores)
+
+
+def _motar(clear: Clear) -> float:
+    """Return 1 - (IDS + FP + FN - (1 - r) GT) / (r GT), at least 0, with the measured recall r.
+
+    The development kit does not count a switch as a match, so r GT = TP - IDS, and only FP stays in the numerator.
+    """
+    matches = clear.tp - clear.ids
+    return max(0.0, 1.0 - clear.fp / matches) if matches else 0.0

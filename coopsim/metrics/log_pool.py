@@ -8,11 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
-from coopsim.metrics.hota import Hota, count_hota
-from coopsim.metrics.identity import Identity, count_identity
+from coopsim.metrics.clear import NearSweep, RecallSweep, sweep_near, sweep_recall
+from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
 from coopsim.metrics.matching import NumberedSequence
-from coopsim.metrics.nuscenes import NearSweep, sweep_near
-from coopsim.metrics.recall_averages import RecallSweep, sweep_recall
 from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.types.taxonomy import CLASS_NAMES, Superclass
 

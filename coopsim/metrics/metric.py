@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+from coopsim.metrics.clear import RecallSweep
 from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.recall_averages import RecallSweep
 from coopsim.support.registry import Registry
 
 PRIMARY_METRIC = "sAMOTA"

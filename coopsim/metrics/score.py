@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -12,11 +12,10 @@ from tabulate import tabulate
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import all_metrics, clear_values, custom_metrics
+from coopsim.metrics.clear import RecallSweep
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
-from coopsim.metrics.recall_averages import RecallSweep
-from coopsim.metrics.recall_by_visibility import GroupRecall, pooled, recall_by_visibility
-from coopsim.metrics.track_log import TrackLog
+from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import Superclass
 
@@ -202,3 +201,71 @@ def _mean_values(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def without_nan(values: Mapping[str, float]) -> dict[str, float | None]:
     """Return values with None for NaN, which JSON does not have."""
     return {name: None if math.isnan(value) else value for name, value in values.items()}
+
+
+SEEN_BY = ("me", "others only", "nobody")
+"""Which agents got LiDAR returns from an object in a frame; `GroundTruth.visible_to` holds indices into it."""
+
+UNKNOWN = -1
+"""Stands where it is not known which agents saw an object, as in a replay."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupRecall:
+    """Recall of the objects' boxes that the same agents saw.
+
+    Attributes:
+        tp: boxes with a matched track, whatever its score.
+        gt: boxes.
+        all_gt: boxes of all groups together.
+    """
+
+    tp: int
+    gt: int
+    all_gt: int
+
+    @property
+    def recall(self) -> float:
+        """Per cent of the group's boxes with a matched track; NaN without boxes."""
+        return 100 * self.tp / self.gt if self.gt else float("nan")
+
+    @property
+    def share(self) -> float:
+        """Per cent of all boxes that are in the group; NaN without boxes."""
+        return 100 * self.gt / self.all_gt if self.all_gt else float("nan")
+
+    @property
+    def gain(self) -> float:
+        """Percentage points that the group adds to the recall of all boxes: share times recall."""
+        return 100 * self.tp / self.all_gt if self.all_gt else float("nan")
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the values by name, without those that are NaN."""
+        values = {"share": self.share, "recall": self.recall, "gain": self.gain, "TP": self.tp, "GT": self.gt}
+        return {name: value for name, value in values.items() if not np.isnan(value)}
+
+
+def recall_by_visibility(logs: Sequence[FlatLog]) -> dict[str, GroupRecall]:
+    """Compute the recall of each group in `SEEN_BY`; empty where it is not known which agents saw what.
+
+    Args:
+        logs: with the pairs of one class. Tracks are matched once, to all objects together.
+    """
+    tp, gt = np.zeros(len(SEEN_BY), dtype=np.int64), np.zeros(len(SEEN_BY), dtype=np.int64)
+    for log in logs:
+        hit = log.matches.track_of >= 0
+        known = log.truth_seen_by != UNKNOWN
+        gt += np.bincount(log.truth_seen_by[known], minlength=len(SEEN_BY))
+        tp += np.bincount(log.truth_seen_by[known & hit], minlength=len(SEEN_BY))
+    if not gt.any():
+        return {}
+    return {name: GroupRecall(int(tp[k]), int(gt[k]), int(gt.sum())) for k, name in enumerate(SEEN_BY)}
+
+
+def pooled(parts: Iterable[Mapping[str, GroupRecall]]) -> dict[str, GroupRecall]:
+    """Add up the groups of several agents."""
+    known = [part for part in parts if part]
+    return {
+        name: GroupRecall(*(sum(getattr(part[name], count) for part in known) for count in ("tp", "gt", "all_gt")))
+        for name in (SEEN_BY if known else ())
+    }

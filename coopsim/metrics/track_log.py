@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.candidate_pairs import NEAR_M, CandidatePairs
 from coopsim.metrics.growing_columns import GrowingColumns, Spool
-from coopsim.metrics.matching import NumberedSequence, SequenceArrays, SequenceMatches, frame_of, match_sequence
+from coopsim.metrics.matching import (
+    NEAR_M,
+    CandidatePairs,
+    NumberedSequence,
+    SequenceArrays,
+    SequenceMatches,
+    frame_of,
+    match_sequence,
+)
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
 

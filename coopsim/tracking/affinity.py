@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from coopsim.geometry import box_similarity, iou
 from coopsim.geometry.se3 import Floats
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections
 
 _SCORE = 7  # its column, after the box
@@ -20,7 +20,7 @@ _SCORE = 7  # its column, after the box
 class Affinity(Protocol):
     """A similarity of N tracks and M detections (N, M): larger for more similar pairs, -inf for impossible ones."""
 
-    def __call__(self, tracks: Tracked, detections: Detections, /) -> Floats:
+    def __call__(self, tracks: TrackStates, detections: Detections, /) -> Floats:
         """Return the affinity of every pair."""
 
 
@@ -55,11 +55,11 @@ class BoxAffinity:
     clipping: Clipping | None = None
     score_weight: float = 0.0
 
-    def __call__(self, tracks: Tracked, detections: Detections, /) -> Floats:
+    def __call__(self, tracks: TrackStates, detections: Detections, /) -> Floats:
         return self.compare(self.of_tracks(tracks), self.of_detections(detections))
 
     @staticmethod
-    def of_tracks(tracks: Tracked) -> Floats:
+    def of_tracks(tracks: TrackStates) -> Floats:
         """Return the rows (N, 8) that are compared: boxes and latest scores."""
         return _joined(tracks.boxes, tracks.latest)
 

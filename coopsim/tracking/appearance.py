@@ -11,6 +11,7 @@ look alike; infinity removes it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,9 @@ from coopsim.geometry.assignment import greedy
 from coopsim.geometry.box_similarity import center_distance_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_number, require_positive
+from coopsim.tracking.affinity import fgam
 from coopsim.tracking.cascade import Stage
-from coopsim.tracking.embedding_memory import EmbeddingMemory
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import EmbeddingMemory, TrackStates
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
 
@@ -58,7 +59,7 @@ class Appearance:
         """Return the stage of a cascade that matches by embeddings, most similar pairs first (eq. 9)."""
         return Stage(self.affinity, greedy, self.similarity, tracks=_have_embeddings, detections=_show_embeddings)
 
-    def affinity(self, tracks: Tracked, detections: Detections, /) -> Floats:
+    def affinity(self, tracks: TrackStates, detections: Detections, /) -> Floats:
         """Return the cosine similarity of N tracks and M detections (N, M): the best over each track's memory (eq. 9).
 
         It is -inf out of reach, and where either has no embedding. The reach depends on whose box it is: `reach_m` per
@@ -74,7 +75,7 @@ class Appearance:
         reach_m = np.where(foreign, np.maximum(reach_m, self.cross_reach_m), reach_m)
         return np.where(distance_m <= reach_m, similarity, -np.inf)
 
-    def older(self, tracks: Tracked, detections: Detections, rows: Ints, columns: Ints, reported: Mask) -> Ints:
+    def older(self, tracks: TrackStates, detections: Detections, rows: Ints, columns: Ints, reported: Mask) -> Ints:
         """Find the lost tracks that the detections of younger tracks look like: the historical id supersedes.
 
         The younger track must have begun after the older one was last seen, and must not have been reported, so that no
@@ -155,9 +156,49 @@ def seen_by_others(found: Detections) -> Mask:
     return np.zeros(len(found), dtype=bool) if found.seen_by is None else ~found.seen_by[:, 0]
 
 
-def _have_embeddings(tracks: Tracked) -> Mask:
+def _have_embeddings(tracks: TrackStates) -> Mask:
     return tracks.appearance.known
 
 
 def _show_embeddings(found: Detections) -> Mask:
     return np.full(len(found), found.embedding is not None)
+
+
+_LONG_S = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class LastEmbedding(Appearance):
+    """Keeps the last embedding of each track, for the association alone: nothing is found again or suppressed by it."""
+
+    window_s: float = _LONG_S
+    views: int = 1
+
+    def older(self, tracks: TrackStates, detections: Detections, rows: Ints, columns: Ints, reported: Mask) -> Ints:
+        return rows
+
+    def repeats(self, found: Detections, matched: Ints, memory: EmbeddingMemory | None = None) -> Ints:
+        return np.arange(len(found))
+
+
+@dataclass(frozen=True, slots=True)
+class YolooAffinity:
+    """The affinity 2 - c_p - c_g of N tracks and M detections, in [0, 2]; -inf where c_g exceeds 1.
+
+    c_g is the distance in units of the smaller box, and c_p is 1 less the cosine of the embeddings, at most 1 (the
+    source says that it is in [0, 1]). A pair without embeddings is compared by geometry alone: its c_g counts twice, so
+    that its cost is of the same size as those of other pairs.
+
+    Attributes:
+        count: called with the numbers of possible pairs of one class that were compared with looks, and without.
+    """
+
+    count: Callable[[int, int], None]
+
+    def __call__(self, tracks: TrackStates, detections: Detections, /) -> Floats:
+        near = fgam(tracks, detections)
+        alike = tracks.appearance.similarity(tracks.appearance.readable(detections))
+        known = np.isfinite(alike)
+        possible = np.isfinite(near) & (tracks.label[:, None] == detections.label)
+        self.count(int((possible & known).sum()), int((possible & ~known).sum()))
+        return near + np.where(known, np.maximum(alike, 0.0), near)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,26 +12,26 @@ import numpy as np
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity, BoxAffinity
+from coopsim.tracking.affinity import Affinity, BoxAffinity, axial_xiou, half_giou, xiou
 from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections, Ints, Mask
 
 Selector = Callable[[Any], Mask]
-"""Selects tracks (`Tracked`) or detections (`Detections`) that take part in a stage: returns a mask (N,)."""
+"""Selects tracks (`TrackStates`) or detections (`Detections`) that take part in a stage: returns a mask (N,)."""
 
 
-def everything(of: Tracked | Detections) -> Mask:
+def everything(of: TrackStates | Detections) -> Mask:
     """Select all."""
     return np.ones(len(of), dtype=bool)
 
 
-def nothing(of: Tracked | Detections) -> Mask:
+def nothing(of: TrackStates | Detections) -> Mask:
     """Select none."""
     return np.zeros(len(of), dtype=bool)
 
 
-def missed(tracks: Tracked) -> Mask:
+def missed(tracks: TrackStates) -> Mask:
     """Select tracks that no detection of this frame has been matched to yet."""
     return tracks.misses > 0
 
@@ -71,14 +72,14 @@ class Stage:
         """Whether all tracks and detections take part."""
         return self.tracks is everything and self.detections is everything
 
-    def pairs(self, tracks: Tracked, detections: Detections, classes: Pairs) -> Pairs:
+    def pairs(self, tracks: TrackStates, detections: Detections, classes: Pairs) -> Pairs:
         """Return the pairs (K,), (K,) of all these tracks and detections, whose classes are (N,) and (M,)."""
         affinity = self.affinity
         if not isinstance(affinity, BoxAffinity):
             return self.assigner(of_one_class(affinity(tracks, detections), *classes), self.gate)
         return self._pairs_of_rows(affinity, affinity.of_tracks(tracks), affinity.of_detections(detections), classes)
 
-    def pairs_among(self, tracks: Tracked, detections: Detections, classes: Pairs, some: Pairs) -> Pairs:
+    def pairs_among(self, tracks: TrackStates, detections: Detections, classes: Pairs, some: Pairs) -> Pairs:
         """Return the pairs among some tracks (K,) and detections (L,), as indices into these."""
         left, right = some
         affinity, classes = self.affinity, (classes[0][left], classes[1][right])
@@ -105,7 +106,7 @@ class Cascade:
         self._stages = tuple(stages)
         self._class_groups = None if class_groups is None else np.array(class_groups, dtype=np.int64)
 
-    def match(self, tracks: Tracked, detections: Detections) -> Pairs:
+    def match(self, tracks: TrackStates, detections: Detections) -> Pairs:
         """Return the indices of matched tracks and of their detections, (K,) each."""
         if not (len(tracks) and len(detections)):
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -128,3 +129,22 @@ class Cascade:
     def _class_of(self, label: Ints) -> Ints:
         """Return the labels (N,), or the numbers of their groups; a new array."""
         return label.copy() if self._class_groups is None else self._class_groups[label]
+
+
+AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "axial_xiou": axial_xiou, "giou": half_giou}
+"""By what boxes are matched: XIOU, XIOU for detectors that confuse front and back, and (GIoU + 1) / 2."""
+
+
+def four_stages(affinity: Affinity, gate: float, track_score: float, detection_score: float) -> Cascade:
+    """Return the cascade: sure tracks with sure detections, with doubtful ones, then doubtful tracks with either.
+
+    Args:
+        affinity: of tracks and detections.
+        gate: smallest affinity of a pair.
+        track_score: score from which a track is sure (m_t).
+        detection_score: score from which a detection is sure (m_d).
+    """
+    sides = product(
+        (score_from(track_score), score_below(track_score)), (score_from(detection_score), score_below(detection_score))
+    )
+    return Cascade([Stage(affinity, hungarian, gate, tracks, found) for tracks, found in sides])

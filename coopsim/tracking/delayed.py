@@ -19,7 +19,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive
 from coopsim.support.registry import Registry
 from coopsim.tracking.by_class import TrackersByClass
-from coopsim.tracking.lasting_ids import LastingIds
+from coopsim.tracking.track_ids import LastingIds
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import NS_PER_S, Detections, Mask, Tracks, seconds_to_ns
 from coopsim.types.groups import DetectionGroups

@@ -1,4 +1,4 @@
-"""Lifecycles: which tracks are reported, and which are dropped."""
+"""Scores and lifecycles of tracks: how sure a track is, when it is reported, and when it is dropped."""
 
 from __future__ import annotations
 
@@ -6,20 +6,22 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy.special import expit
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.checks import require_count, require_non_negative
-from coopsim.tracking.tracked import Tracked
-from coopsim.types import Mask
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_count, require_non_negative, require_positive, require_probability
+from coopsim.tracking.track_states import TrackStates
+from coopsim.types import Ints, Mask
 
 
 class Lifecycle(Protocol):
     """A rule that reports and drops tracks, N at once."""
 
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int) -> Mask:
         """Return which tracks to report (N,); `frame` is the number of this frame, from 1."""
 
-    def alive(self, tracks: Tracked) -> Mask:
+    def alive(self, tracks: TrackStates) -> Mask:
         """Return which tracks to keep (N,)."""
 
 
@@ -44,10 +46,10 @@ class HitsAndAge:
         require_count(1, hits=self.hits, age=self.age)
         require_count(0, coast=self.age if self.coast is None else self.coast)
 
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int) -> Mask:
         return _confirmed(tracks, frame, self.hits, self.age if self.coast is None else self.coast)
 
-    def alive(self, tracks: Tracked) -> Mask:
+    def alive(self, tracks: TrackStates) -> Mask:
         return tracks.misses < self.age
 
 
@@ -74,10 +76,10 @@ class ByScore:
         if np.isnan(self.report) or np.isnan(self.drop):
             raise InvalidValueError(f"report and drop must be numbers, got {self.report!r} and {self.drop!r}")
 
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int) -> Mask:
         return (tracks.confidence >= self.report) & (tracks.misses <= self.coast)
 
-    def alive(self, tracks: Tracked) -> Mask:
+    def alive(self, tracks: TrackStates) -> Mask:
         return (tracks.misses < self.age) & (tracks.score >= self.drop)
 
 
@@ -105,12 +107,12 @@ class VelocityAdaptiveAge:
         require_count(0, coast=0 if self.coast is None else self.coast)
         require_non_negative(age_per_m_s=self.age_per_m_s)
 
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int) -> Mask:
         if self.coast is None:
             return _confirmed(tracks, frame, self.hits, np.inf) & self.alive(tracks)
         return _confirmed(tracks, frame, self.hits, self.coast)
 
-    def alive(self, tracks: Tracked) -> Mask:
+    def alive(self, tracks: TrackStates) -> Mask:
         speed_m_s = np.linalg.norm(tracks.velocity, axis=1)
         alive: Mask = tracks.misses < self.age + self.age_per_m_s * speed_m_s
         return alive
@@ -134,17 +136,130 @@ class Remembered:
     def __post_init__(self) -> None:
         require_count(1, hits=self.hits)
 
-    def reported(self, tracks: Tracked, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int) -> Mask:
         return self.rule.reported(tracks, frame) & self.rule.alive(tracks)
 
-    def alive(self, tracks: Tracked) -> Mask:
+    def alive(self, tracks: TrackStates) -> Mask:
         return self.rule.alive(tracks) | (tracks.appearance.known & (tracks.hits >= self.hits))
 
-    def in_sight(self, tracks: Tracked) -> Mask:
+    def in_sight(self, tracks: TrackStates) -> Mask:
         """Return which predicted tracks (N,) the other rule would have kept until this frame."""
         before = replace(tracks, misses=tracks.misses - 1)
         return self.rule.alive(before) | ~tracks.appearance.ever_known
 
 
-def _confirmed(tracks: Tracked, frame: int, hits: int, coast: float) -> Mask:
+def _confirmed(tracks: TrackStates, frame: int, hits: int, coast: float) -> Mask:
     return ((tracks.hits >= hits) | (frame <= hits)) & (tracks.misses <= coast)
+
+
+class Scoring(Protocol):
+    """A rule that updates the scores of all tracks at once."""
+
+    def first(self, detected: Floats) -> Floats:
+        """Return the scores (K,) of tracks begun by detections with these scores."""
+
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        """Return the scores (K,) of tracks with a detection in this frame; `age` is their frames since birth."""
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        """Return the scores (K,) of tracks without a detection in this frame."""
+
+    def confidence(self, tracks: TrackStates) -> Floats:
+        """Return the reported scores (N,)."""
+
+
+class Latest:
+    """The score of the last detection, as in AB3DMOT."""
+
+    def first(self, detected: Floats) -> Floats:
+        return detected
+
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        return detected
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        return before
+
+    def confidence(self, tracks: TrackStates) -> Floats:
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class DecayingScore(Latest):
+    """The score of the last detection, times `decay` for each frame without one.
+
+    A track that was sure becomes doubtful while nothing is seen of it.
+
+    Attributes:
+        decay: factor per frame without a detection, in [0, 1]; 1: the score stays, as with `Latest`.
+    """
+
+    decay: float = 0.9
+
+    def __post_init__(self) -> None:
+        require_probability(decay=self.decay)
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        return before * self.decay
+
+
+@dataclass(frozen=True, slots=True)
+class ShrunkMean:
+    """The mean over a track's life, a frame without a detection counting 0, shrunk to a prior while it is young.
+
+    An object that is detected again and again is more likely there than one detected once, however clearly.
+
+    Attributes:
+        prior: mean that a track starts from, in [0, 1].
+        weight: number of frames that the prior counts for.
+    """
+
+    prior: float = 0.2
+    weight: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_probability(prior=self.prior)
+        require_positive(weight=self.weight)
+
+    def first(self, detected: Floats) -> Floats:
+        return (self.weight * self.prior + detected) / (self.weight + 1)
+
+    def hit(self, before: Floats, detected: Floats, age: Ints) -> Floats:
+        return (before * (self.weight + age) + detected) / (self.weight + age + 1)
+
+    def miss(self, before: Floats, age: Ints) -> Floats:
+        kept: Floats = before * (self.weight + age) / (self.weight + age + 1)
+        return kept
+
+    def confidence(self, tracks: TrackStates) -> Floats:
+        return tracks.score
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood(ShrunkMean):
+    """Probability that a track is on an object: log odds linear in its shrunk mean score and this frame's score.
+
+    Attributes:
+        bias: log odds with everything else 0.
+        mean: per unit of the shrunk mean score.
+        latest: per unit of the score of this frame's detection, 0 without one.
+        young: per unit of one over the number of its detections: the first few tell more than all later ones.
+        missed: added without a detection in this frame.
+    """
+
+    bias: float = 0.0
+    mean: float = 1.0
+    latest: float = 0.0
+    young: float = 0.0
+    missed: float = 0.0
+
+    def confidence(self, tracks: TrackStates) -> Floats:
+        weights = np.array([self.mean, self.latest, self.young, self.missed])
+        probability: Floats = expit(self.bias + self.features(tracks) @ weights)
+        return probability
+
+    @staticmethod
+    def features(tracks: TrackStates) -> Floats:
+        """Return the features (N, 4) of the weights after the bias."""
+        missed = tracks.misses > 0
+        return np.stack([tracks.score, np.where(missed, 0.0, tracks.latest), 1 / tracks.hits, missed], axis=1)

@@ -12,11 +12,9 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.appearance import Appearance, seen_by_others
 from coopsim.tracking.cascade import Cascade, Selector, everything
-from coopsim.tracking.embedding_memory import EmbeddingMemory
-from coopsim.tracking.lifecycle import Lifecycle
+from coopsim.tracking.lifecycle import Latest, Lifecycle, Scoring
 from coopsim.tracking.motion.constant_velocity import Beliefs, Motion
-from coopsim.tracking.track_scoring import Latest, Scoring
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import EmbeddingMemory, TrackStates
 from coopsim.types import NS_PER_S, Detections, Ints, Mask, Tracks, seconds_to_ns
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
@@ -46,7 +44,7 @@ class TrackerState:
         time_ns: time of the last frame; None before the first.
     """
 
-    tracked: Tracked
+    tracked: TrackStates
     next_id: int
     frame: int
     time_ns: int | None
@@ -157,7 +155,7 @@ class Tracker:
         velocity[columns], confirmed[columns] = tracked.velocity[rows], self._were_reported(tracked)[rows]
         return velocity, confirmed
 
-    def predict(self, time_ns: int) -> Tracked:
+    def predict(self, time_ns: int) -> TrackStates:
         """Return the tracks predicted to a time, one frame older; the tracker's state stays.
 
         Raises:
@@ -171,7 +169,7 @@ class Tracker:
             _apart_from(before.beliefs.mean, predicted.mean),
             _apart_from(before.beliefs.covariance, predicted.covariance),
         )
-        return Tracked(
+        return TrackStates(
             beliefs,
             self._motion.boxes(beliefs),
             self._motion.velocity(beliefs),
@@ -187,7 +185,7 @@ class Tracker:
             self._recent(before.appearance, time_ns),
         )
 
-    def reported(self) -> Tracked:
+    def reported(self) -> TrackStates:
         """Return the full tracks behind the rows of `report`."""
         return self.state.tracked[self._reported_rows()]
 
@@ -210,8 +208,8 @@ class Tracker:
         return memory.since(time_ns - seconds_to_ns(self._appearance.window_s))
 
     def _take_in(
-        self, tracked: Tracked, found: Detections, rules: AssociationRound, next_id: int, time_ns: int
-    ) -> tuple[Tracked, int]:
+        self, tracked: TrackStates, found: Detections, rules: AssociationRound, next_id: int, time_ns: int
+    ) -> tuple[TrackStates, int]:
         """Return the tracks after one group of valid detections, the new ones last with ids from `next_id` on.
 
         The second result is the next id then.
@@ -240,14 +238,14 @@ class Tracker:
             tracked = tracked.join(self._initiate(found, boxes, new, next_id, tracked.appearance, time_ns))
         return tracked, next_id + len(new)
 
-    def _were_reported(self, tracked: Tracked) -> Mask:
+    def _were_reported(self, tracked: TrackStates) -> Mask:
         """Return which predicted tracks (N,) have been reported, as far as their numbers of hits say."""
         seen = replace(tracked, misses=np.zeros_like(tracked.misses))
         return self._lifecycle.reported(seen, self.state.frame + 1)
 
     def _update(
-        self, tracked: Tracked, rows: Ints, found: Detections, boxes: Floats, columns: Ints, time_ns: int
-    ) -> Tracked:
+        self, tracked: TrackStates, rows: Ints, found: Detections, boxes: Floats, columns: Ints, time_ns: int
+    ) -> TrackStates:
         """Return the tracks with those at `rows` (K,) updated by the detections at `columns` (K,), in place."""
         beliefs, covariance = tracked.beliefs, found.covariance
         matched = self._motion.update(
@@ -270,14 +268,14 @@ class Tracker:
 
     def _initiate(
         self, found: Detections, boxes: Floats, new: Ints, first_id: int, memory: EmbeddingMemory, time_ns: int
-    ) -> Tracked:
+    ) -> TrackStates:
         """Return new tracks, one for each of the detections at `new` (K,)."""
         count, covariance = len(new), found.covariance
         beliefs = self._motion.initiate(boxes[new], None if covariance is None else covariance[new])
         detected = found.score[new]
         score = self._scoring.first(detected)
         none = np.zeros(count, dtype=np.int64)
-        return Tracked(
+        return TrackStates(
             beliefs,
             self._motion.boxes(beliefs),
             self._motion.velocity(beliefs),
@@ -307,8 +305,8 @@ def _apart_from(before: Floats, now: Floats) -> Floats:
 
 
 def _refresh_memory(
-    tracked: Tracked, rows: Ints, columns: Ints, found: Detections, shown: Ints, time_ns: int
-) -> Tracked:
+    tracked: TrackStates, rows: Ints, columns: Ints, found: Detections, shown: Ints, time_ns: int
+) -> TrackStates:
     """Add the embeddings of repeated detections to the memories of the tracks that they belong to.
 
     Args:

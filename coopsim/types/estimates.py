@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch
 from coopsim.support.arrays import frozen, require_finite, sealed
 from coopsim.types.soundness import are_sound
 from coopsim.types.taxonomy import CLASS_NAMES, require_identified
@@ -126,7 +125,7 @@ class Detections:
 
     def transform_each(self, transforms: SE3Batch, number: Ints) -> Detections:
         """Move each detection by the transform of its number (N,), as `transform` does."""
-        return self._moved(transforms.boxes(self.boxes, number), transforms.rotation[number])
+        return self._moved(self.boxes.transform_each(transforms, number), transforms.rotation[number])
 
     def _moved(self, boxes: Boxes3D, rotation: Floats) -> Detections:
         """Return the detections with moved boxes, turned by a rotation (3, 3), or each by its own (N, 3, 3)."""
@@ -253,7 +252,7 @@ class GroundTruth:
         id: (N,) int, unique within the frame and constant over an object's life.
         boxes: N boxes, in the frame in which tracks are reported.
         label: (N,) int, an `ObjectClass`.
-        visible_to: (N,) int, numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`; None: unknown.
+        visible_to: (N,) int, numbers into `coopsim.metrics.score.SEEN_BY`; None: unknown.
         velocity: (N, 2) m/s over ground, in the axes of the boxes; None: unknown.
         returns: (N, A) number of LiDAR returns that each of A agents has from each object; None: unknown.
         in_region: (N,) whether the object is in the evaluation region; None: all are.

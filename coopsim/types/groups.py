@@ -9,7 +9,7 @@ from typing import cast, overload
 
 import numpy as np
 
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3Batch
 from coopsim.types.estimates import Detections
 from coopsim.types.units import Ints, Mask
 

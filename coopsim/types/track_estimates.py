@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch
 from coopsim.support.arrays import frozen, sealed
 from coopsim.types.estimates import Tracks
 from coopsim.types.units import Ints
@@ -82,7 +81,7 @@ class TrackEstimates:
         turn = turn[number]
         moved = Tracks.trusted(
             tracks.id,
-            transforms.boxes(tracks.boxes, number),
+            tracks.boxes.transform_each(transforms, number),
             transforms.rotate_planar(tracks.velocity, number),
             tracks.score,
             tracks.label,

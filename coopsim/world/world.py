@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
 from coopsim.support.rng import uniform_draws
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass

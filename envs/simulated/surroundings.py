@@ -10,8 +10,7 @@ import numpy as np
 
 from coopsim.detection.oracle import Oracles
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
 from coopsim.support.kernels import njit
 from coopsim.types import GroundTruth, Ints, Mask
 from coopsim.world.snapshot import Actors, AgentBody

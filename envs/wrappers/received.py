@@ -13,7 +13,7 @@ from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, decode_points, decode_queries, decode_tracks
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.localization.odometry import OdometryFrame
 from coopsim.types import NS_PER_S, AgentSpec, Ints, Mask, Message, Observation
 from coopsim.types.taxonomy import CLASS_NAMES
 

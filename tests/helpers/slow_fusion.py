@@ -9,8 +9,7 @@ import numpy as np
 from scipy.special import expit
 
 from coopsim.fusion.common_objects import turned
-from coopsim.fusion.doubt import Doubt
-from coopsim.fusion.trust import FusedBoxes
+from coopsim.fusion.fused_boxes import FusedBoxes, SourceOdds
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev, iou_3d, iou_bev
@@ -233,7 +232,11 @@ def correspond(own: FusedBoxes, other: FusedBoxes, gate: float) -> tuple[Ints, I
 
 
 def trust_likelier(
-    groups: Sequence[Detections], gate: float, doubt: Doubt, hearsay: Doubt | None = None, least_chance: float = 1.0
+    groups: Sequence[Detections],
+    gate: float,
+    doubt: SourceOdds,
+    hearsay: SourceOdds | None = None,
+    least_chance: float = 1.0,
 ) -> FusedBoxes:
     fused, replaced = of_agent(Detections.empty()), of_agent(Detections.empty())
     for group in (of_agent(drop_invalid(each)) for each in groups):
@@ -250,7 +253,7 @@ def trust_likelier(
     return join(fused, replaced)
 
 
-def _fuse(own: FusedBoxes, other: FusedBoxes, doubt: Doubt) -> tuple[FusedBoxes, FusedBoxes]:
+def _fuse(own: FusedBoxes, other: FusedBoxes, doubt: SourceOdds) -> tuple[FusedBoxes, FusedBoxes]:
     """Fuse N pairs of boxes.
 
     Returns:

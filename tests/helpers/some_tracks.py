@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import EmbeddingMemory, TrackStates
 from coopsim.types import Detections
 
 FRAME_NS = 100_000_000
@@ -28,7 +27,7 @@ def tracks(
     misses: int | list[int] = 0,
     speed_m_s: float | list[float] = 0.0,
     memory: EmbeddingMemory | None = None,
-) -> Tracked:
+) -> TrackStates:
     """Tracks at (x, 0), going along x."""
     found = cars(*xs)
     count = len(found)
@@ -39,7 +38,7 @@ def tracks(
 
     scores = np.array(np.broadcast_to(score, count), dtype=float)
     velocity = np.column_stack([np.broadcast_to(speed_m_s, count), np.zeros(count)]).astype(float)
-    return Tracked(
+    return TrackStates(
         beliefs,
         found.boxes.array,
         velocity,

@@ -17,7 +17,7 @@ from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.share_points import SharePoints
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
-from coopsim.tracking.onboard import OnBoardTracker
+from coopsim.tracking.ab3dmot_tracker import OnBoardTracker
 from coopsim.types import AgentSpec, Detections, Message, Observation
 
 SHORT: dict[str, Any] = SMALL | {"max_cycles": 6}

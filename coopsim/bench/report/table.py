@@ -10,8 +10,7 @@ from tabulate import tabulate
 from coopsim.bench.evaluate import Evaluation
 from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
 from coopsim.metrics.metric import PRIMARY_METRIC
-from coopsim.metrics.recall_by_visibility import GroupRecall
-from coopsim.metrics.score import Score
+from coopsim.metrics.score import GroupRecall, Score
 
 BYTES_TITLE, FRAMES_TITLE = "bytes/s", "frames/s"
 

@@ -10,7 +10,7 @@ from coopsim.comms.codecs.codec import Codec
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.comms.uplinks.uplink import UPLINKS, ContentUplink
 from coopsim.support.checks import require_flag
-from coopsim.tracking.onboard import OnBoardTracker
+from coopsim.tracking.ab3dmot_tracker import OnBoardTracker
 from coopsim.types import AgentSpec, Observation
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from coopsim.comms.codecs.track_codec import sendable
 from coopsim.comms.uplinks.once_per_frame import StepOnce
 from coopsim.comms.uplinks.uplink import UPLINKS, ContentUplink
-from coopsim.tracking.onboard import OnBoardTracker
+from coopsim.tracking.ab3dmot_tracker import OnBoardTracker
 from coopsim.types import Observation
 from coopsim.types.track_estimates import TrackEstimates
 

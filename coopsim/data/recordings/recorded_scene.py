@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from coopsim.data.recordings.recorded_folder import RecordedSequence
 from coopsim.data.recordings.recorded_frame import RecordedFrame, RecordedObjects
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import look_up
 from coopsim.support.kernels import njit

@@ -21,8 +21,7 @@ from coopsim.detection.simulated.draws import uniform_at
 from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch, wrap_angle
 from coopsim.support.checks import require_between, require_non_negative, require_positive
 from coopsim.support.kernels import njit
 from coopsim.support.rng import draw_key, stream

@@ -15,7 +15,7 @@ from coopsim.tracking.affinity import giou_3d
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
 from coopsim.tracking.motion.constant_velocity import MEASURED, ConstantVelocity
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import TrackStates
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections, GroundTruth, Ints, seconds_to_ns
 from coopsim.types.estimates import diagonals
@@ -61,7 +61,7 @@ class _Watched(Cascade):
         super().__init__(stages)
         self.groups: list[tuple[Ints, Ints]] = []
 
-    def match(self, tracks: Tracked, detections: Detections) -> Pairs:
+    def match(self, tracks: TrackStates, detections: Detections) -> Pairs:
         rows, columns = super().match(tracks, detections)
         self.groups.append((tracks.id[rows], columns))
         return rows, columns
@@ -96,7 +96,7 @@ def track_frames(frames: RecordedFrames, variance: Floats, motion: ConstantVeloc
     return _as_arrays(frames, tracks, taken, true)
 
 
-def _labels_near(tracked: Tracked, truth: GroundTruth) -> tuple[Ints, Floats]:
+def _labels_near(tracked: TrackStates, truth: GroundTruth) -> tuple[Ints, Floats]:
     """Return the numbers (K,) of the tracks that were detected now and are near a label, and its box (K, 7)."""
     detected = np.flatnonzero(tracked.misses == 0)
     near = center_distance_bev(tracked.boxes[detected], truth.boxes.array)

@@ -14,7 +14,7 @@ from coopsim.learn.losses.anchor_loss import Truth, anchor_head_loss
 from coopsim.learn.losses.losses import head_loss
 from coopsim.learn.losses.targets import Targets, join_targets, make_targets
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, sweeps_of, thin
-from coopsim.localization.recent_sweeps import Points
+from coopsim.localization.odometry import Points
 from coopsim.nn.detector.anchor_head import AnchorHead
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE

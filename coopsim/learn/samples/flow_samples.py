@@ -11,7 +11,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft, scene_drafts
-from coopsim.localization.recent_sweeps import Points
+from coopsim.localization.odometry import Points
 from coopsim.nn.cooperative.feature_flow import LONGEST_S
 from coopsim.types import stack_xyz_yaw
 

@@ -16,7 +16,7 @@ from coopsim.learn.losses.targets import Targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.merged_cloud import merged_cloud
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
-from coopsim.localization.recent_sweeps import Points
+from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
-from coopsim.localization.recent_sweeps import LONGEST_S, Points
+from coopsim.localization.odometry import LONGEST_S, Points
 
 
 def sweeps_of(clip: Clip, number: int, member: int, sweeps: int) -> Points:

@@ -33,7 +33,7 @@ from coopsim.learn.samples.sightings import (
     sightings_of,
 )
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile
-from coopsim.metrics.separation import separation
+from coopsim.metrics.average_precision import separation
 from coopsim.types import Ints
 
 Crop = NDArray[np.uint8]

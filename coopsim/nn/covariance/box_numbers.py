@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.fusion.believed import clear_middle
+from coopsim.fusion.fused_boxes import clear_middle
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import Ints
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from coopsim.localization.recent_sweeps import RecentSweeps, turned
+from coopsim.localization.odometry import RecentSweeps, turned
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet

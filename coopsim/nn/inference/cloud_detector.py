@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
-from coopsim.localization.recent_sweeps import Points, turned
+from coopsim.localization.odometry import Points, turned
 from coopsim.nn.camera.picture_batch import PictureView, SeenPicture, collate_pictures
 from coopsim.nn.camera.picture_detector import PointsAndPicturesNet
 from coopsim.nn.covariance.box_numbers import own_numbers

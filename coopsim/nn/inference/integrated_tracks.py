@@ -11,10 +11,9 @@ from coopsim.nn.inference.query_perceiver import detections_of
 from coopsim.nn.integrated.track_update import updated_tracks
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.tracking.cascade import Cascade
-from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.lifecycle import Lifecycle
 from coopsim.tracking.motion.constant_velocity import Beliefs
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import EmbeddingMemory, TrackStates
 from coopsim.types import Mask
 
 
@@ -58,14 +57,14 @@ class TrackRules:
         return self.lifecycle.reported(as_tracked(tracks), frame)
 
 
-def as_tracked(tracks: Instances) -> Tracked:
+def as_tracked(tracks: Instances) -> TrackStates:
     """Return tracks as associations and lifecycles know them, without beliefs and looks."""
     count = len(tracks)
     none = np.zeros(count, dtype=np.int64)
     boxes, score, velocity = (each.double().numpy(force=True) for each in (tracks.box, tracks.score, tracks.velocity))
     whole = (tracks.number, tracks.label, tracks.hits, tracks.missed)
     number, label, hits, missed = (each.numpy(force=True) for each in whole)
-    return Tracked(
+    return TrackStates(
         Beliefs(np.zeros((count, 0)), np.zeros((count, 0, 0))), boxes, velocity, number, label, score, score, score,
         hits, missed, none, none.astype(np.bool_), EmbeddingMemory.blank(count, dim=0, window=1),
     )  # fmt: skip

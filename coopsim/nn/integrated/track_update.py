@@ -11,7 +11,7 @@ from coopsim.geometry.assignment import Pairs
 from coopsim.nn.integrated.branch import turned_around
 from coopsim.nn.queries.carry_over import corrected_velocity
 from coopsim.nn.queries.instances import Instances
-from coopsim.tracking.facing import MOVING_M_S
+from coopsim.tracking.motion.turning import MOVING_M_S
 
 
 def updated_tracks(predicted: Instances, detected: Instances, pairs: Pairs, born: Tensor, dt_s: float) -> Instances:

@@ -14,7 +14,7 @@ with CTRA, which it calls CYRA.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
@@ -32,6 +32,7 @@ from coopsim.tracking.motion.constant_velocity import (
     initial_beliefs,
     update_beliefs,
 )
+from coopsim.types import Tracks
 
 SPEED, TURN_RATE, CLIMB, ACCELERATION = range(MEASURED, MEASURED + 4)
 
@@ -97,7 +98,7 @@ class ConstantTurnRate:
         return Beliefs(mean, (covariance + covariance.transpose(0, 2, 1)) / 2)
 
     def update(self, beliefs: Beliefs, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        return facing_forward(
+        return face_forwards(
             update_beliefs(beliefs, boxes, covariance, self.measurement_variance), self.reverse_speed_mps
         )
 
@@ -188,7 +189,7 @@ def turn_moments(angle_rad: Floats) -> Complexes:
     return np.where(small, series.T, np.stack([zeroth, first, second]))
 
 
-def facing_forward(beliefs: Beliefs, reverse_speed_mps: float) -> Beliefs:
+def face_forwards(beliefs: Beliefs, reverse_speed_mps: float) -> Beliefs:
     """Turn around the objects that drive backwards faster than `reverse_speed_mps`, by two standard deviations.
 
     The heading turns by half a turn; speed, acceleration and their covariances with all else change sign. The motion
@@ -204,3 +205,15 @@ def facing_forward(beliefs: Beliefs, reverse_speed_mps: float) -> Beliefs:
     mean = beliefs.mean * signs
     mean[backwards, YAW] = wrap_angle(mean[backwards, YAW] + np.pi)
     return Beliefs(mean, beliefs.covariance * signs[:, :, None] * signs[:, None, :])
+
+
+MOVING_M_S = 2.0
+"""What is faster faces where it goes."""
+
+
+def face_velocity(tracks: Tracks) -> Tracks:
+    """Return tracks, those that move (2 m/s) and face backwards turned around; others face as they did."""
+    (x, y), yaw_rad = tracks.velocity.T, tracks.boxes.yaw
+    backwards = (np.hypot(x, y) > MOVING_M_S) & (np.cos(yaw_rad) * x + np.sin(yaw_rad) * y < 0)
+    faced_rad = np.where(backwards, wrap_angle(yaw_rad + np.pi), yaw_rad)
+    return replace(tracks, boxes=replace(tracks.boxes, yaw=faced_rad))

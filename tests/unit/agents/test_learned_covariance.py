@@ -16,8 +16,7 @@ from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import ContentUplink
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 from coopsim.learn.weights import load_covariance, make_covariance, save_weights
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import AgentSpec, Detections

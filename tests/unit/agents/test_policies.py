@@ -13,8 +13,7 @@ import coopsim
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.simulated.simulated import SimulatedDetector
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Tracks
 from coopsim.wire.actions import pack_tracks, unpack_action
 from coopsim.wire.observation_format import ObservationFormat

@@ -15,8 +15,7 @@ from coopsim.detection.simulated.curves import Curve, DetectionModel, ErrorModel
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, wrap_angle
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch, wrap_angle
 from coopsim.types import AgentSpec, Detections, Odometry, SensorView
 from coopsim.world.snapshot import Actors
 

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
-from coopsim.fusion.pose_error import Moments
+from coopsim.fusion.alignment import Moments, PoseAlignment, ReceivedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.localization.odometry_frame import OdometryFrame
+from coopsim.localization.odometry import OdometryFrame
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
 
 FRAME_NS = 100_000_000

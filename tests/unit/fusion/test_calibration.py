@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from coopsim.fusion.calibration import Calibration
-from coopsim.fusion.trust import FusedBoxes
+from coopsim.fusion.fused_boxes import Calibration, FusedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.covariance_intersection import PULL, covariance_intersection, intersection_weight
+from coopsim.fusion.track_fusion import PULL, covariance_intersection, intersection_weight
 from coopsim.tracking.motion import kalman
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]

@@ -9,7 +9,8 @@ import pytest
 from slow_fusion import trust_likelier as slowly
 
 from coopsim.agents.coop_fuse import DOUBT, HEARSAY, LEAST_CHANCE, MERGE_GATE
-from coopsim.fusion.trust import FusedBoxes, trust_likelier
+from coopsim.fusion.box_fusion import trust_likelier
+from coopsim.fusion.fused_boxes import FusedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections

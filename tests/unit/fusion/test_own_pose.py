@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coopsim.fusion.pose_error import OwnPose
+from coopsim.fusion.alignment import OwnPose
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.types import Odometry, PoseEstimate, stack_xyz_yaw
 

@@ -10,16 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.doubt import Doubt, pair_features
-from coopsim.fusion.trust import FusedBoxes, trust_likelier
+from coopsim.fusion.box_fusion import trust_likelier
+from coopsim.fusion.fused_boxes import FusedBoxes, SourceOdds, pair_features
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
 # Decides by the scores alone, and sharply: the better-scored box is right.
-BY_SCORE = Doubt(bias=0, own_score=-200, other_score=200, own_away=0, other_away=0, gap=0, gap_away=0)
-UNDECIDED = Doubt(bias=0, own_score=0, other_score=0, own_away=0, other_away=0, gap=0, gap_away=0)
+BY_SCORE = SourceOdds(bias=0, own_score=-200, other_score=200, own_away=0, other_away=0, gap=0, gap_away=0)
+UNDECIDED = SourceOdds(bias=0, own_score=0, other_score=0, own_away=0, other_away=0, gap=0, gap_away=0)
 
 
 def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) -> Detections:
@@ -27,7 +27,7 @@ def found(*objects: tuple[float, float], label: int = 0, bottom_m: float = 0.0) 
     return Detections(Boxes3D.from_array(rows), [score for _, score in objects], np.full(len(rows), label))
 
 
-def fused(*groups: Detections, doubt: Doubt = BY_SCORE) -> list[tuple[float, float]]:
+def fused(*groups: Detections, doubt: SourceOdds = BY_SCORE) -> list[tuple[float, float]]:
     kept = trust_likelier(groups, gate=0.1, doubt=doubt).detections
     return sorted(zip(kept.boxes.center[:, 0].tolist(), kept.score.tolist(), strict=True))
 
@@ -163,7 +163,7 @@ def test_every_weight_is_of_its_own_feature() -> None:
     features = pair_features(*values)
     assert features.tolist() == [[2, 3, 5, 7, 11, 55]]
     log_odds = 0.1 + 2 * 0.01 - 3 * 0.02 + 5 * 0.03 - 7 * 0.04 + 11 * 0.05 - 55 * 0.001
-    assert Doubt(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).probability_other(features)[0] == pytest.approx(
+    assert SourceOdds(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).probability_other(features)[0] == pytest.approx(
         1 / (1 + np.exp(-log_odds))
     )
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 
 
 def poses(rng: np.random.Generator, count: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -31,7 +30,7 @@ def test_boxes_move_by_the_transforms_of_their_numbers() -> None:
     rng = np.random.default_rng(0)
     transforms, number = SE3Batch.from_xyz_yaw(poses(rng, 5)), rng.integers(5, size=40)
     boxes, velocity = Boxes3D.from_array(rng.normal(size=(40, 7)) * 30), rng.normal(size=(40, 2))
-    moved, turned = transforms.boxes(boxes, number), transforms.rotate_planar(velocity, number)
+    moved, turned = boxes.transform_each(transforms, number), transforms.rotate_planar(velocity, number)
     for row, each in enumerate(number.tolist()):
         expected = boxes[row : row + 1].transform(transforms[each])
         np.testing.assert_array_equal(moved[row : row + 1].array, expected.array)

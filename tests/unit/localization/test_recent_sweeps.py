@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.localization.recent_sweeps import RecentSweeps, aged, turned
+from coopsim.localization.odometry import RecentSweeps, aged, turned
 from coopsim.types import Odometry, PointCloud, SensorView, Sweep
 
 FRAME_NS = 100_000_000

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_clear import evaluate, tracks, truth
 
+from coopsim.metrics.clear import score_thresholds
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.nuscenes import score_thresholds
 from coopsim.metrics.score import summarize
 
 

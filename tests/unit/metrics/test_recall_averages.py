@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from test_clear import tracks, truth
 
-from coopsim.metrics.clear import Clear
+from coopsim.metrics.clear import Clear, recall_thresholds
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.recall_averages import recall_thresholds
 from coopsim.metrics.score import summarize
 
 

@@ -10,8 +10,7 @@ import pytest
 from coopsim.bench.report.table import format_visibility
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
-from coopsim.metrics.recall_by_visibility import GroupRecall
-from coopsim.metrics.score import Score, summarize
+from coopsim.metrics.score import GroupRecall, Score, summarize
 from coopsim.types import GroundTruth, Ints, Tracks
 
 

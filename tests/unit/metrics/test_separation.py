@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopsim.metrics.separation import separation
+from coopsim.metrics.average_precision import separation
 
 
 @pytest.mark.parametrize(

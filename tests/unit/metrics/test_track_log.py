@@ -10,8 +10,8 @@ import pytest
 from test_clear import tracks, truth
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.metrics.candidate_pairs import find_candidate_pairs
 from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.matching import find_candidate_pairs
 from coopsim.metrics.score import summarize
 from coopsim.types import GroundTruth, Tracks
 

@@ -22,9 +22,9 @@ from coopsim.tracking.appearance import Appearance
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.delayed import RECEIVER, Measurement, RewindAndReplay
-from coopsim.tracking.embedding_memory import EmbeddingMemory
 from coopsim.tracking.lifecycle import HitsAndAge, Remembered, VelocityAdaptiveAge
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+from coopsim.tracking.track_states import EmbeddingMemory
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections, Tracks
 

@@ -10,12 +10,12 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.assignment import greedy, hungarian
 from coopsim.tracking.affinity import center_distance, giou_3d, iou_3d
 from coopsim.tracking.cascade import Cascade, Stage, score_below, score_from
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS
 
 
-def pairs(cascade: Cascade, known: Tracked, found: Detections) -> list[tuple[int, int]]:
+def pairs(cascade: Cascade, known: TrackStates, found: Detections) -> list[tuple[int, int]]:
     rows, columns = cascade.match(known, found)
     return sorted(zip(rows.tolist(), columns.tolist(), strict=True))
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.tracking.embedding_memory import EmbeddingMemory
+from coopsim.tracking.track_states import EmbeddingMemory
 
 EAST, NORTH, NORTHEAST = [1.0, 0.0], [0.0, 2.0], [3.0, 3.0]
 NONE = [np.nan, np.nan]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.tracking.facing import facing_forwards
+from coopsim.tracking.motion.turning import face_velocity
 from coopsim.types import Tracks
 
 
@@ -25,11 +25,11 @@ def test_a_track_that_moves_faces_forwards(
 ) -> None:
     boxes = Boxes3D.from_array(np.array([[3.0, 4.0, 1.0, 4.5, 1.9, 1.6, yaw_rad]]))
     one = Tracks(np.array([7]), boxes, np.array([velocity_m_s]), np.array([0.9]), np.array([0]))
-    faced = facing_forwards(one)
+    faced = face_velocity(one)
     assert np.cos(faced.boxes.array[0, 6] - expected_rad) == pytest.approx(1.0)
     np.testing.assert_array_equal(faced.boxes.array[:, :6], boxes.array[:, :6])
     assert faced.id.tolist() == [7] and faced.velocity.tolist() == [list(velocity_m_s)]
 
 
 def test_no_tracks_stay_none() -> None:
-    assert len(facing_forwards(Tracks.empty())) == 0
+    assert len(face_velocity(Tracks.empty())) == 0

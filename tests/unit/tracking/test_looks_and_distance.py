@@ -7,9 +7,9 @@ import pytest
 
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.tracking.appearance import LastEmbedding, YolooAffinity
 from coopsim.tracking.cascade import Cascade, Stage
 from coopsim.tracking.lifecycle import HitsAndAge
-from coopsim.tracking.looks_and_distance import LastLook, LooksAndDistance
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import Detections
@@ -25,15 +25,15 @@ def found(*x_m: float, looks: object = None, label: int = 0) -> Detections:
 
 
 def tracker(counts: list[tuple[int, int]] | None = None) -> Tracker:
-    cost = LooksAndDistance(lambda *each: (counts if counts is not None else []).append(each))
+    cost = YolooAffinity(lambda *each: (counts if counts is not None else []).append(each))
     stage = Stage(cost, greedy, gate=0.0)
-    return Tracker(ConstantVelocity(), Cascade([stage]), HitsAndAge(1, 5), appearance=LastLook())
+    return Tracker(ConstantVelocity(), Cascade([stage]), HitsAndAge(1, 5), appearance=LastEmbedding())
 
 
 def affinity(before: Detections, now: Detections) -> np.ndarray:
     follows = tracker()
     follows.step(before, 0)
-    return LooksAndDistance(lambda *each: None)(follows.predict(0), now)
+    return YolooAffinity(lambda *each: None)(follows.predict(0), now)
 
 
 def test_the_cost_is_the_sum_of_both() -> None:

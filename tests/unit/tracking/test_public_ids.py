@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from coopsim.tracking.public_ids import ABSENT, PublicIds
+from coopsim.tracking.track_ids import ABSENT, PublicIds
 
 MEMORY_NS = 1_000
 

@@ -17,10 +17,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.affinity import center_distance, giou_3d
 from coopsim.tracking.cascade import Cascade, Stage, missed, nothing, score_from
-from coopsim.tracking.lifecycle import ByScore, HitsAndAge
+from coopsim.tracking.lifecycle import ByScore, HitsAndAge, Latest, Likelihood, ShrunkMean
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
-from coopsim.tracking.track_scoring import Latest, Likelihood, ShrunkMean
-from coopsim.tracking.tracked import Tracked
+from coopsim.tracking.track_states import TrackStates
 from coopsim.tracking.tracker import AssociationRound, Tracker
 from coopsim.types import Detections, Mask, Tracks
 
@@ -65,7 +64,7 @@ def test_confidence_is_asked_once_a_frame_and_of_all_tracks_whether_they_are_rep
     class OfAll(Latest):
         asked: ClassVar[list[int]] = []
 
-        def confidence(self, tracks: Tracked) -> Floats:
+        def confidence(self, tracks: TrackStates) -> Floats:
             self.asked.append(len(tracks))
             share: Floats = tracks.score / tracks.score.sum()
             return share

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 from coopsim.types import Detections
 from coopsim.types.groups import DetectionGroups
 

@@ -8,8 +8,7 @@ from some_tracks import FRAME_NS, cars
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
-from coopsim.geometry.se3_batch import SE3Batch
+from coopsim.geometry.se3 import SE3, SE3Batch
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import Tracks

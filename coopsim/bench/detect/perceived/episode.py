@@ -13,8 +13,7 @@ from coopsim.bench.detect.perceived.part_clock import PartClock
 from coopsim.bench.detect.perceived.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, Detections, GroundTruth

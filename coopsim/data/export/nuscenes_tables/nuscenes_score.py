@@ -2,7 +2,7 @@
 
 The steps are those of the official tools: key frames alone; annotations with at least one return, nearer to the ego
 vehicle than their class's range; tracks nearer than that; holes in both filled by interpolation; a track's score is its
-mean over frames. Then AMOTA and AMOTP of each class (`coopsim.metrics.nuscenes`), all scenes pooled, and CLEAR at the
+mean over frames. Then AMOTA and AMOTP of each class (`coopsim.metrics.clear`), all scenes pooled, and CLEAR at the
 level of recall with the highest MOTA. docs/reference/export.md says how far both agree.
 """
 
@@ -21,8 +21,8 @@ import numpy as np
 from coopsim.data.export.nuscenes_tables.nuscenes_names import CATEGORIES, RANGE_M, TRACKED, VERSION
 from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.metrics.candidate_pairs import NEAR_M, find_candidate_pairs
-from coopsim.metrics.nuscenes import NearSweep, sweep_near
+from coopsim.metrics.clear import NearSweep, sweep_near
+from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.types import GroundTruth, Tracks
 

@@ -17,7 +17,7 @@ from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.integrated.track_update import updated_tracks  # noqa: E402
 from coopsim.nn.queries.instances import UNNUMBERED, Instances  # noqa: E402
 from coopsim.tracking.affinity import xiou  # noqa: E402
-from coopsim.tracking.four_stages import four_stages  # noqa: E402
+from coopsim.tracking.cascade import four_stages  # noqa: E402
 from coopsim.tracking.lifecycle import HitsAndAge  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 

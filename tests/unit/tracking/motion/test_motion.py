@@ -19,7 +19,7 @@ from coopsim.tracking.motion.turning import (
     ConstantTurnRate,
     ConstantTurnRateAcceleration,
     advance,
-    facing_forward,
+    face_forwards,
     turn_moments,
 )
 
@@ -191,7 +191,7 @@ def test_facing_forward_tells_the_same_motion_from_the_other_end(motion: Motion)
     backwards = np.array([[1.0, 2, 0, 4, 2, 1.5, 0.3, -9, 0.4, 0.1, -1.5]])[:, :size]
     root = np.random.default_rng(0).normal(size=(1, size, size)) * 0.3
     before = Beliefs(backwards, root @ root.transpose(0, 2, 1))
-    after = facing_forward(before, 1.0)
+    after = face_forwards(before, 1.0)
     assert after.mean[0, SPEED] == 9.0
     np.testing.assert_allclose(motion.velocity(after), motion.velocity(before), atol=1e-12)
     first, second = motion.predict(before, 0.8), motion.predict(after, 0.8)

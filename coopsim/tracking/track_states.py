@@ -1,15 +1,9 @@
-"""The memory of tracks' embeddings, by which a lost track is found again.
-
-DINO-CoDT, sec. III-G ("Data Association and Tracklet RE-IDentification"), keeps a look-up table of each track's
-feature vectors within a temporal window (its eq. 8) and compares an otherwise unmatched detection (eq. 7) with them by
-cosine similarity (eq. 9): above a strict threshold they are the same object. Then the same is tried with other agents'
-vectors of the same time. The table is here, its use by a tracker in `appearance`. What makes the vectors is the
-caller's choice: the paper takes block 31 of DINOv2.
-"""
+"""All tracks of a tracker as one struct of arrays, with the embeddings by which a lost track is found again."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +11,104 @@ from numpy.typing import ArrayLike, NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen, sealed
 from coopsim.support.checks import require_count
-from coopsim.types import Detections, Mask
+from coopsim.tracking.motion.constant_velocity import Beliefs
+from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackStates:
+    """N tracks, reported or not; all fields have N rows.
+
+    A tracker writes into the arrays of the frame that it is working on, never into those of a frame before.
+
+    Attributes:
+        beliefs: the motion model's state estimates.
+        boxes: (N, 7) x, y, z, l, w, h, yaw, of the beliefs' means.
+        velocity: (N, 2) m/s, of the beliefs' means.
+        id: (N,) int.
+        label: (N,) int, an `ObjectClass`.
+        score: (N,) as the tracker's scoring keeps it.
+        latest: (N,) score of the last detection.
+        confidence: (N,) last reported score; the first score before any report.
+        hits: (N,) frames with a detection so far.
+        misses: (N,) frames since the last detection; 0 if detected in this one.
+        age: (N,) frames since birth; 0 in the frame of birth.
+        foreign: (N,) bool, whether the last detection came from other agents only, not from the receiver.
+        appearance: embeddings of the last detections, if the tracker keeps them.
+    """
+
+    beliefs: Beliefs
+    boxes: Floats
+    velocity: Floats
+    id: Ints
+    label: Ints
+    score: Floats
+    latest: Floats
+    confidence: Floats
+    hits: Ints
+    misses: Ints
+    age: Ints
+    foreign: Mask
+    appearance: EmbeddingMemory
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __getitem__(self, index: Any) -> TrackStates:
+        return TrackStates(
+            Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index]),
+            self.boxes[index],
+            self.velocity[index],
+            self.id[index],
+            self.label[index],
+            self.score[index],
+            self.latest[index],
+            self.confidence[index],
+            self.hits[index],
+            self.misses[index],
+            self.age[index],
+            self.foreign[index],
+            self.appearance.take(index),
+        )
+
+    def moved(self, boxes: Floats, velocity: Floats, appearance: EmbeddingMemory) -> TrackStates:
+        """Return these tracks with other boxes, velocities and embeddings; all else is shared with them."""
+        return TrackStates(
+            self.beliefs,
+            boxes,
+            velocity,
+            self.id,
+            self.label,
+            self.score,
+            self.latest,
+            self.confidence,
+            self.hits,
+            self.misses,
+            self.age,
+            self.foreign,
+            appearance,
+        )
+
+    def join(self, other: TrackStates) -> TrackStates:
+        """Return these tracks followed by the others."""
+        first, second = self.beliefs, other.beliefs
+        return TrackStates(
+            Beliefs(np.concatenate([first.mean, second.mean]), np.concatenate([first.covariance, second.covariance])),
+            np.concatenate([self.boxes, other.boxes]),
+            np.concatenate([self.velocity, other.velocity]),
+            np.concatenate([self.id, other.id]),
+            np.concatenate([self.label, other.label]),
+            np.concatenate([self.score, other.score]),
+            np.concatenate([self.latest, other.latest]),
+            np.concatenate([self.confidence, other.confidence]),
+            np.concatenate([self.hits, other.hits]),
+            np.concatenate([self.misses, other.misses]),
+            np.concatenate([self.age, other.age]),
+            np.concatenate([self.foreign, other.foreign]),
+            self.appearance.join(other.appearance),
+        )
+
 
 Index = NDArray[np.integer] | NDArray[np.bool_]
 
@@ -28,6 +118,9 @@ _NEVER_NS = np.iinfo(np.int64).min
 @dataclass(frozen=True, slots=True, eq=False)
 class EmbeddingMemory:
     """Embeddings of each of N tracks, at most W, first in, first out. Immutable: every change makes a new memory.
+
+    DINO-CoDT (sec. III-G) keeps each track's vectors within a temporal window (eq. 8) and compares an otherwise
+    unmatched detection with them by cosine similarity (eq. 9); `appearance` is the use of it by a tracker.
 
     An embedding that is not finite, or all zeros, is invalid: it is not stored, displaces no other, and is similar to
     nothing. `readable` makes such rows for detections without an embedding. Until the first embedding comes, D is 0.

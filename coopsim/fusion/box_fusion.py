@@ -1,32 +1,111 @@
-"""The fusion of `trust` for all agents of one receiver in a single call, on arrays and without the interpreter."""
+"""Fusion of several agents' boxes, weighted by how likely each agent is right about an object."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from coopsim.fusion.believed import (
+from coopsim.fusion.compromise import compromise, footprint, workspace
+from coopsim.fusion.fused_boxes import (
     AWAY,
     BEST,
     CHANCE,
     NEAREST,
     SCORE,
-    Believed,
+    FusedBoxes,
+    FusedRows,
+    SourceOdds,
     away,
     clear_middle,
     column,
     first_of,
     of_agent,
+    pair_features,
+    probability_other,
     put,
     room_for,
     take,
 )
-from coopsim.fusion.compromise import compromise, footprint, workspace
-from coopsim.fusion.doubt import pair_features, probability_other
 from coopsim.fusion.registration import register_rows
 from coopsim.geometry.iou import iou_3d_of_pair
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import Ints
+from coopsim.support.checks import require_between, require_probability
 from coopsim.support.kernels import njit
+from coopsim.types import Detections, Ints
+from coopsim.types.groups import DetectionGroups
+from coopsim.types.valid_detections import drop_invalid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correspondence:
+    """The pairs of two agents' boxes on the same objects.
+
+    Attributes:
+        own: (K,) rows of the own boxes that the other agent sees too.
+        other: (K,) the other agent's rows of those objects.
+        new: (L,) the other agent's rows of objects that only it sees.
+        expected: (L,) boxes of those as registration expects the receiver's sensor to see them; None without common
+            objects to register by.
+    """
+
+    own: Ints
+    other: Ints
+    new: Ints
+    expected: FusedBoxes | None
+
+
+def correspond(own: FusedBoxes, other: FusedBoxes, gate: float) -> Correspondence:
+    """Match two agents' boxes under their registration, which removes a common error of a pose or a clock."""
+    mine, theirs, new, common, expected = correspond_rows(own.rows, other.rows, float(gate))
+    return Correspondence(mine, theirs, new, FusedBoxes.of_rows(expected, other.detections) if common else None)
+
+
+def trust_likelier(
+    groups: Sequence[Detections],
+    gate: float,
+    doubt: SourceOdds,
+    hearsay: SourceOdds | None = None,
+    least_chance: float = 1.0,
+) -> FusedBoxes:
+    """Fuse the agents' boxes to one box per object, where it is most likely right.
+
+    Each group is matched to the fused boxes of the groups before (Hungarian on the BEV GIoU, per class, after
+    registration), and unmatched boxes are added. A fused box has the heading, covariance and embedding of the likelier
+    one, the best score of all, and lies where it most likely overlaps the object (`compromise`). Where it may miss the
+    object although one of the two is right, that one may be kept as a box of its own, at the end, with the remaining
+    chance.
+
+    Objects that the receiver does not see itself are treated alike: they may lie where the other agent places them, or
+    where registration expects the receiver to see them.
+
+    Args:
+        groups: one per agent, in one frame, the receiver's own first. Invalid boxes are dropped.
+        gate: smallest BEV GIoU of boxes on one object, in [-1, 1].
+        doubt: weights for boxes of objects that both agents see.
+        hearsay: weights for boxes of objects that only another agent sees; None: they are trusted.
+        least_chance: smallest chance, in [0, 1], that a replaced box is right where the fused one is not, from which it
+            is kept; 1: none is.
+    """
+    require_between(-1, 1, gate=gate)
+    require_probability(least_chance=least_chance)
+    valid = _valid(groups)
+    weights = np.zeros(0) if hearsay is None else hearsay.weights
+    joined = valid.joined
+    boxes = joined.boxes.array
+    score, label = np.ascontiguousarray(joined.score), np.ascontiguousarray(joined.label)  # one layout is compiled
+    found = fuse_groups(boxes, score, label, valid.starts, float(gate), doubt.weights, weights, float(least_chance))
+    return FusedBoxes.of_rows(found, joined)
+
+
+def _valid(groups: Sequence[Detections]) -> DetectionGroups:
+    """Return the valid boxes of all groups, end to end."""
+    joined = DetectionGroups.of(groups)
+    if joined.parts is None and drop_invalid(joined.joined) is joined.joined:
+        return joined
+    return DetectionGroups.of([drop_invalid(each) for each in groups])
+
 
 _EVEN_ODDS_IOU, _STEEPNESS = 0.255, 6.4
 """Log odds that a box is on its object, linear in the logarithm of its 3D IoU with a right box. In the training
@@ -44,7 +123,7 @@ def fuse_groups(
     doubt: Floats,
     hearsay: Floats,
     least_chance: float,
-) -> Believed:
+) -> FusedRows:
     """Fuse the boxes of G agents, as `trust_likelier` says.
 
     Args:
@@ -53,7 +132,7 @@ def fuse_groups(
         label: (N,) their classes.
         starts: (G + 1,) agent g has the rows from starts[g] to starts[g + 1] - 1.
         gate: smallest BEV GIoU of boxes on one object.
-        doubt: (7,) weights of a `Doubt`, for boxes of objects that both agents see.
+        doubt: (7,) weights of a `SourceOdds`, for boxes of objects that both agents see.
         hearsay: (7,) weights for boxes of objects that only another agent sees; (0,): they are trusted.
         least_chance: smallest chance of a replaced box that is kept.
 
@@ -85,7 +164,7 @@ def fuse_groups(
 
 
 @njit(cache=True, nogil=True)
-def correspond_rows(own: Believed, other: Believed, gate: float) -> tuple[Ints, Ints, Ints, int, Believed]:
+def correspond_rows(own: FusedRows, other: FusedRows, gate: float) -> tuple[Ints, Ints, Ints, int, FusedRows]:
     """Match two agents' boxes under their registration, as `correspond` says.
 
     Returns:
@@ -107,12 +186,12 @@ def correspond_rows(own: Believed, other: Believed, gate: float) -> tuple[Ints, 
     boxes, values = placed[new], other.values[new]
     values[:, AWAY] = away(boxes, clear_middle(own.boxes, best))
     values[:, SCORE] = 0.0
-    expected = Believed(boxes, values, other.label[new], other.origin[new])
+    expected = FusedRows(boxes, values, other.label[new], other.origin[new])
     return mine, other_row[mine], new, registration.common, expected
 
 
 @njit(cache=True, nogil=True)
-def _fuse(own: Believed, other: Believed, doubt: Floats) -> tuple[Believed, Believed]:
+def _fuse(own: FusedRows, other: FusedRows, doubt: Floats) -> tuple[FusedRows, FusedRows]:
     """Fuse N pairs of boxes.
 
     Returns:
@@ -140,7 +219,7 @@ def _fuse(own: Believed, other: Believed, doubt: Floats) -> tuple[Believed, Beli
 
 
 @njit(cache=True, nogil=True)
-def _probability_other(own: Believed, other: Believed, doubt: Floats) -> Floats:
+def _probability_other(own: FusedRows, other: FusedRows, doubt: Floats) -> Floats:
     """Return the probability (N,) that the other box of each pair is right."""
     bottom, other_bottom = own.boxes[:, 2] - own.boxes[:, 5] / 2, other.boxes[:, 2] - other.boxes[:, 5] / 2
     features = pair_features(
@@ -159,7 +238,7 @@ def _on_object(box: Floats, right: Floats, room: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _keep(replaced: Believed, count: int, spare: Believed, least_chance: float) -> int:
+def _keep(replaced: FusedRows, count: int, spare: FusedRows, least_chance: float) -> int:
     """Append the boxes that are likely enough to the `count` replaced ones; return how many there are now."""
     for k in range(len(spare.label)):
         if spare.values[k, CHANCE] >= least_chance:

@@ -1,0 +1,252 @@
+"""Fused boxes of several agents, and two logistic models learned from labels: which agent is right, and which box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import expit
+
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
+from coopsim.types import Detections, Ints, Mask
+
+BEST, CHANCE, NEAREST, SCORE, AWAY = range(5)
+"""Columns of `FusedRows.values`: the best score of all agents that see it, and those of `FusedBoxes`."""
+
+_CLEARNESS_POWER = 4
+"""Power of the score in the weights of clearly seen boxes: one box at 0.8 counts for 16 at 0.4."""
+
+
+class FusedRows(NamedTuple):
+    """N fused boxes.
+
+    Attributes:
+        boxes: (N, 7).
+        values: (N, 5) best score, chance, nearest m, score of the likeliest agent, away m; see `FusedBoxes`.
+        label: (N,) classes.
+        origin: (N,) the row, among the boxes of all agents, whose covariance and embedding the box carries.
+    """
+
+    boxes: Floats
+    values: Floats
+    label: Ints
+    origin: Ints
+
+
+@njit(cache=True, nogil=True)
+def room_for(count: int) -> FusedRows:
+    """Return room for fused boxes."""
+    ids = np.empty(2 * count, dtype=np.int64)
+    return FusedRows(np.empty((count, 7)), np.empty((count, 5)), ids[:count], ids[count:])
+
+
+@njit(cache=True, nogil=True)
+def of_agent(boxes: Floats, score: Floats, label: Ints, first: int) -> FusedRows:
+    """Return the boxes (N, 7) of one agent; `first` is the row of the first one among those of all agents."""
+    values, away_m = np.ones((len(boxes), 5)), away(boxes, clear_middle(boxes, score))
+    values[:, BEST], values[:, SCORE] = score, score
+    values[:, NEAREST], values[:, AWAY] = away_m, away_m
+    return FusedRows(boxes, values, label, np.arange(first, first + len(boxes)))
+
+
+@njit(cache=True, nogil=True)
+def column(believed: FusedRows, which: int) -> Floats:
+    """Return a column (N,) of `values`."""
+    return believed.values[:, which].copy()
+
+
+@njit(cache=True, nogil=True)
+def take(believed: FusedRows, rows: Ints) -> FusedRows:
+    """Return some of the boxes."""
+    return FusedRows(believed.boxes[rows], believed.values[rows], believed.label[rows], believed.origin[rows])
+
+
+@njit(cache=True, nogil=True)
+def first_of(believed: FusedRows, count: int) -> FusedRows:
+    """Return the first boxes, as a view."""
+    boxes, values, label, origin = believed
+    return FusedRows(boxes[:count], values[:count], label[:count], origin[:count])
+
+
+@njit(cache=True, nogil=True)
+def put(believed: FusedRows, row: int, source: FusedRows, k: int) -> None:
+    """Write box k of a source to a row."""
+    believed.boxes[row], believed.values[row] = source.boxes[k], source.values[k]
+    believed.label[row], believed.origin[row] = source.label[k], source.origin[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clear_middle(boxes: Floats, score: Floats) -> Floats:
+    """Return the middle (2,) m over ground of an agent's clear area; the origin without boxes (N, 7)."""
+    best, middle, total = 1e-6, np.zeros(2), 0.0
+    for value in score:
+        best = max(best, value)
+    for k in range(len(boxes)):
+        weight = (max(score[k], 1e-6) / best) ** _CLEARNESS_POWER
+        middle[0] += weight * boxes[k, 0]
+        middle[1] += weight * boxes[k, 1]
+        total += weight
+    return middle / total if len(boxes) else middle
+
+
+@njit(cache=True, nogil=True)
+def away(boxes: Floats, middle: Floats) -> Floats:
+    """Return the distances (N,) m over ground of boxes (N, 7) from a place (2,)."""
+    away_m = np.empty(len(boxes))
+    for k in range(len(boxes)):
+        x, y = boxes[k, 0] - middle[0], boxes[k, 1] - middle[1]
+        away_m[k] = np.sqrt(x * x + y * y)
+    return away_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedBoxes:
+    """K fused boxes of several agents, and features that tell how likely each is on an object.
+
+    Attributes:
+        detections: the boxes, each with the best score of all agents that see it.
+        chance: (K,) probability that the box is on the object if one of the agents is right about it; 1 if only one
+            agent sees it and nothing points to another place.
+        nearest_m: (K,) m over ground from the middle of the clear area of the nearest agent that detects it.
+        score: (K,) score of the likeliest agent.
+        away_m: (K,) m over ground from the middle of that agent's clear area.
+    """
+
+    detections: Detections
+    chance: Floats
+    nearest_m: Floats
+    score: Floats
+    away_m: Floats
+
+    @classmethod
+    def of_agent(cls, detections: Detections) -> FusedBoxes:
+        """Return the boxes of one agent."""
+        return cls.of_rows(of_agent(detections.boxes.array, detections.score, detections.label, 0), detections)
+
+    @classmethod
+    def of_rows(cls, rows: FusedRows, source: Detections) -> FusedBoxes:
+        """Return fused boxes from those of kernels; `source` has the covariances and embeddings that they carry."""
+        best, chance, nearest_m, score, away_m = (rows.values[:, each] for each in (BEST, CHANCE, NEAREST, SCORE, AWAY))
+        covariance = None if source.covariance is None else source.covariance[rows.origin]
+        embedding = None if source.embedding is None else source.embedding[rows.origin]
+        detections = Detections(Boxes3D.from_array(rows.boxes), best, rows.label, covariance, embedding)
+        return cls(detections, chance, nearest_m, score, away_m)
+
+    @property
+    def rows(self) -> FusedRows:
+        """The boxes as kernels have them, which carry their own covariances and embeddings."""
+        found = self.detections
+        values = np.stack([found.score, self.chance, self.nearest_m, self.score, self.away_m], axis=1)
+        return FusedRows(found.boxes.array, values, found.label, np.arange(len(found)))
+
+    def __getitem__(self, rows: Ints | Mask) -> FusedBoxes:
+        return FusedBoxes(
+            self.detections[rows], self.chance[rows], self.nearest_m[rows], self.score[rows], self.away_m[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SourceOdds:
+    """Log odds that, of two agents' boxes on one object, the sender's is right and the receiver's is not.
+
+    A detector's height is good where it sees the road; far away it guesses a flat world, and another agent's boxes come
+    through a relative pose whose tilt lifts or sinks those far from the sender. So the log odds are linear in the
+    scores, in the distance of each box from the middle of its agent's clear area (the mean centre of its boxes,
+    weighted by score^4, which needs no pose), and in the difference of their heights.
+
+    The weights are those of a logistic regression on the training recordings 0001 to 0031 of V2V4Real: all pairs of
+    boxes of which one has a 3D IoU of at least 0.25 with a label and the other has not (`scripts/fit_coop_fuse.py`).
+
+    Attributes:
+        bias: log odds with everything else 0.
+        own_score: per unit of score.
+        other_score: per unit of score.
+        own_away: per metre from the middle of the agent's clear area.
+        other_away: per metre.
+        gap: per metre between the boxes' bottoms.
+        gap_away: per metre between the bottoms, times metres of `own_away`.
+    """
+
+    bias: float
+    own_score: float
+    other_score: float
+    own_away: float
+    other_away: float
+    gap: float
+    gap_away: float
+
+    @property
+    def weights(self) -> Floats:
+        """(7,): the bias, and the weights of `pair_features` in their order."""
+        scores, away = (self.own_score, self.other_score), (self.own_away, self.other_away)
+        return np.array([self.bias, *scores, *away, self.gap, self.gap_away], dtype=np.float64)
+
+    def probability_other(self, features: Floats) -> Floats:
+        """Return the probability (N,) that the other box is right; `features` (N, 6) as from `pair_features`."""
+        probability: Floats = probability_other(self.weights, features)
+        return probability
+
+
+@njit(cache=True, nogil=True)
+def pair_features(
+    own_score: Floats, other_score: Floats, own_away_m: Floats, other_away_m: Floats, gap_m: Floats
+) -> Floats:
+    """Return the features (N, 6) of `SourceOdds`, in the order of its weights after the bias, of pairs (N,)."""
+    features = np.empty((len(gap_m), 6))
+    for k in range(len(gap_m)):
+        features[k, 0], features[k, 1] = own_score[k], other_score[k]
+        features[k, 2], features[k, 3] = own_away_m[k], other_away_m[k]
+        features[k, 4] = abs(gap_m[k])
+        features[k, 5] = features[k, 4] * own_away_m[k]
+    return features
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def probability_other(weights: Floats, features: Floats) -> Floats:
+    """Return the probability (N,) that the other box is right, with `SourceOdds.weights` (7,)."""
+    probability = np.empty(len(features))
+    for k in range(len(features)):
+        odds = 0.0
+        for feature, weight in zip(features[k], weights[1:]):  # noqa: B905  (numba has no strict)
+            odds += feature * weight
+        probability[k] = 1 / (1 + np.exp(-(weights[0] + odds)))
+    return probability
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Probability that a box is on an object, by its score, distance, volume and the agents' agreement (Platt 1999).
+
+    A score rates how much some points look like an object, not whether the box around them overlaps it. Of two boxes
+    with the same score, one far from the clear area misses more often, most of all in height, and a larger one
+    overlaps more often: the same error is a smaller part of it. The log odds are linear in these. Where agents differ,
+    at most one of them is right, so the result is multiplied by a power of `FusedBoxes.chance`.
+
+    Attributes:
+        bias: log odds with everything else 0.
+        score: per unit of score.
+        away: per metre from the middle of the clear area of the nearest agent that detects it, see `SourceOdds`.
+        volume: per unit of the logarithm of its volume in m^3.
+        chance: power of the chance; below 1 where small chances come true more often than their value.
+    """
+
+    bias: float
+    score: float
+    away: float
+    volume: float
+    chance: float
+
+    def of(self, boxes: FusedBoxes) -> Floats:
+        """Return the probability (N,) of being on an object."""
+        weights = np.array([self.score, self.away, self.volume])
+        probability: Floats = boxes.chance**self.chance * expit(self.bias + self.features(boxes) @ weights)
+        return probability
+
+    @staticmethod
+    def features(boxes: FusedBoxes) -> Floats:
+        """Return the features (N, 3) of the weights after the bias, of boxes with sizes > 0."""
+        volume = np.log(boxes.detections.boxes.size).sum(axis=1)
+        return np.stack([boxes.detections.score, boxes.nearest_m, volume], axis=1)
