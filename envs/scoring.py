@@ -9,7 +9,6 @@ import numpy as np
 
 from coopsim.envs.frames import AgentFrame
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.metrics.growing_columns import Spool
 from coopsim.types import Mask, Tracks
 
 
@@ -52,8 +51,7 @@ class Scorer:
         region_m: tuple[float, float] | None,
     ) -> None:
         self._match_iou, self._region_m = match_iou, region_m
-        spool = Spool()
-        self.evaluators = {name: Evaluator(match_iou, spool) for name in agents}
+        self.evaluators = {name: Evaluator(match_iou) for name in agents}
 
     def update(self, frame: Mapping[str, AgentFrame], tracks: Mapping[str, Tracks]) -> dict[str, FrameCounts]:
         """Score the tracks that agents report for one frame; each in the agent's base frame."""

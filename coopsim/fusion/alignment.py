@@ -72,11 +72,7 @@ class PoseAlignment:
     ) -> list[SE3]:
         """Return `odom_SE3_sender` at capture for each message. To be called once in each frame, in order.
 
-        Args:
-            observation: the receiver's observation.
-            frame: its odometry frame, moved to now.
-            own: its detections in that frame.
-            received: the messages that arrived.
+        `frame` is the receiver's odometry frame, moved to now, and `own` are its detections in it.
         """
         self._remember(observation, frame, own)
         odom_SE3_world = frame.odom_SE3_base.compose(self._own_pose(observation).inverse())
@@ -204,7 +200,7 @@ _LEAST = np.square([0.02, 0.02, 0.0004])
 _MOST_R = 0.99
 
 
-class Moments:
+class ErrorProcess:
     """Variance and correlation of a zero-mean process that is measured with known noise; x and y are alike.
 
     A pose's noise may be fresh in every frame (the papers' protocol), wander or stay, and which of them is unknown. All
@@ -212,8 +208,7 @@ class Moments:
     frames), with r = 0 for white noise and r = 1 for a bias. V and r are learned from the measurements, by moments.
     They set the gain: with r = 0 an error is found from this frame's objects alone, with r = 1 from all frames'.
 
-    Args:
-        variance: (3,) initial variance of x, y (m^2) and heading (rad^2).
+    It begins with an assumed or stated variance (3,) of x, y (m^2) and heading (rad^2).
     """
 
     def __init__(self, variance: Floats) -> None:
@@ -260,20 +255,17 @@ class PoseErrorFilter:
     Attributes:
         mean: (3,) the correction, m and rad.
         covariance: (3, 3).
-
-    Args:
-        variance: (3,) variance of the error, as stated or assumed.
     """
 
     def __init__(self, variance: Floats) -> None:
-        self._moments = Moments(variance)
-        self.mean, self.covariance = np.zeros(3), np.diag(self._moments.variance)
+        self._process = ErrorProcess(variance)
+        self.mean, self.covariance = np.zeros(3), np.diag(self._process.variance)
 
     def predict(self) -> None:
         """Predict the correction to the next message."""
-        self._moments.forget()
-        kept = self._moments.correlation
-        fresh = np.diag((1 - kept**2) * self._moments.variance)
+        self._process.forget()
+        kept = self._process.correlation
+        fresh = np.diag((1 - kept**2) * self._process.variance)
         self.mean, self.covariance = kept * self.mean, np.outer(kept, kept) * self.covariance + fresh
 
     def update(self, mean: Floats, covariance: Floats) -> None:
@@ -281,11 +273,11 @@ class PoseErrorFilter:
         prior, posterior = np.linalg.inv(self.covariance), np.linalg.inv(covariance)
         # The objects' information alone is the posterior's less the prediction's. A direction without any would make it
         # singular: it gets next to no weight.
-        data = posterior - prior + np.diag(1e-3 / self._moments.variance)
+        data = posterior - prior + np.diag(1e-3 / self._process.variance)
         noise = np.linalg.inv(data)
         measured = noise @ (posterior @ mean - prior @ self.mean)
         if np.isfinite(measured).all() and (np.diagonal(noise) > 0).all():
-            self._moments.learn(measured, np.diagonal(noise))
+            self._process.learn(measured, np.diagonal(noise))
         self.mean, self.covariance = mean, covariance
 
 
@@ -302,7 +294,7 @@ class OwnPose:
     def __init__(self, first: PoseEstimate, variance: Floats) -> None:
         self.xyz_yaw = first.xyz_yaw
         self._variance = np.maximum(variance, _LEAST)
-        self._moments = Moments(variance)
+        self._process = ErrorProcess(variance)
 
     def step(self, stated: PoseEstimate, odometry: Odometry) -> SE3:
         """Return the pose one frame later, `world_SE3_base`: carried on by odometry and drawn to the stated pose."""
@@ -311,9 +303,9 @@ class OwnPose:
         surprise = stated.xyz_yaw - carried
         surprise[3] = wrap_angle(surprise[3])
         predicted = self._variance + _STEP
-        self._moments.forget()
-        self._moments.learn(surprise[[0, 1, 3]], predicted)
-        gain = predicted / (predicted + self._moments.variance)
+        self._process.forget()
+        self._process.learn(surprise[[0, 1, 3]], predicted)
+        gain = predicted / (predicted + self._process.variance)
         self._variance = (1 - gain) * predicted
         self.xyz_yaw = carried + np.array([gain[0], gain[1], 1.0, gain[2]]) * surprise
         return SE3.from_xyz_yaw(self.xyz_yaw[:3], float(self.xyz_yaw[3]))

@@ -11,25 +11,22 @@ from coopsim.fusion.compromise import compromise, footprint, workspace
 from coopsim.fusion.fused_boxes import (
     AWAY,
     BEST,
+    BOX,
     CHANCE,
+    LABEL,
     NEAREST,
+    ORIGIN,
     SCORE,
     FusedBoxes,
-    FusedRows,
     SourceOdds,
-    away,
+    away_from,
     clear_middle,
-    column,
-    first_of,
-    of_agent,
     pair_features,
     probability_other,
-    put,
-    room_for,
-    take,
+    rows_of_agent,
 )
 from coopsim.fusion.registration import register_rows
-from coopsim.geometry.iou import iou_3d_of_pair
+from coopsim.geometry.iou import common_ground
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_probability
 from coopsim.support.kernels import njit
@@ -123,8 +120,8 @@ def fuse_groups(
     doubt: Floats,
     hearsay: Floats,
     least_chance: float,
-) -> FusedRows:
-    """Fuse the boxes of G agents, as `trust_likelier` says.
+) -> Floats:
+    """Fuse the boxes of G agents, as `trust_likelier` says, in one call without the interpreter.
 
     Args:
         boxes: (N, 7) valid boxes of all agents.
@@ -137,111 +134,89 @@ def fuse_groups(
         least_chance: smallest chance of a replaced box that is kept.
 
     Returns:
-        The fused boxes, then the replaced ones that are kept.
+        The fused boxes (K, 14), then the replaced ones that are kept.
     """
-    fused, count = room_for(3 * len(boxes)), 0
-    replaced, spared = room_for(2 * len(boxes)), 0
+    fused = replaced = np.empty((0, ORIGIN + 1))
     for g in range(len(starts) - 1):
         first, last = starts[g], starts[g + 1]
         if first == last:
             continue
-        other = of_agent(boxes[first:last], score[first:last], label[first:last], first)
-        mine, theirs, new, common, expected = correspond_rows(first_of(fused, count), other, gate)
-        agreed, spare = _fuse(take(fused, mine), take(other, theirs), doubt)
+        other = rows_of_agent(boxes[first:last], score[first:last], label[first:last], first)
+        mine, theirs, new, common, expected = correspond_rows(fused, other, gate)
+        agreed, spare = _fuse(fused[mine], other[theirs], doubt)
         for k in range(len(mine)):
-            put(fused, mine[k], agreed, k)
-        spared = _keep(replaced, spared, spare, least_chance)
-        alone = take(other, new)
+            fused[mine[k]] = agreed[k]
+        replaced = np.concatenate((replaced, spare[spare[:, CHANCE] >= least_chance]))
+        alone = other[new]
         if len(hearsay) and common:
             alone, spare = _fuse(expected, alone, hearsay)
-            spared = _keep(replaced, spared, spare, least_chance)
-        for k in range(len(new)):
-            put(fused, count + k, alone, k)
-        count += len(new)
-    for k in range(spared):
-        put(fused, count + k, replaced, k)
-    return first_of(fused, count + spared)
+            replaced = np.concatenate((replaced, spare[spare[:, CHANCE] >= least_chance]))
+        fused = np.concatenate((fused, alone))
+    return np.concatenate((fused, replaced))
 
 
 @njit(cache=True, nogil=True)
-def correspond_rows(own: FusedRows, other: FusedRows, gate: float) -> tuple[Ints, Ints, Ints, int, FusedRows]:
-    """Match two agents' boxes under their registration, as `correspond` says.
+def correspond_rows(own: Floats, other: Floats, gate: float) -> tuple[Ints, Ints, Ints, int, Floats]:
+    """Match two agents' boxes, rows (N, 14) and (M, 14), under their registration, as `correspond` says.
 
     Returns:
         The rows (K,) of the own boxes that the other agent sees too, rising, and its rows (K,) of those objects; its
         rows (L,) of objects that only it sees; the number of objects by which the boxes were registered; and the L
         boxes as registration expects the receiver's sensor to see them.
     """
-    best = column(own, BEST)
+    boxes, best = own[:, :BOX].copy(), own[:, BEST].copy()
+    label, other_label = own[:, LABEL].astype(np.int64), other[:, LABEL].astype(np.int64)
     registration, placed, own_row, giou = register_rows(
-        own.boxes, best, own.label, other.boxes, column(other, BEST), other.label
+        boxes, best, label, other[:, :BOX].copy(), other[:, BEST].copy(), other_label
     )
-    other_row = np.full(len(own.label), -1)
+    other_row = np.full(len(own), -1)
     seen = giou >= gate
-    for k in range(len(other.label)):
+    for k in range(len(other)):
         if seen[k]:
             other_row[own_row[k]] = k
     mine, new = np.flatnonzero(other_row >= 0), np.flatnonzero(~seen)
     # No agent detected them there: the score is 0, and only the distance is from the receiver's clear area.
-    boxes, values = placed[new], other.values[new]
-    values[:, AWAY] = away(boxes, clear_middle(own.boxes, best))
-    values[:, SCORE] = 0.0
-    expected = FusedRows(boxes, values, other.label[new], other.origin[new])
+    expected = other[new]
+    expected[:, :BOX], expected[:, SCORE] = placed[new], 0.0
+    expected[:, AWAY] = away_from(expected, clear_middle(boxes, best))
     return mine, other_row[mine], new, registration.common, expected
 
 
 @njit(cache=True, nogil=True)
-def _fuse(own: FusedRows, other: FusedRows, doubt: Floats) -> tuple[FusedRows, FusedRows]:
-    """Fuse N pairs of boxes.
+def _fuse(own: Floats, other: Floats, doubt: Floats) -> tuple[Floats, Floats]:
+    """Fuse N pairs of boxes, rows (N, 14) each.
 
     Returns:
-        The fused boxes (N,), and the pairs' originals (2 N,), all own ones first, each with the probability that it is
-        right where the fused box is not as its chance.
+        The fused boxes (N, 14), and the pairs' originals (2 N, 14), all own ones first, each with the probability that
+        it is right where the fused box is not as its chance.
     """
-    count, room = len(own.label), workspace()
-    fused, spare = room_for(count), room_for(2 * count)
-    other_right = _probability_other(own, other, doubt)
+    count, room = len(own), workspace()
+    fused, spare = np.empty((count, ORIGIN + 1)), np.concatenate((own, other))
+    gap_m = (other[:, 2] - other[:, 5] / 2) - (own[:, 2] - own[:, 5] / 2)
+    features = pair_features(own[:, SCORE], other[:, SCORE], own[:, AWAY], other[:, AWAY], gap_m)
+    other_right = probability_other(doubt, features)
     for k in range(count):
-        put(spare, k, own, k)
-        put(spare, count + k, other, k)
-        put(fused, k, other if other_right[k] > 0.5 else own, k)
-        box, values = fused.boxes[k], fused.values[k]
-        own_reached, other_reached = compromise(own.boxes[k], other.boxes[k], other_right[k], box, room)
-        own_right = (1 - other_right[k]) * own.values[k, CHANCE]
-        right = other_right[k] * other.values[k, CHANCE]
-        values[BEST] = max(own.values[k, BEST], other.values[k, BEST])
-        values[NEAREST] = min(own.values[k, NEAREST], other.values[k, NEAREST])
-        values[CHANCE] = own_right * own_reached + right * other_reached
+        fused[k] = other[k] if other_right[k] > 0.5 else own[k]
+        own_reached, other_reached = compromise(own[k], other[k], other_right[k], fused[k], room)
+        own_right, right = (1 - other_right[k]) * own[k, CHANCE], other_right[k] * other[k, CHANCE]
+        best, nearest_m = max(own[k, BEST], other[k, BEST]), min(own[k, NEAREST], other[k, NEAREST])
+        fused[k, BEST], fused[k, NEAREST] = best, nearest_m
+        fused[k, CHANCE] = own_right * own_reached + right * other_reached
         for row, chance in ((k, own_right), (count + k, right)):
-            spare.values[row, BEST], spare.values[row, NEAREST] = values[BEST], values[NEAREST]
-            spare.values[row, CHANCE] = chance * (1 - _on_object(box, spare.boxes[row], room.corners))
+            spare[row, BEST], spare[row, NEAREST] = best, nearest_m
+            spare[row, CHANCE] = chance * (1 - _on_object(fused[k], spare[row], room.corners))
     return fused, spare
-
-
-@njit(cache=True, nogil=True)
-def _probability_other(own: FusedRows, other: FusedRows, doubt: Floats) -> Floats:
-    """Return the probability (N,) that the other box of each pair is right."""
-    bottom, other_bottom = own.boxes[:, 2] - own.boxes[:, 5] / 2, other.boxes[:, 2] - other.boxes[:, 5] / 2
-    features = pair_features(
-        column(own, SCORE), column(other, SCORE), column(own, AWAY), column(other, AWAY), other_bottom - bottom
-    )
-    return probability_other(doubt, features)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _on_object(box: Floats, right: Floats, room: Floats) -> float:
     """Return the probability that a box overlaps the object enough where another is right, by their 3D IoU."""
-    overlap = iou_3d_of_pair(footprint(box), footprint(right), right[2] - box[2], box[5], right[5], room)
+    rise, half, its_half = right[2] - box[2], box[5] / 2, right[5] / 2
+    height = max(0.0, min(rise + its_half, half) - max(rise - its_half, -half))
+    size, its_size = box[3] * box[4] * box[5], right[3] * right[4] * right[5]
+    inter = min(common_ground(footprint(box), footprint(right), room) * height, size, its_size)
+    union = size + its_size - inter
+    overlap = inter / union if union > 0 else 0.0
     power = overlap**_STEEPNESS
     probability: float = power / (power + _EVEN_ODDS_IOU**_STEEPNESS)
     return probability
-
-
-@njit(cache=True, nogil=True)
-def _keep(replaced: FusedRows, count: int, spare: FusedRows, least_chance: float) -> int:
-    """Append the boxes that are likely enough to the `count` replaced ones; return how many there are now."""
-    for k in range(len(spare.label)):
-        if spare.values[k, CHANCE] >= least_chance:
-            put(replaced, count, spare, k)
-            count += 1
-    return count

@@ -14,7 +14,6 @@ import numpy as np
 
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen
 from coopsim.types import Ints, Mask
 
 ANYTHING = -1
@@ -45,11 +44,6 @@ class PlacedBoxes:
     origin: Floats
     position: Floats
     label: Ints
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "origin", frozen(self.origin, (2,), np.float64, "origin"))
-        object.__setattr__(self, "position", frozen(self.position, (None, 2), np.float64, "position"))
-        object.__setattr__(self, "label", frozen(self.label, (len(self.position),), np.int64, "label"))
 
     def __len__(self) -> int:
         return len(self.label)
@@ -146,12 +140,9 @@ def compatible(one: Ints, other: Ints) -> Mask:
 
 
 def common_objects(agents: Sequence[PlacedBoxes], corrections: Sequence[Floats], gate_m: float) -> CommonObjects:
-    """Match the agents' boxes, each agent's with the objects of all agents before it (Hungarian, distance).
+    """Match each agent's boxes with the objects of all agents before it (Hungarian, distance up to `gate_m`).
 
-    Args:
-        agents: the boxes of each agent.
-        corrections: (3,) the correction of each agent's pose.
-        gate_m: largest distance of two boxes on one object.
+    `corrections` are those (3,) of the agents' poses.
     """
     known, label = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
     objects = []

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.geometry.iou import Footprint, common_ground, corner_room
+from coopsim.geometry.iou import Footprint, common_ground, corner_space
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 
@@ -24,15 +24,15 @@ _CLOSER = 0.02
 """Worth of an expected overlap of 1 in probability: decides between boxes that are equally likely right."""
 
 _Ground = tuple[float, float, float]
-"""What a candidate shares over ground with a box that may be right, its own area, and that box's area. Their unit is
-the candidate's own: it cancels, and squares of m might overflow."""
+"""Area that a candidate shares over ground with a box that may be right, its own area, and that box's area. Their unit
+is the candidate's own: it cancels, and squares of m might overflow."""
 
 
 class Workspace(NamedTuple):
-    """Room for what `compromise` computes, to be used for one pair of boxes after another.
+    """Arrays that `compromise` writes to, to be used for one pair of boxes after another.
 
     Attributes:
-        corners: from `corner_room`.
+        corners: from `corner_space`.
         floor: (C,) m, of each candidate.
         height: (C,) m, of each candidate.
         shared: (2, C) m of height that each candidate shares with the own box and with the other one.
@@ -50,7 +50,7 @@ class Workspace(NamedTuple):
 def workspace() -> Workspace:
     """Return a workspace."""
     count = len(_FLOOR)
-    return Workspace(corner_room(), np.empty(count), np.empty(count), np.empty((2, count)), np.empty((2, count)))
+    return Workspace(corner_space(), np.empty(count), np.empty(count), np.empty((2, count)), np.empty((2, count)))
 
 
 @njit(cache=True, nogil=True)
@@ -63,10 +63,10 @@ def compromise(own: Floats, other: Floats, other_right: float, chosen: Floats, r
     than either, does; where they differ by more than their own height and one is far likelier, that one is taken.
 
     Args:
-        own: (7,) the own box.
-        other: (7,) the other one.
+        own: (7 or more,) the own box.
+        other: (7 or more,) the other one.
         other_right: probability that the other box is right; else the own one is.
-        chosen: (7,) receives the box.
+        chosen: (7 or more,) array to write the box to.
         room: a workspace.
 
     Returns:
@@ -101,7 +101,7 @@ def compromise(own: Floats, other: Floats, other_right: float, chosen: Floats, r
 
 @njit(cache=True, nogil=True)
 def _raise_candidates(own: Floats, other: Floats, room: Workspace) -> None:
-    """Compute floors and heights of all candidates, and what they share with either box."""
+    """Compute floors and heights of all candidates, and the heights that they share with either box."""
     floor, height, with_own, with_other = room.floor, room.height, room.shared[0], room.shared[1]
     own_floor, other_floor = own[2] - own[5] / 2, other[2] - other[5] / 2
     own_roof, other_roof = own_floor + own[5], other_floor + other[5]
@@ -137,7 +137,7 @@ def _between(own: Footprint, other: Footprint, way: float, likelier: Footprint) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ground(candidate: Footprint, right: Footprint, room: Floats) -> _Ground:
-    """Return what a candidate shares with a box that may be right."""
+    """Return the ground that a candidate shares with a box that may be right."""
     unit = max(candidate[2], candidate[3], right[2], right[3])
     area = (candidate[2] / unit) * (candidate[3] / unit)
     its_area = (right[2] / unit) * (right[3] / unit)

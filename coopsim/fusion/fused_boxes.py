@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit
@@ -13,93 +12,14 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints, Mask
 
-BEST, CHANCE, NEAREST, SCORE, AWAY = range(5)
-"""Columns of `FusedRows.values`: the best score of all agents that see it, and those of `FusedBoxes`."""
+BOX = 7
+BEST, CHANCE, NEAREST, SCORE, AWAY, LABEL, ORIGIN = range(BOX, BOX + 7)
+"""Columns of fused boxes in kernels, rows (N, 14) of floats: before `BOX` the seven of the box, then the best score of
+all agents that see it, the further numbers of `FusedBoxes`, the class, and the row of the detection whose covariance
+and embedding the box carries."""
 
 _CLEARNESS_POWER = 4
 """Power of the score in the weights of clearly seen boxes: one box at 0.8 counts for 16 at 0.4."""
-
-
-class FusedRows(NamedTuple):
-    """N fused boxes.
-
-    Attributes:
-        boxes: (N, 7).
-        values: (N, 5) best score, chance, nearest m, score of the likeliest agent, away m; see `FusedBoxes`.
-        label: (N,) classes.
-        origin: (N,) the row, among the boxes of all agents, whose covariance and embedding the box carries.
-    """
-
-    boxes: Floats
-    values: Floats
-    label: Ints
-    origin: Ints
-
-
-@njit(cache=True, nogil=True)
-def room_for(count: int) -> FusedRows:
-    """Return room for fused boxes."""
-    ids = np.empty(2 * count, dtype=np.int64)
-    return FusedRows(np.empty((count, 7)), np.empty((count, 5)), ids[:count], ids[count:])
-
-
-@njit(cache=True, nogil=True)
-def of_agent(boxes: Floats, score: Floats, label: Ints, first: int) -> FusedRows:
-    """Return the boxes (N, 7) of one agent; `first` is the row of the first one among those of all agents."""
-    values, away_m = np.ones((len(boxes), 5)), away(boxes, clear_middle(boxes, score))
-    values[:, BEST], values[:, SCORE] = score, score
-    values[:, NEAREST], values[:, AWAY] = away_m, away_m
-    return FusedRows(boxes, values, label, np.arange(first, first + len(boxes)))
-
-
-@njit(cache=True, nogil=True)
-def column(believed: FusedRows, which: int) -> Floats:
-    """Return a column (N,) of `values`."""
-    return believed.values[:, which].copy()
-
-
-@njit(cache=True, nogil=True)
-def take(believed: FusedRows, rows: Ints) -> FusedRows:
-    """Return some of the boxes."""
-    return FusedRows(believed.boxes[rows], believed.values[rows], believed.label[rows], believed.origin[rows])
-
-
-@njit(cache=True, nogil=True)
-def first_of(believed: FusedRows, count: int) -> FusedRows:
-    """Return the first boxes, as a view."""
-    boxes, values, label, origin = believed
-    return FusedRows(boxes[:count], values[:count], label[:count], origin[:count])
-
-
-@njit(cache=True, nogil=True)
-def put(believed: FusedRows, row: int, source: FusedRows, k: int) -> None:
-    """Write box k of a source to a row."""
-    believed.boxes[row], believed.values[row] = source.boxes[k], source.values[k]
-    believed.label[row], believed.origin[row] = source.label[k], source.origin[k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def clear_middle(boxes: Floats, score: Floats) -> Floats:
-    """Return the middle (2,) m over ground of an agent's clear area; the origin without boxes (N, 7)."""
-    best, middle, total = 1e-6, np.zeros(2), 0.0
-    for value in score:
-        best = max(best, value)
-    for k in range(len(boxes)):
-        weight = (max(score[k], 1e-6) / best) ** _CLEARNESS_POWER
-        middle[0] += weight * boxes[k, 0]
-        middle[1] += weight * boxes[k, 1]
-        total += weight
-    return middle / total if len(boxes) else middle
-
-
-@njit(cache=True, nogil=True)
-def away(boxes: Floats, middle: Floats) -> Floats:
-    """Return the distances (N,) m over ground of boxes (N, 7) from a place (2,)."""
-    away_m = np.empty(len(boxes))
-    for k in range(len(boxes)):
-        x, y = boxes[k, 0] - middle[0], boxes[k, 1] - middle[1]
-        away_m[k] = np.sqrt(x * x + y * y)
-    return away_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,28 +44,63 @@ class FusedBoxes:
     @classmethod
     def of_agent(cls, detections: Detections) -> FusedBoxes:
         """Return the boxes of one agent."""
-        return cls.of_rows(of_agent(detections.boxes.array, detections.score, detections.label, 0), detections)
+        return cls.of_rows(rows_of_agent(detections.boxes.array, detections.score, detections.label, 0), detections)
 
     @classmethod
-    def of_rows(cls, rows: FusedRows, source: Detections) -> FusedBoxes:
-        """Return fused boxes from those of kernels; `source` has the covariances and embeddings that they carry."""
-        best, chance, nearest_m, score, away_m = (rows.values[:, each] for each in (BEST, CHANCE, NEAREST, SCORE, AWAY))
-        covariance = None if source.covariance is None else source.covariance[rows.origin]
-        embedding = None if source.embedding is None else source.embedding[rows.origin]
-        detections = Detections(Boxes3D.from_array(rows.boxes), best, rows.label, covariance, embedding)
-        return cls(detections, chance, nearest_m, score, away_m)
+    def of_rows(cls, rows: Floats, source: Detections) -> FusedBoxes:
+        """Return fused boxes from the rows of kernels; `source` has their covariances and embeddings."""
+        label, origin = rows[:, LABEL].astype(np.int64), rows[:, ORIGIN].astype(np.int64)
+        covariance = None if source.covariance is None else source.covariance[origin]
+        embedding = None if source.embedding is None else source.embedding[origin]
+        boxes = Boxes3D.from_array(rows[:, :BOX])
+        return cls(
+            Detections(boxes, rows[:, BEST], label, covariance, embedding), *rows[:, [CHANCE, NEAREST, SCORE, AWAY]].T
+        )
 
     @property
-    def rows(self) -> FusedRows:
-        """The boxes as kernels have them, which carry their own covariances and embeddings."""
+    def rows(self) -> Floats:
+        """The boxes as kernels have them, (K, 14), which carry their own covariances and embeddings."""
         found = self.detections
-        values = np.stack([found.score, self.chance, self.nearest_m, self.score, self.away_m], axis=1)
-        return FusedRows(found.boxes.array, values, found.label, np.arange(len(found)))
+        values = (found.score, self.chance, self.nearest_m, self.score, self.away_m)
+        return np.column_stack([found.boxes.array, *values, found.label, np.arange(len(found))])
 
     def __getitem__(self, rows: Ints | Mask) -> FusedBoxes:
-        return FusedBoxes(
-            self.detections[rows], self.chance[rows], self.nearest_m[rows], self.score[rows], self.away_m[rows]
-        )
+        numbers = (self.chance, self.nearest_m, self.score, self.away_m)
+        return FusedBoxes(self.detections[rows], *(each[rows] for each in numbers))
+
+
+@njit(cache=True, nogil=True)
+def rows_of_agent(boxes: Floats, score: Floats, label: Ints, first: int) -> Floats:
+    """Return the rows (N, 14) of one agent's boxes (N, 7); `first` is the number of the first one among all agents'."""
+    rows, away_m = np.ones((len(boxes), ORIGIN + 1)), away_from(boxes, clear_middle(boxes, score))
+    rows[:, :BOX], rows[:, BEST], rows[:, SCORE] = boxes, score, score
+    rows[:, NEAREST], rows[:, AWAY] = away_m, away_m
+    rows[:, LABEL], rows[:, ORIGIN] = label, np.arange(first, first + len(boxes))
+    return rows
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clear_middle(boxes: Floats, score: Floats) -> Floats:
+    """Return the middle (2,) m over ground of an agent's clear area; the origin without boxes (N, 7)."""
+    best, middle, total = 1e-6, np.zeros(2), 0.0
+    for value in score:
+        best = max(best, value)
+    for k in range(len(boxes)):
+        weight = (max(score[k], 1e-6) / best) ** _CLEARNESS_POWER
+        middle[0] += weight * boxes[k, 0]
+        middle[1] += weight * boxes[k, 1]
+        total += weight
+    return middle / total if len(boxes) else middle
+
+
+@njit(cache=True, nogil=True)
+def away_from(boxes: Floats, middle: Floats) -> Floats:
+    """Return the distances (N,) m over ground of boxes (N, 7) from a place (2,)."""
+    away_m = np.empty(len(boxes))
+    for k in range(len(boxes)):
+        x, y = boxes[k, 0] - middle[0], boxes[k, 1] - middle[1]
+        away_m[k] = np.sqrt(x * x + y * y)
+    return away_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,12 +47,7 @@ def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
     is left. A fully connected graph moves all boxes together, and hardly any box to its own anchor; `refine_sparse`
     does more.
 
-    Args:
-        center: x, (N, 3) m.
-        anchor: a, (N, 3) m.
-
-    Returns:
-        v, (N, 3) m.
+    All are (N, 3) m: centres x, anchors a, and the result v.
     """
     where, offset = _offset(center, anchor)
     shared: Floats = offset.sum(axis=0) / max(len(offset), 1)
@@ -65,13 +60,7 @@ def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) ->
     The mean anchor offset of a connected part is applied in full; a component of the offsets with an eigenvalue e of L
     is applied by 1/(e^2 + 1): few neighbours, small eigenvalues. A box without neighbours goes to its anchor.
 
-    Args:
-        center: x, (N, 3) m.
-        anchor: a, (N, 3) m.
-        adjacency: (N, N), symmetric, 1 where two vertices are connected, as from `nearest_graph`.
-
-    Returns:
-        v, (N, 3) m.
+    The adjacency (N, N) is symmetric, 1 where two vertices are connected, as from `nearest_graph`.
     """
     where, offset = _offset(center, anchor)
     if adjacency.shape != (len(where), len(where)):
@@ -142,11 +131,7 @@ def _match_all_pairs(
 def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
     """Return the anchors (N, 3) for all in one stage (AOS): the mean of a box's partners, or its own position.
 
-    With two agents matched boxes take each other's position (eq. 11).
-
-    Args:
-        center: (N, 3) m.
-        group: (N,) from `group`.
+    With two agents matched boxes take each other's position (eq. 11). Centres are (N, 3) m, groups (N,) from `group`.
     """
     points, index = _grouped(center, group)
     partners = np.bincount(index) - 1
@@ -162,11 +147,7 @@ def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: i
     There are as many stages as agents, each with another source. With two agents i and j the first stage has j's
     boxes as anchors (eq. 12), the second i's (eq. 13).
 
-    Args:
-        center: (N, 3) m.
-        group: (N,) from `group`.
-        agent: (N,) number of the box's agent.
-        source: number of the agent whose boxes are the anchors.
+    Centres are (N, 3) m, groups (N,) from `group`, and agents (N,) numbers, of which `source` has the anchors.
     """
     points, index = _grouped(center, group)
     anchoring = np.flatnonzero(frozen(agent, (len(points),), np.int64, "agent") == source)

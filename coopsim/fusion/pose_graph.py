@@ -62,10 +62,8 @@ def align(graph: PoseGraph, prior: Corrections, box_noise_m: float) -> Correctio
     "A General and Adaptive Robust Loss Function", CVPR 2019, has its family). Objects are eliminated: given the
     rest, each is the weighted mean of its boxes, and the normal equations of the poses are the Schur complement.
 
-    Args:
-        graph: boxes, agents and objects. Objects of one agent alone carry no information and do no harm.
-        prior: m and P; a pose without common objects stays there.
-        box_noise_m: s, standard deviation of a box's x and of its y.
+    The prior is m and P, where a pose without common objects stays; s is `box_noise_m`, the standard deviation of a
+    box's x and of its y. Objects of one agent alone carry no information and do no harm.
     """
     inverse: Floats = np.linalg.inv(prior.covariance).astype(np.float64)
     information = _block_diagonal(inverse)

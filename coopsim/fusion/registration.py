@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.geometry.box_matching import footprints, match_rows
+from coopsim.geometry.assignment import cheapest_assignment
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import overlaps
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
@@ -80,10 +81,10 @@ def register_rows(
     """
     near, own_near = _near(other), _near(own)
     found = Registration(_middle(other, near), np.zeros(3), np.zeros(3), 0)
-    own_prints, fitted = footprints(own), np.full(len(other), -1)
+    fitted = np.full(len(other), -1)
     for number in range(_ROUNDS + 1):
         placed = _place(found, other)
-        own_row, giou = match_rows(own_prints, own_label, footprints(placed), other_label)
+        own_row, giou = match_rows(own, own_label, placed, other_label)
         if number == _ROUNDS:
             break
         pairs = np.full(len(other), -1)
@@ -96,6 +97,33 @@ def register_rows(
         fitted = pairs
         found = _fit(found.middle, own[pairs[theirs]], own_score[pairs[theirs]], other[theirs], other_score[theirs])
     return found, placed, own_row, giou
+
+
+@njit(cache=True, nogil=True)
+def match_rows(own: Floats, own_label: Ints, other: Floats, other_label: Ints) -> tuple[Ints, Floats]:
+    """Match boxes (N, 7) and (M, 7) of each class for as many pairs as possible, then for the largest sum of BEV GIoU.
+
+    Returns:
+        For each other box the row (M,) of its own box, -1 without one, and the BEV GIoU (M,) of both, -inf without one.
+    """
+    affinity = overlaps(own, other, True)[1]
+    own_row, giou = np.full(len(other), -1), np.full(len(other), -np.inf)
+    for label in np.unique(other_label):
+        mine, theirs = np.flatnonzero(own_label == label), np.flatnonzero(other_label == label)
+        few, many = (mine, theirs) if len(mine) <= len(theirs) else (theirs, mine)
+        cost = np.empty((len(few), len(many)))
+        for i in range(len(few)):
+            for j in range(len(many)):
+                value = affinity[few[i], many[j]] if len(mine) <= len(theirs) else affinity[many[j], few[i]]
+                # A pair without an overlap costs more than all others can gain.
+                cost[i, j] = -value if np.isfinite(value) else 3.0 * (1 + len(few))
+        column_of = cheapest_assignment(cost)
+        for i in range(len(few)):
+            row, column = few[i], many[column_of[i]]
+            row, column = (row, column) if len(mine) <= len(theirs) else (column, row)
+            if np.isfinite(affinity[row, column]):
+                own_row[column], giou[column] = row, affinity[row, column]
+    return own_row, giou
 
 
 @njit(cache=True, nogil=True)
@@ -165,7 +193,7 @@ def robust_least_squares(
     Args:
         rows: (N, D, 3) D equations of each of N observations.
         target_m: (N, D) m.
-        weight: (N,) of each observation.
+        weight: (N,)
         noise_m: standard deviation of an equation.
         expected: (3,) standard deviations of the unknowns, whose expected values are 0.
         outlier_m: residual (norm over D) m from which an observation counts little.

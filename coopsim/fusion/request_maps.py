@@ -1,4 +1,4 @@
-"""Request maps: where a receiver would like to hear more, and what a sender makes of such requests.
+"""Request maps: cells that a receiver asks for, and a sender's choice of cells by such requests.
 
 Where2comm (Hu et al., NeurIPS 2022) asks for the places where the receiver is not sure of itself, R = 1 - C with its
 confidence map C, and sends what the sender is sure of and the receiver is not, C_sender * R_receiver. Neither is in its
@@ -23,7 +23,7 @@ Float32s = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """What one receiver asks for, as a sender sees it.
+    """Request map of one receiver, with its pose relative to a sender.
 
     Attributes:
         values: (h, w) in [0, 1], 1 where the receiver knows nothing.
@@ -41,14 +41,14 @@ class Request:
 
 
 def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[Float32s, BevGrid]:
-    """Return what a receiver asks for: 1 - confidence, of the surest cell of each block of cells.
+    """Return a receiver's request: 1 - confidence, of the surest cell of each block of cells.
 
     A block is asked for unless something is known in it. The mean over a block, which is mostly empty, would be nearly
     1 everywhere.
 
     Args:
         confidence: (H, W) in [0, 1], the receiver's own.
-        grid: its cells.
+        grid: cells of the confidence.
         factor: edge of a block in cells, by which H and W divide.
 
     Returns:
@@ -67,17 +67,14 @@ def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[F
 
 
 def selection_weight(confidence: Float32s, grid: BevGrid, requests: Sequence[Request]) -> Float32s:
-    """Return how much each cell deserves to be sent: confidence times the largest request for its place.
+    """Return a weight (H, W) in [0, 1] for the choice of cells: confidence times the largest request for its place.
 
     A receiver asks for all that lies beyond its requests' grid. Without any request all places count alike.
 
     Args:
         confidence: (H, W) in [0, 1], the sender's.
-        grid: its cells, in the sender's frame.
-        requests: of the receivers.
-
-    Returns:
-        (H, W) in [0, 1].
+        grid: cells of the confidence, in the sender's frame.
+        requests: requests of all receivers.
 
     Raises:
         InvalidValueError: the shape is not the grid's.

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.box_matching import match_boxes
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.kernels import njit
@@ -34,7 +35,8 @@ def fuse_tracks(own: TrackEstimates, other: TrackEstimates, gate: float) -> tupl
         The fused tracks (N + new,) and the row (M,) of each of the other agent's tracks among them.
     """
     a, b = own.tracks, other.tracks
-    mine, theirs = match_boxes(a.boxes, a.label, b.boxes, b.label, gate)
+    affinity = np.where(a.label[:, None] == b.label, giou_bev(a.boxes.array, b.boxes.array), -np.inf)
+    mine, theirs = hungarian(affinity, gate)
     unmatched = np.ones(len(other), dtype=bool)
     unmatched[theirs] = False
     new = np.flatnonzero(unmatched)
@@ -111,14 +113,10 @@ def covariance_intersection(
 
 
 def intersection_weight(first_covariance: Floats, second_covariance: Floats) -> Floats:
-    """Return the weight w of the first, (N,) in [0, 1], that minimises log det P + PULL (w - 1/2)^2.
+    """Return the weight w of the first, (N,) in [0, 1], that minimises log det P + PULL (w - 1/2)^2, of (N, n, n).
 
     With l the eigenvalues of B A^-1, log det P is a constant less the sum of log(1 + w (l - 1)): convex in w, and its
     derivative needs no inverse, so halving the interval finds its zero.
-
-    Args:
-        first_covariance: A, (N, n, n), symmetric.
-        second_covariance: B, (N, n, n), symmetric.
 
     Raises:
         InvalidValueError: a covariance is not finite and positive definite.

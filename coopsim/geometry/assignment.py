@@ -1,4 +1,4 @@
-"""One-to-one matching of rows and columns of an affinity matrix, above a gate."""
+"""Matching one to one of rows and columns of an affinity matrix, above a gate."""
 
 from __future__ import annotations
 
@@ -114,3 +114,89 @@ def _propose(affinity: Floats, order: Ints) -> Ints:
             row_of[at], row = row, row_of[at]  # the displaced row proposes again
             held[at] = best
     return row_of
+
+
+@njit(cache=True, nogil=True)
+def match_pairs(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weight: Floats) -> Ints:
+    """Match rows and columns one to one for the largest sum of weights, with few pairs possible.
+
+    The pairs are distinct, and given by their rows (P,), columns (P,) and weights (P,); a weight of 0 is no pair.
+    Return the number (rows,) of each row's pair, or -1.
+    """
+    chosen = np.full(rows, -1)
+    row_degree, column_degree = np.zeros(rows, np.int64), np.zeros(columns, np.int64)
+    for p in range(len(weight)):
+        if weight[p] > 0:
+            row_degree[pair_row[p]] += 1
+            column_degree[pair_column[p]] += 1
+    # Most rows have a single candidate that has no other row: only the rest needs an optimisation.
+    row_slot, column_slot = np.full(rows, -1), np.full(columns, -1)
+    hard_rows, hard_columns = 0, 0
+    for p in range(len(weight)):
+        row, column = pair_row[p], pair_column[p]
+        if weight[p] <= 0:
+            continue
+        if row_degree[row] == 1 and column_degree[column] == 1:
+            chosen[row] = p
+            continue
+        if row_slot[row] < 0:
+            row_slot[row] = hard_rows
+            hard_rows += 1
+        if column_slot[column] < 0:
+            column_slot[column] = hard_columns
+            hard_columns += 1
+    if hard_rows == 0:
+        return chosen
+    dense = np.zeros((hard_rows, max(hard_rows, hard_columns)))
+    pair_at = np.full(dense.shape, -1)
+    for p in range(len(weight)):
+        row, column = row_slot[pair_row[p]], column_slot[pair_column[p]]
+        if weight[p] > 0 and row >= 0 and column >= 0:
+            dense[row, column] = -weight[p]
+            pair_at[row, column] = p
+    assigned = cheapest_assignment(dense)
+    for row in range(rows):
+        if row_slot[row] >= 0:
+            chosen[row] = pair_at[row_slot[row], assigned[row_slot[row]]]
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def cheapest_assignment(cost: Floats) -> Ints:
+    """Return the column (n,) of each row in the assignment of least total cost (n, m), n <= m.
+
+    Shortest augmenting paths with potentials (Jonker and Volgenant 1987), for kernels; others have `hungarian`.
+    """
+    rows, columns = cost.shape
+    u, v = np.zeros(rows + 1), np.zeros(columns + 1)
+    row_of, way = np.zeros(columns + 1, np.int64), np.zeros(columns + 1, np.int64)
+    for row in range(1, rows + 1):
+        row_of[0] = row
+        column = 0
+        shortest, done = np.full(columns + 1, np.inf), np.zeros(columns + 1, np.bool_)
+        while row_of[column] != 0:
+            done[column] = True
+            here, step, following = row_of[column], np.inf, 0
+            for j in range(1, columns + 1):
+                if done[j]:
+                    continue
+                reduced = cost[here - 1, j - 1] - u[here] - v[j]
+                if reduced < shortest[j]:
+                    shortest[j], way[j] = reduced, column
+                if shortest[j] < step:
+                    step, following = shortest[j], j
+            for j in range(columns + 1):
+                if done[j]:
+                    u[row_of[j]] += step
+                    v[j] -= step
+                else:
+                    shortest[j] -= step
+            column = following
+        while column != 0:
+            row_of[column] = row_of[way[column]]
+            column = way[column]
+    assigned = np.full(rows, -1)
+    for j in range(1, columns + 1):
+        if row_of[j] > 0:
+            assigned[row_of[j] - 1] = j - 1
+    return assigned

@@ -11,47 +11,35 @@ from numpy.typing import ArrayLike
 from coopsim.geometry.iou import giou_3d
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
-from coopsim.support.kernels import njit
 
 _YAW = 6
 
 
-def xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+def xiou(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return the XIOU, in [0, 1]: 3D GIoU times agreement of headings, (GIoU + 1) (cos(difference) + 1) / 4.
 
     Opposite headings give 0 whatever the overlap, so a detector must know front from back. The enclosing shape is that
     of `giou_3d`, an upright prism: convex, and the smallest such shape (eq. 20) where both boxes have the same floor
     and roof.
 
-    Args:
-        a: (N, 7).
-        b: (M, 7).
-        least: smaller values are returned as this one, which saves the computation of most pairs that lie far apart.
-
     Source: Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D Multi-Object Tracking in
     Vehicle-Infrastructure Cooperation", eq. 19-23.
     """
-    return _xiou(a, b, least, axial=False)
+    return (giou_3d(a, b) + 1) * (_same_heading(a, b) + 1) / 4
 
 
-def axial_xiou(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
+def axial_xiou(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return the XIOU, in [0, 1], of boxes whose front may be their back: (GIoU + 1) (|cos(difference)| + 1) / 4.
 
     It is `xiou` with the second box turned by half a turn where that makes it larger: for detectors that confuse front
     and back.
-
-    Args:
-        a: (N, 7).
-        b: (M, 7).
-        least: smaller values are returned as this one.
     """
-    return _xiou(a, b, least, axial=True)
+    return (giou_3d(a, b) + 1) * (np.abs(_same_heading(a, b)) + 1) / 4
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
-    affinity: Floats = _minus_distance_m(*_boxes(a, b))
-    return affinity
+    return -_distance_m(*_boxes(a, b))
 
 
 def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -63,54 +51,24 @@ def fgam(a: ArrayLike, b: ArrayLike) -> Floats:
 
     Source: Gu et al., "YOLOO: You Only Learn from Others Once", eq. 8.
     """
-    affinity: Floats = _fgam(*_boxes(a, b))
-    return affinity
-
-
-def _xiou(a: ArrayLike, b: ArrayLike, least: float, axial: bool) -> Floats:
     first, second = _boxes(a, b)
-    giou = giou_3d(first, second, 2 * least - 1)
-    affinity: Floats = _times_heading(giou, first[:, _YAW], second[:, _YAW], least, axial)
-    return affinity
+    reach = np.minimum.outer(np.hypot(first[:, 3], first[:, 4]), np.hypot(second[:, 3], second[:, 4]))
+    cost = np.divide(_distance_m(first, second), reach, out=np.full(reach.shape, np.inf), where=reach > 0)
+    return np.where(cost <= 1, 1 - cost, -np.inf)
 
 
 def _boxes(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
-    first = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
-    return first, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
+    return frozen(a, (None, 7), np.float64, "first boxes"), frozen(b, (None, 7), np.float64, "second boxes")
 
 
-@njit(cache=True, nogil=True)
-def _times_heading(giou: Floats, first_rad: Floats, second_rad: Floats, least: float, axial: bool) -> Floats:
-    """Return the XIOU of pairs with this GIoU (N, M) and these headings (N,) and (M,), in the place of the GIoU."""
-    for i in range(len(first_rad)):
-        for j in range(len(second_rad)):
-            value = least
-            if giou[i, j] > 2 * least - 1:
-                agree = np.cos(first_rad[i] - second_rad[j])
-                value = (giou[i, j] + 1) * ((abs(agree) if axial else agree) + 1) / 4
-            giou[i, j] = least if value < least else value
-    return giou
+def _distance_m(first: Floats, second: Floats) -> Floats:
+    """Return the distances (N, M) m of centres on the ground."""
+    distance_m: Floats = np.hypot(first[:, 0, None] - second[:, 0], first[:, 1, None] - second[:, 1])
+    return distance_m
 
 
-@njit(cache=True, nogil=True)
-def _minus_distance_m(first: Floats, second: Floats) -> Floats:
-    """Return minus the distances (N, M) between centres on the ground, m."""
-    out = np.empty((len(first), len(second)))
-    for i in range(len(first)):
-        for j in range(len(second)):
-            out[i, j] = -np.hypot(first[i, 0] - second[j, 0], first[i, 1] - second[j, 1])
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _fgam(first: Floats, second: Floats) -> Floats:
-    out = np.full((len(first), len(second)), -np.inf)
-    reach_a, reach_b = np.hypot(first[:, 3], first[:, 4]), np.hypot(second[:, 3], second[:, 4])
-    for i in range(len(first)):
-        for j in range(len(second)):
-            dx, dy, reach = first[i, 0] - second[j, 0], first[i, 1] - second[j, 1], min(reach_a[i], reach_b[j])
-            if abs(dx) <= reach and abs(dy) <= reach and reach > 0:
-                cost = np.hypot(dx, dy) / reach
-                if cost <= 1:
-                    out[i, j] = 1 - cost
-    return out
+def _same_heading(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the cosine (N, M) of the differences of headings."""
+    first, second = _boxes(a, b)
+    cosine: Floats = np.cos(first[:, _YAW, None] - second[:, _YAW])
+    return cosine

@@ -20,239 +20,94 @@ _MOST = 8  # corners: clipping a rectangle by four half-planes leaves at most ei
 Footprint = tuple[float, float, float, float, float, float]
 """A box seen from above: its centre x, y m, its length and width m, the cosine and the sine of its heading."""
 
-_Angles = tuple[float, float, float, float]
-"""Cosine and sine of the first box's yaw, then of the second's."""
-
 _Rectangle = tuple[float, float, float, float, float, float]
 """Its centre x, y in the first box's axes; then, relative to it, its rightmost and its topmost corner."""
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return volume of intersection over union, (N, M) in [0, 1], of boxes (N, 7) and (M, 7)."""
-    return _overlap(a, b, volume=True, generalized=False)
+    return _overlap(a, b, generalized=False)[0]
 
 
-def giou_3d(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
-    """Return the 3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7).
-
-    Args:
-        a: (N, 7).
-        b: (M, 7).
-        least: smaller values are returned as this one, which saves the computation of most pairs that lie far apart.
-    """
-    return _overlap(a, b, volume=True, generalized=True, least=least)
+def giou_3d(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the 3D IoU less the empty share of the enclosing volume, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
+    return _overlap(a, b, generalized=True)[0]
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return area of intersection over union seen from above, (N, M) in [0, 1], of (N, 7) and (M, 7)."""
-    return _overlap(a, b, volume=False, generalized=False)
+    return _overlap(a, b, generalized=False)[1]
 
 
-def giou_bev(a: ArrayLike, b: ArrayLike, least: float = -np.inf) -> Floats:
-    """Return the BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7).
-
-    Args:
-        a: (N, 7).
-        b: (M, 7).
-        least: as in `giou_3d`.
-    """
-    return _overlap(a, b, volume=False, generalized=True, least=least)
+def giou_bev(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the BEV IoU less the empty share of the convex hull, (N, M) in (-1, 1], of (N, 7) and (M, 7)."""
+    return _overlap(a, b, generalized=True)[1]
 
 
 def iou_3d_and_bev(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
-    """Return `iou_3d` and `iou_bev` of (N, 7) and (M, 7), for hardly more than the cost of one."""
-    in_space, from_above = _both_overlaps(*_checked(a, b))
-    return in_space, from_above
+    """Return `iou_3d` and `iou_bev` of (N, 7) and (M, 7), for the cost of one."""
+    return _overlap(a, b, generalized=False)
 
 
-def _overlap(a: ArrayLike, b: ArrayLike, *, volume: bool, generalized: bool, least: float = -np.inf) -> Floats:
-    result: Floats = _all_pairs(*_checked(a, b), volume, generalized, least)
-    return result
-
-
-def _checked(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
+def _overlap(a: ArrayLike, b: ArrayLike, *, generalized: bool) -> tuple[Floats, Floats]:
     rows = np.ascontiguousarray(frozen(a, (None, 7), np.float64, "first boxes"))
-    return rows, np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
+    columns = np.ascontiguousarray(frozen(b, (None, 7), np.float64, "second boxes"))
+    in_space, from_above = overlaps(rows, columns, generalized)
+    return in_space, from_above
 
 
 # Fast-math is off on purpose: exact ones for identical boxes are worth more than the few per cent.
 @njit(cache=True, nogil=True)
-def _all_pairs(a: Floats, b: Floats, volume: bool, generalized: bool, least: float) -> Floats:
-    out = np.zeros((len(a), len(b)))
-    far = _far(least) if generalized else np.inf
-    reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
-    width_a, width_b = _widths(a), _widths(b)
-    area_a, area_b = far * (a[:, 3] * a[:, 4]), far * (b[:, 3] * b[:, 4])
-    cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
-    room = corner_room()
-    for i in range(len(a)):
-        half_x, half_y = a[i, 3] / 2, a[i, 4] / 2
-        for j in range(len(b)):
-            dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
-            reach = reach_a[i] + reach_b[j]
-            apart = dx * dx + dy * dy >= reach * reach
-            if apart and far < np.inf and width_a[i] > 0 and width_b[j] > 0:
-                width, area = width_a[i] + width_b[j], area_a[i] + area_b[j]
-                if (dx * dx + dy * dy) * (width * width) > area * area:
-                    out[i, j] = least
-                    continue
-            dz, half_a, half_b = b[j, 2] - a[i, 2], a[i, 5] / 2, b[j, 5] / 2
-            low, high = max(dz - half_b, -half_a), min(dz + half_b, half_a)
-            if not generalized and (apart or (volume and high <= low)):
-                continue
-            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
-            inter = 0.0 if apart else _area_within(half_x, half_y, other, room)
-            size_a, size_b, depth = a[i, 3] * a[i, 4], b[j, 3] * b[j, 4], 1.0
-            if volume:
-                inter *= max(0.0, high - low)
-                size_a, size_b = size_a * a[i, 5], size_b * b[j, 5]
-                depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
-            # Rounding can make an intersection slightly larger than either box.
-            inter = min(inter, size_a, size_b)
-            union = size_a + size_b - inter
-            if union <= 0:
-                continue
-            out[i, j] = inter / union
-            if generalized:
-                enclosing = depth * _hull_area(half_x, half_y, other)
-                enclosing = max(enclosing, union)
-                out[i, j] -= (enclosing - union) / enclosing
-                if out[i, j] < least:  # false for what is not a number
-                    out[i, j] = least
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _widths(boxes: Floats) -> Floats:
-    """Return the smaller side (N,) of each footprint, 0 for a box without volume."""
-    width = np.zeros(len(boxes))
-    for k in range(len(boxes)):
-        if boxes[k, 3] > 0 and boxes[k, 4] > 0 and boxes[k, 5] > 0:
-            width[k] = min(boxes[k, 3], boxes[k, 4])
-    return width
-
-
-@njit(cache=True, nogil=True)
-def _far(least: float) -> float:
-    """Return f such that the GIoU of two disjoint footprints is below `least` beyond the distance f A / W.
-
-    A is the sum of their areas, W the sum of their smaller sides. At a distance d of their centres the hull has at
-    least the area (d W + A) / 2: the half of each footprint that is turned away from the other, and between them a
-    trapezium. So the GIoU is at most 2 A / (d W + A) - 1; in 3D too, where the joint height is at least that of either.
-    """
-    if least <= -1:
-        return np.inf
-    return (2 / (1 + least) - 1) * (1 + 1e-9)  # more than rounding
-
-
-@njit(cache=True, nogil=True)
-def _both_overlaps(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return IoU in 3D and in the BEV as `_all_pairs` does, with each footprint clipped once."""
+def overlaps(a: Floats, b: Floats, generalized: bool) -> tuple[Floats, Floats]:
+    """Return IoU, or GIoU if `generalized`, in 3D and in the BEV (N, M) of contiguous boxes (N, 7) and (M, 7)."""
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
     reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
-    room = corner_room()
+    space = corner_space()
     for i in range(len(a)):
+        half_x, half_y, half_a, area_a = a[i, 3] / 2, a[i, 4] / 2, a[i, 5] / 2, a[i, 3] * a[i, 4]
         for j in range(len(b)):
-            dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
-            reach = reach_a[i] + reach_b[j]
-            if dx * dx + dy * dy >= reach * reach:
+            dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], reach_a[i] + reach_b[j]
+            apart = dx * dx + dy * dy >= reach * reach
+            if apart and not generalized:
                 continue
-            angles = (cos_a[i], sin_a[i], cos_b[j], sin_b[j])
-            in_space[i, j], from_above[i, j] = overlaps_of_pair(a[i], b[j], angles, room)
+            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
+            shared = 0.0 if apart else _area_within(half_x, half_y, other, space)
+            hull = _hull_area(half_x, half_y, other) if generalized else 0.0
+            dz, half_b, area_b = b[j, 2] - a[i, 2], b[j, 5] / 2, b[j, 3] * b[j, 4]
+            height = max(0.0, min(dz + half_b, half_a) - max(dz - half_b, -half_a))
+            depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
+            in_space[i, j] = _over_union(shared * height, area_a * a[i, 5], area_b * b[j, 5], depth * hull, generalized)
+            from_above[i, j] = _over_union(shared, area_a, area_b, hull, generalized)
     return in_space, from_above
 
 
 @njit(cache=True, nogil=True)
-def overlaps_of_pair(a: Floats, b: Floats, angles: _Angles, room: Floats) -> tuple[float, float]:
-    """Return IoU in 3D and in the BEV of two boxes (7,) that are near, for kernels that gate pairs themselves.
-
-    Args:
-        a: the first box.
-        b: the second box.
-        angles: cosine and sine of the first's yaw, then of the second's.
-        room: from `corner_room`.
-    """
-    area, height = _common_area(a, b, angles, room), _common_height(a, b)
-    size_a, size_b = a[3] * a[4], b[3] * b[4]
-    in_space = _over_union(area * height, size_a * a[5], size_b * b[5]) if height > 0 else 0.0
-    return in_space, _over_union(area, size_a, size_b)
-
-
-@njit(cache=True, nogil=True)
-def bev_overlap(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
-    """Return `iou_bev` of two boxes (7,); see `overlaps_of_pair`."""
-    return _over_union(_common_area(a, b, angles, room), a[3] * a[4], b[3] * b[4])
-
-
-@njit(cache=True, nogil=True)
-def overlap_3d(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
-    """Return `iou_3d` of two boxes (7,); see `overlaps_of_pair`."""
-    height = _common_height(a, b)
-    if not height > 0:
-        return 0.0
-    area = _common_area(a, b, angles, room)
-    return _over_union(area * height, a[3] * a[4] * a[5], b[3] * b[4] * b[5])
-
-
-@njit(cache=True, nogil=True)
-def _common_area(a: Floats, b: Floats, angles: _Angles, room: Floats) -> float:
-    """Return the area m^2 that the footprints of two boxes (7,) share."""
-    cos_a, sin_a, cos_b, sin_b = angles
-    other = _in_axes_of(b[0] - a[0], b[1] - a[1], cos_a, sin_a, cos_b, sin_b, b[3] / 2, b[4] / 2)
-    return _area_within(a[3] / 2, a[4] / 2, other, room)
-
-
-@njit(cache=True, nogil=True)
-def _common_height(a: Floats, b: Floats) -> float:
-    """Return the height m that two boxes (7,) share; not above 0 if one is above the other."""
-    dz, half_a, half_b = b[2] - a[2], a[5] / 2, b[5] / 2
-    height: float = min(dz + half_b, half_a) - max(dz - half_b, -half_a)
-    return height
-
-
-@njit(cache=True, nogil=True)
-def _over_union(inter: float, size_a: float, size_b: float) -> float:
-    inter = min(inter, size_a, size_b)
+def _over_union(shared: float, size_a: float, size_b: float, enclosing: float, generalized: bool) -> float:
+    """Return IoU or, less the empty share of an enclosing shape, GIoU; 0 of two shapes without a size."""
+    inter = min(shared, size_a, size_b)  # rounding can make an intersection slightly larger than either
     union = size_a + size_b - inter
-    return inter / union if union > 0 else 0.0
+    if union <= 0:  # false for what is not a number
+        return 0.0
+    value: float = inter / union
+    if generalized:
+        enclosing = max(enclosing, union)
+        value -= (enclosing - union) / enclosing
+    return value
 
 
 @njit(cache=True, nogil=True)
-def corner_room() -> Floats:
-    """Return room for the corners of two polygons, which the functions of one pair write to."""
+def corner_space() -> Floats:
+    """Return space for the corners of two polygons, which `common_ground` writes to."""
     return np.empty((2, 2 * _MOST, 2))  # twice, for what rounding may add
 
 
 @njit(cache=True, nogil=True)
-def common_ground(a: Footprint, b: Footprint, room: Floats) -> float:
-    """Return the area m^2 that two footprints share; `room` is from `corner_room`."""
+def common_ground(a: Footprint, b: Footprint, space: Floats) -> float:
+    """Return the area m^2 that two footprints share; `space` is from `corner_space`."""
     other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
     # Rounding can make an intersection slightly larger than either footprint.
-    return min(_area_within(a[2] / 2, a[3] / 2, other, room), a[2] * a[3], b[2] * b[3])
-
-
-@njit(cache=True, nogil=True)
-def iou_3d_of_pair(a: Footprint, b: Footprint, rise: float, height_a: float, height_b: float, room: Floats) -> float:
-    """Return the number that `iou_3d` has for two boxes, of which b lies `rise` m higher; see `common_ground`."""
-    low, high = max(rise - height_b / 2, -height_a / 2), min(rise + height_b / 2, height_a / 2)
-    if high <= low:
-        return 0.0
-    size_a, size_b = a[2] * a[3] * height_a, b[2] * b[3] * height_b
-    return _over_union(common_ground(a, b, room) * (high - low), size_a, size_b)
-
-
-@njit(cache=True, nogil=True)
-def giou_bev_of_pair(a: Footprint, b: Footprint, room: Floats) -> float:
-    """Return the number that `giou_bev` has for two boxes; `room` is from `corner_room`."""
-    other = _in_axes_of(b[0] - a[0], b[1] - a[1], a[4], a[5], b[4], b[5], b[2] / 2, b[3] / 2)
-    area_a, area_b = a[2] * a[3], b[2] * b[3]
-    inter = min(_area_within(a[2] / 2, a[3] / 2, other, room), area_a, area_b)
-    union = area_a + area_b - inter
-    if union <= 0:
-        return 0.0
-    enclosing = max(_hull_area(a[2] / 2, a[3] / 2, other), union)
-    return inter / union - (enclosing - union) / enclosing
+    return min(_area_within(a[2] / 2, a[3] / 2, other, space), a[2] * a[3], b[2] * b[3])
 
 
 @njit(cache=True, nogil=True)
@@ -281,10 +136,10 @@ def _extremes(half_length: float, half_width: float, cos: float, sin: float) -> 
 
 
 @njit(cache=True, nogil=True)
-def _area_within(half_x: float, half_y: float, other: _Rectangle, room: Floats) -> float:
+def _area_within(half_x: float, half_y: float, other: _Rectangle, space: Floats) -> float:
     """Return the area of the other rectangle within |x| <= half_x, |y| <= half_y (Sutherland and Hodgman 1974)."""
     x, y, right_x, right_y, top_x, top_y = other
-    polygon, spare = room[0], room[1]
+    polygon, spare = space[0], space[1]
     if abs(x) >= half_x + right_x or abs(y) >= half_y + top_y:
         return 0.0
     polygon[0, 0], polygon[0, 1] = x + right_x, y + right_y

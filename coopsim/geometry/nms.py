@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.geometry.iou import bev_overlap, corner_room
+from coopsim.geometry.iou import common_ground, corner_space
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, frozen, sealed
 from coopsim.support.checks import require_threshold
@@ -18,15 +18,12 @@ def nms_bev(boxes: Floats, score: Floats, iou_threshold: float) -> Ints:
     the threshold. A suppressed box suppresses nobody. Boxes without area overlap nothing, and so all stay.
 
     Args:
-        boxes: (N, 7) x, y, z m, length, width, height m, yaw rad; any frame. Of all classes alike.
+        boxes: (N, 7) of any class, in any frame.
         score: (N,)
         iou_threshold: in (0, 1].
 
     Returns:
         The rows (K,) of the kept boxes, best score first. Boxes and scores that are not finite are left out.
-
-    Raises:
-        InvalidValueError: the threshold is not in (0, 1], or the shapes are not (N, 7) and (N,).
     """
     require_threshold(iou_threshold=iou_threshold)
     rows = np.array(frozen(boxes, (None, 7), np.float64, "boxes"), order="C")
@@ -39,14 +36,9 @@ def nms_bev(boxes: Floats, score: Floats, iou_threshold: float) -> Ints:
 def suppress(boxes: Floats, score: Floats, label: Ints, iou_threshold: float) -> tuple[Ints, Ints, Ints]:
     """Suppress boxes of a class that overlap a better one, greedily.
 
-    From best to worst, a box is kept unless it overlaps a better kept one. Only kept boxes are compared with others,
-    and only with those whose footprints can touch theirs: the cost is about that of the boxes around each object.
-
-    Args:
-        boxes: (N, 7).
-        score: (N,)
-        label: (N,) classes; only boxes of a class are rivals.
-        iou_threshold: least BEV IoU of rivals.
+    From best to worst, a box (N, 7) is kept unless it overlaps a better kept one of its class by a BEV IoU of at least
+    the threshold. Only kept boxes are compared with others, and only with those whose footprints can touch theirs: the
+    cost is about that of the boxes around each object.
 
     Returns:
         The order (N,) from best to worst; the rows (K,) of the kept boxes in that order; and for each row (N,) the
@@ -67,7 +59,7 @@ def _suppress(
     """Return the kept rows and the numbers of `suppress`; `along` are the rows in order of their x."""
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
-    room = corner_room()
+    space = corner_space()
     place, free = np.empty(len(boxes), dtype=np.int64), np.empty(len(boxes), dtype=np.bool_)
     widest = 0.0
     for at in range(len(along)):
@@ -90,15 +82,13 @@ def _suppress(
                 at += step
                 if not candidate[other] or label[other] != label[row]:
                     continue
-                dx, dy, both = (
-                    boxes[other, 0] - boxes[row, 0],
-                    boxes[other, 1] - boxes[row, 1],
-                    reach[row] + reach[other],
-                )
-                if dx * dx + dy * dy >= both * both:
+                a, b, both = boxes[row], boxes[other], reach[row] + reach[other]
+                if (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 >= both * both:
                     continue
-                angles = (cos[row], sin[row], cos[other], sin[other])
-                overlap = bev_overlap(boxes[row], boxes[other], angles, room)
+                first = a[0], a[1], a[3], a[4], cos[row], sin[row]
+                shared = common_ground(first, (b[0], b[1], b[3], b[4], cos[other], sin[other]), space)
+                union = a[3] * a[4] + b[3] * b[4] - shared
+                overlap = shared / union if union > 0 else 0.0
                 if overlap >= iou_threshold and overlap > most[other]:
                     free[other], number[other], most[other] = False, count, overlap
         kept[count] = row

@@ -28,10 +28,10 @@ class LocalizationConfig:
 
     Attributes:
         pose: errors of the global pose.
-        odometry_noise_m: of x and of y of the motion, in each frame.
-        odometry_heading_noise_rad: of the rotation, in each frame.
-        odometry_scale: of the share by which all distances are overestimated, drawn once per episode.
-        odometry_drift_rad_s: of a constant rate of rotation (a gyroscope's bias), drawn once per episode.
+        odometry_noise_m: noise of x and of y of the motion, in each frame.
+        odometry_heading_noise_rad: noise of the rotation, in each frame.
+        odometry_scale: share by which all distances are overestimated, drawn once per episode.
+        odometry_drift_rad_s: constant rate of rotation (a gyroscope's bias), drawn once per episode.
         covariance_scale: factor on the covariance that the agent states of its pose: 1 is honest, less is
             overconfident. None: it states no covariance.
     """
@@ -80,7 +80,7 @@ def localization_config(
 
 
 class Localizer:
-    """One agent's localization over one episode. Call `localize` once per frame, in order.
+    """Localization of one agent over one episode. Call `localize` once per frame, in order.
 
     Args:
         config: the size of the errors.
@@ -135,7 +135,7 @@ class Localizer:
         return self._estimate, Odometry(motion)
 
     def _measure(self, world_SE3_base: SE3) -> Floats:
-        """Return the measured motion (4,) since the last frame, in that frame's base frame: x, y, z m, yaw rad."""
+        """Return the motion (4,) measured since the last frame, in that frame's base frame: x, y, z m, yaw rad."""
         error = self._odometry_rng.standard_normal(4) * self._step_sigma
         previous, self._previous = self._previous, world_SE3_base
         if previous is None or self._stands:

@@ -25,13 +25,13 @@ class PoseNoise:
     """Standard deviations and times of the global pose's errors; the default has no errors.
 
     Attributes:
-        position_noise_m: of x and of y.
-        heading_noise_rad: of the heading.
-        distribution: of these two, "gaussian" or "laplace" (longer tails, with the same standard deviation).
-        correlation_s: time over which the correlation of these two falls to 1/e; 0: they are white.
-        position_bias_m: of a constant part of x and of y, drawn once per episode.
-        heading_bias_rad: of a constant part of the heading, drawn once per episode.
-        jump_m: of an offset of x and of y, which is 0 at first and drawn anew at each jump.
+        position_noise_m: noise of x and of y.
+        heading_noise_rad: noise of the heading.
+        distribution: distribution of both, "gaussian" or "laplace" (longer tails, with the same standard deviation).
+        correlation_s: time over which the correlation of both falls to 1/e; 0: they are white.
+        position_bias_m: constant part of x and of y, drawn once per episode.
+        heading_bias_rad: constant part of the heading, drawn once per episode.
+        jump_m: offset of x and of y, which is 0 at first and drawn anew at each jump.
         jumps_per_s: mean number of jumps per second.
         outage_s: mean duration of an outage, in which odometry carries the pose on.
         outages_per_s: mean number of outages that begin, per second of reception.
@@ -61,16 +61,10 @@ class PoseNoise:
 
 
 class PoseError:
-    """One agent's errors over one episode. Call `step` once per frame, in order.
+    """Errors of one agent's pose over one episode. Call `step` once per frame, in order.
 
-    Every part has its own stream and takes the same draws whatever its size (a part that never comes takes none): runs
-    that differ only in the size of the noise share its shape.
-
-    Args:
-        noise: the size of the errors.
-        seed: the episode's seed.
-        agent: the agent's name, which owns the streams.
-        dt_s: time between two frames.
+    Every part has its own stream, named by the agent, and takes the same draws whatever its size (a part that never
+    comes takes none): runs that differ only in the size of the noise share its shape.
     """
 
     def __init__(self, noise: PoseNoise, seed: int, agent: str, dt_s: float) -> None:
@@ -131,14 +125,14 @@ class PoseError:
 
 
 class PoseCovariance:
-    """The covariance of one agent's pose error over one episode. Call one method once per frame, in order.
+    """Covariance (3, 3) of x, y and heading that an agent states over one episode. Call one method once per frame.
 
     With reception it is the prior covariance of the error's parts. During an outage it is propagated to first order
     through the composition of pose and measured motion (Smith, Self and Cheeseman 1990), in which the odometry's
     constant errors add up coherently and its noise does not.
 
     Args:
-        noise: of the global pose.
+        noise: errors of the global pose.
         odometry_sigma: (3,) standard deviations of the motion's noise in a frame: x, y m and yaw rad.
         scale: standard deviation of the odometry's scale.
         drift_rad: standard deviation of the odometry's constant rotation in a frame.
@@ -164,13 +158,7 @@ class PoseCovariance:
         return self._random
 
     def carried(self, yaw_rad: float, motion: Floats, *, moves: bool) -> Floats:
-        """Return the covariance (3, 3) of a pose that odometry carried on in this frame.
-
-        Args:
-            yaw_rad: heading before the motion.
-            motion: (4,) measured: x, y, z m, yaw rad.
-            moves: False for an agent that is known to stand.
-        """
+        """Return the covariance (3, 3) of a pose that odometry carried on from a heading by a measured motion (4,)."""
         self._frames += 1
         if moves:
             cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)

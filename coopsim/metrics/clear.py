@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import NEAR_M, NumberedSequence, match_sequence
+from coopsim.metrics.matching import NEAR_M, NumberedSequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
@@ -105,7 +105,7 @@ def count_clear(
     total = Clear()
     scores = [np.zeros(0)]
     for sequence in sequences:
-        found = match_sequence(sequence.arrays, sequence.mean_score >= threshold, sequence.objects)
+        found = sequence.match(sequence.mean_score >= threshold)
         hit = found.track_of >= 0
         scores.append(sequence.mean_score[found.track_of[hit]])
         share = found.matched / np.maximum(found.present, 1)
@@ -281,7 +281,7 @@ def _match_scores(sequences: Sequence[NumberedSequence]) -> Floats:
     """Return the mean track score (TP,) of every match that is not an identity switch, with all tracks."""
     scores = [np.zeros(0)]
     for sequence in sequences:
-        found = match_sequence(sequence.arrays, np.ones(len(sequence.mean_score), np.bool_), sequence.objects)
+        found = sequence.match()
         kept = found.track_of[(found.track_of >= 0) & ~found.switched]
         scores.append(sequence.mean_score[kept])
     return np.concatenate(scores)

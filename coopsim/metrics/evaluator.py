@@ -8,8 +8,7 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.growing_columns import Spool
-from coopsim.metrics.matching import KEEP_BONUS, CandidatePairs, find_candidate_pairs, match_frame
+from coopsim.metrics.matching import CandidatePairs, SequenceArrays, find_candidate_pairs, match_sequence
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.arrays import frozen, sealed
 from coopsim.support.kernels import njit
@@ -46,14 +45,13 @@ class Evaluator:
 
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
-        spool: a temporary file for long logs, which several evaluators may share; None: one of its own.
 
     Attributes:
         log: everything that scores need, of all frames so far.
     """
 
-    def __init__(self, match_iou: float = 0.25, spool: Spool | None = None) -> None:
-        self.log = TrackLog(match_iou, spool)
+    def __init__(self, match_iou: float = 0.25) -> None:
+        self.log = TrackLog(match_iou)
         self._memory = NO_OBJECTS
 
     def update(self, truth: GroundTruth, tracks: Tracks, in_region: Mask | None = None) -> FrameCounts:
@@ -96,7 +94,7 @@ def _objects(boxes: Boxes3D, ids: Ints, label: Ints, counts: Mask | None) -> Obj
 _CLASSES = len(CLASS_NAMES)
 _SUPERCLASS = np.array(SUPERCLASS_NUMBERS)
 
-NO_OBJECTS = np.zeros((0, 3), np.int64)
+NO_OBJECTS = np.zeros((0, 4), np.int64)
 """The memory of a sequence before its first frame."""
 
 
@@ -117,8 +115,7 @@ def match_next_frame(
     A track counts if the region holds it, unless it is on an object that does not count rather than on one that does.
 
     Args:
-        memory: (K, 3) of the objects so far, by id: id, track of the last match, frame of the last match (-2: none
-            yet). It is written to.
+        memory: (K, 4) of the objects so far, as in `match_sequence`, with their ids in the last column, rising.
         frame: the frame's number, from 0.
         truth: the objects.
         tracks: the reported tracks; they count if the region holds them.
@@ -144,25 +141,14 @@ def match_next_frame(
     if len(track_id) == 0:
         return True, counts, flat, 0, 0, memory
     memory = _with_new_objects(memory, truth_id)
-    place = np.searchsorted(memory[:, 0], truth_id)
-    weight = np.zeros(len(pairs.iou_3d))
-    for p in range(len(weight)):
-        row, column = pairs.truth[p], pairs.track[p]
-        if truth_label[row] != track_label[column] or pairs.iou_3d[p] < least:
-            continue
-        _, track, when = memory[place[row]]
-        kept = when == frame - 1 and track == track_id[column]
-        weight[p] = pairs.iou_3d[p] + KEEP_BONUS if kept else pairs.iou_3d[p]
-    chosen = match_frame(len(truth_id), len(track_id), pairs.truth, pairs.track, weight)
-    matches = switches = 0
-    for row in range(len(truth_id)):
-        if chosen[row] < 0:
-            continue
-        track, before = track_id[pairs.track[chosen[row]]], memory[place[row]]
-        matches += 1
-        switches += before[2] >= 0 and before[1] != track
-        before[1], before[2] = track, frame
-    return True, counts, flat, matches, switches, memory
+    place = np.searchsorted(memory[:, 3], truth_id)
+    alike = (truth_label[pairs.truth] == track_label[pairs.track]) & (pairs.iou_3d >= least)
+    ends = np.array([[0, len(truth_id)], [0, len(track_id)], [0, np.count_nonzero(alike)]])
+    data = SequenceArrays(
+        ends[0], place, ends[1], track_id, ends[2], pairs.truth[alike], pairs.track[alike], pairs.iou_3d[alike]
+    )
+    found = match_sequence(data, np.ones(len(track_id), np.bool_), memory, frame)
+    return True, counts, flat, found.matched.sum(), np.count_nonzero(found.switched), memory
 
 
 @njit(cache=True, nogil=True)
@@ -195,16 +181,11 @@ def _among(pairs: CandidatePairs, truth: Mask, tracks: Mask) -> CandidatePairs:
 @njit(cache=True, nogil=True)
 def _with_new_objects(memory: Ints, ids: Ints) -> Ints:
     """Return the memory with a row for each id; itself, if there is one for all."""
-    new = np.empty(len(ids), np.int64)
-    count = 0
-    for number in ids:
-        place = np.searchsorted(memory[:, 0], number)
-        if place == len(memory) or memory[place, 0] != number:
-            new[count] = number
-            count += 1
-    if count == 0:
+    fresh = np.ones(len(ids), np.bool_)
+    for k, place in enumerate(np.searchsorted(memory[:, 3], ids)):
+        fresh[k] = place == len(memory) or memory[place, 3] != ids[k]
+    if not fresh.any():
         return memory
-    grown = np.empty((len(memory) + count, 3), np.int64)
-    grown[: len(memory)] = memory
-    grown[len(memory) :, 0], grown[len(memory) :, 1], grown[len(memory) :, 2] = new[:count], 0, -2
-    return grown[np.argsort(grown[:, 0])]
+    grown = np.full((len(memory) + np.count_nonzero(fresh), 4), -2)
+    grown[: len(memory)], grown[len(memory) :, 3] = memory, ids[fresh]
+    return grown[np.argsort(grown[:, 3])]

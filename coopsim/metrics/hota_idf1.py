@@ -11,8 +11,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from coopsim.geometry.assignment import match_pairs
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of, match_frame
+from coopsim.metrics.matching import NumberedSequence, SequenceArrays, frame_of
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
@@ -151,7 +152,7 @@ def _match(data: SequenceArrays, weight: Floats) -> NDArray[np.int64]:
     count = 0
     for frame in range(len(data.truth_start) - 1):
         first, end = data.pair_start[frame], data.pair_start[frame + 1]
-        chosen = match_frame(
+        chosen = match_pairs(
             data.truth_start[frame + 1] - data.truth_start[frame],
             data.track_start[frame + 1] - data.track_start[frame],
             data.pair_truth[first:end],

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.geometry.iou import corner_room, overlaps_of_pair
+from coopsim.geometry.assignment import match_pairs
+from coopsim.geometry.iou import overlaps
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 
 KEEP_BONUS = 1000.0
 
@@ -64,6 +65,14 @@ class NumberedSequence:
     objects: int
     mean_score: Floats
 
+    def match(self, active: Mask | None = None) -> SequenceMatches:
+        """Match the sequence with its active tracks (tracks,) only; None: with all."""
+        track = self.arrays.track
+        taking_part = np.ones(len(track), np.bool_) if active is None else active[track]
+        memory = np.full((self.objects, 4), -2)
+        matches: SequenceMatches = match_sequence(self.arrays, taking_part, memory, 0)
+        return matches
+
 
 class SequenceMatches(NamedTuple):
     """The matches of one sequence.
@@ -90,149 +99,50 @@ class SequenceMatches(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def match_sequence(data: SequenceArrays, active: NDArray[np.bool_], objects: int) -> SequenceMatches:
-    """Match a sequence with its active tracks only; `active` (tracks,) is a mask."""
-    track_of = np.full(len(data.truth), -1)
-    similarity = np.zeros(len(data.truth))
+def match_sequence(data: SequenceArrays, active: Mask, memory: Ints, first: int) -> SequenceMatches:
+    """Match a sequence, or its next frames.
+
+    Args:
+        data: the frames.
+        active: (T,) mask of the reported boxes that take part.
+        memory: (objects, 4) of each object: number of the last matched track, frame of that match, last frame with the
+            object, -2 for none; the last column is the caller's. It is written to.
+        first: number of the first frame.
+    """
+    track_of, similarity = np.full(len(data.truth), -1), np.zeros(len(data.truth))
     switched = np.zeros(len(data.truth), np.bool_)
-    last_track, last_frame, last_seen = np.full(objects, -1), np.full(objects, -2), np.full(objects, -2)
-    present, matched, fragments = (
-        np.zeros(objects, np.int64),
-        np.zeros(objects, np.int64),
-        np.zeros(objects, np.int64),
-    )
+    present, matched, fragments = np.zeros((3, len(memory)), np.int64)
     adjacent_switches = false_positives = 0
-    for frame in range(len(data.truth_start) - 1):
-        truth = data.truth[data.truth_start[frame] : data.truth_start[frame + 1]]
-        track = data.track[data.track_start[frame] : data.track_start[frame + 1]]
-        first, end = data.pair_start[frame], data.pair_start[frame + 1]
-        weight = data.pair_similarity[first:end].copy()
-        rows, columns = data.pair_truth[first:end], data.pair_track[first:end]
+    for number in range(len(data.truth_start) - 1):
+        frame, start, start_track = first + number, data.truth_start[number], data.track_start[number]
+        pairs = slice(data.pair_start[number], data.pair_start[number + 1])
+        rows, columns, value = data.pair_truth[pairs], data.pair_track[pairs], data.pair_similarity[pairs]
+        weight = value.copy()
         for p in range(len(weight)):
-            object_, number = truth[rows[p]], track[columns[p]]
-            if not active[number]:
+            before, column = memory[data.truth[start + rows[p]]], start_track + columns[p]
+            if not active[column]:
                 weight[p] = 0.0
-            elif last_frame[object_] == frame - 1 and last_track[object_] == number:
+            elif before[1] == frame - 1 and before[0] == data.track[column]:
                 weight[p] += KEEP_BONUS
-        chosen = match_frame(len(truth), len(track), rows, columns, weight)
-        hits = 0
-        for row in range(len(truth)):
-            object_ = truth[row]
+        end, end_track = data.truth_start[number + 1], data.track_start[number + 1]
+        chosen = match_pairs(end - start, end_track - start_track, rows, columns, weight)
+        false_positives += np.count_nonzero(active[start_track:end_track]) - np.count_nonzero(chosen >= 0)
+        for row in range(start, end):
+            object_, before, pair = data.truth[row], memory[data.truth[row]], chosen[row - start]
             present[object_] += 1
-            if chosen[row] < 0:
-                continue
-            number = track[columns[chosen[row]]]
-            hits += 1
-            matched[object_] += 1
-            if last_track[object_] >= 0 and last_track[object_] != number:
-                switched[data.truth_start[frame] + row] = True
-                adjacent_switches += last_frame[object_] == last_seen[object_]
-            fragments[object_] += last_frame[object_] != frame - 1
-            last_track[object_], last_frame[object_] = number, frame
-            track_of[data.truth_start[frame] + row] = number
-            similarity[data.truth_start[frame] + row] = data.pair_similarity[first + chosen[row]]
-        for row in range(len(truth)):
-            last_seen[truth[row]] = frame
-        for column in range(len(track)):
-            false_positives += active[track[column]]
-        false_positives -= hits
+            if pair >= 0:
+                track = data.track[start_track + columns[pair]]
+                track_of[row], similarity[row] = track, value[pair]
+                matched[object_] += 1
+                if before[1] >= 0 and before[0] != track:
+                    switched[row] = True
+                    adjacent_switches += before[1] == before[2]
+                fragments[object_] += before[1] != frame - 1
+                before[0], before[1] = track, frame
+            before[2] = frame
     return SequenceMatches(
         track_of, similarity, switched, adjacent_switches, false_positives, present, matched, fragments
     )
-
-
-@njit(cache=True, nogil=True)
-def match_frame(rows: int, columns: int, pair_row: Ints, pair_column: Ints, weight: Floats) -> Ints:
-    """Match rows and columns one to one for the largest sum of weights.
-
-    Args:
-        rows: number of rows.
-        columns: number of columns.
-        pair_row: (P,) row of each candidate pair; pairs are distinct.
-        pair_column: (P,) its column.
-        weight: (P,) > 0; pairs with weight 0 are no candidates.
-
-    Returns:
-        (rows,) index of the chosen pair, or -1.
-    """
-    chosen = np.full(rows, -1)
-    row_degree, column_degree = np.zeros(rows, np.int64), np.zeros(columns, np.int64)
-    for p in range(len(weight)):
-        if weight[p] > 0:
-            row_degree[pair_row[p]] += 1
-            column_degree[pair_column[p]] += 1
-    # Most objects have a single candidate that has no other object: only the rest needs an optimisation.
-    row_slot, column_slot = np.full(rows, -1), np.full(columns, -1)
-    hard_rows, hard_columns = 0, 0
-    for p in range(len(weight)):
-        row, column = pair_row[p], pair_column[p]
-        if weight[p] <= 0:
-            continue
-        if row_degree[row] == 1 and column_degree[column] == 1:
-            chosen[row] = p
-            continue
-        if row_slot[row] < 0:
-            row_slot[row] = hard_rows
-            hard_rows += 1
-        if column_slot[column] < 0:
-            column_slot[column] = hard_columns
-            hard_columns += 1
-    if hard_rows == 0:
-        return chosen
-    dense = np.zeros((hard_rows, max(hard_rows, hard_columns)))
-    pair_at = np.full(dense.shape, -1)
-    for p in range(len(weight)):
-        row, column = row_slot[pair_row[p]], column_slot[pair_column[p]]
-        if weight[p] > 0 and row >= 0 and column >= 0:
-            dense[row, column] = -weight[p]
-            pair_at[row, column] = p
-    assigned = cheapest_assignment(dense)
-    for row in range(rows):
-        if row_slot[row] >= 0:
-            chosen[row] = pair_at[row_slot[row], assigned[row_slot[row]]]
-    return chosen
-
-
-@njit(cache=True, nogil=True)
-def cheapest_assignment(cost: Floats) -> Ints:
-    """Return the column (n,) of each row in the assignment of least total cost (n, m), n <= m.
-
-    Shortest augmenting paths with potentials (Jonker and Volgenant 1987), compiled so that it can be called once per
-    frame and recall point without the overhead of a call from Python.
-    """
-    rows, columns = cost.shape
-    u, v = np.zeros(rows + 1), np.zeros(columns + 1)
-    row_of, way = np.zeros(columns + 1, np.int64), np.zeros(columns + 1, np.int64)
-    for row in range(1, rows + 1):
-        row_of[0] = row
-        column = 0
-        shortest, done = np.full(columns + 1, np.inf), np.zeros(columns + 1, np.bool_)
-        while row_of[column] != 0:
-            done[column] = True
-            here, step, following = row_of[column], np.inf, 0
-            for j in range(1, columns + 1):
-                if done[j]:
-                    continue
-                reduced = cost[here - 1, j - 1] - u[here] - v[j]
-                if reduced < shortest[j]:
-                    shortest[j], way[j] = reduced, column
-                if shortest[j] < step:
-                    step, following = shortest[j], j
-            for j in range(columns + 1):
-                if done[j]:
-                    u[row_of[j]] += step
-                    v[j] -= step
-                else:
-                    shortest[j] -= step
-            column = following
-        while column != 0:
-            row_of[column] = row_of[way[column]]
-            column = way[column]
-    assigned = np.full(rows, -1)
-    for j in range(1, columns + 1):
-        if row_of[j] > 0:
-            assigned[row_of[j] - 1] = j - 1
-    return assigned
 
 
 NEAR_M = 2.0
@@ -268,32 +178,16 @@ def find_candidate_pairs(truth: Floats, truth_kind: Ints, tracks: Floats, track_
         tracks: (M, 7) boxes of the tracks.
         track_kind: (M,) their classes or superclasses.
     """
-    reach, track_reach = np.hypot(truth[:, 3], truth[:, 4]) / 2, np.hypot(tracks[:, 3], tracks[:, 4]) / 2
-    cos, sin, track_cos, track_sin = (
-        np.cos(truth[:, 6]),
-        np.sin(truth[:, 6]),
-        np.cos(tracks[:, 6]),
-        np.sin(tracks[:, 6]),
-    )
-    room = corner_room()
-    most = len(truth) * len(tracks)
-    rows, columns = np.empty(most, np.int64), np.empty(most, np.int64)
-    found_3d, found_bev, distance_m = np.empty(most), np.empty(most), np.empty(most)
+    iou_3d, iou_bev = overlaps(truth, tracks, False)
+    rows, columns = np.empty(iou_3d.size, np.int64), np.empty(iou_3d.size, np.int64)
+    found_3d, found_bev, distance_m = np.empty(iou_3d.size), np.empty(iou_3d.size), np.empty(iou_3d.size)
     found = 0
     for i in range(len(truth)):
         for j in range(len(tracks)):
             dx, dy = truth[i, 0] - tracks[j, 0], truth[i, 1] - tracks[j, 1]
-            square, both = dx * dx + dy * dy, reach[i] + track_reach[j]
-            near, touching = square < NEAR_M * NEAR_M, square < both * both
-            if truth_kind[i] != track_kind[j] or not (near or touching):
-                continue
-            iou_3d = iou_bev = 0.0
-            if touching:
-                angles = (cos[i], sin[i], track_cos[j], track_sin[j])
-                iou_3d, iou_bev = overlaps_of_pair(truth[i], tracks[j], angles, room)
-            if not near and iou_bev <= 0:
+            if truth_kind[i] != track_kind[j] or (dx * dx + dy * dy >= NEAR_M * NEAR_M and iou_bev[i, j] <= 0):
                 continue
             rows[found], columns[found] = i, j
-            found_3d[found], found_bev[found], distance_m[found] = iou_3d, iou_bev, np.hypot(dx, dy)
+            found_3d[found], found_bev[found], distance_m[found] = iou_3d[i, j], iou_bev[i, j], np.hypot(dx, dy)
             found += 1
     return CandidatePairs(rows[:found], columns[:found], found_3d[:found], found_bev[:found], distance_m[:found])

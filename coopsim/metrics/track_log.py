@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.growing_columns import GrowingColumns, Spool
 from coopsim.metrics.matching import (
     NEAR_M,
     CandidatePairs,
@@ -19,7 +18,6 @@ from coopsim.metrics.matching import (
     SequenceArrays,
     SequenceMatches,
     frame_of,
-    match_sequence,
 )
 from coopsim.support.checks import require_threshold
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
@@ -29,35 +27,36 @@ _TRACK = {"track_id": "q", "track_label": "b", "track_range_m": "f", "score": "d
 _PAIR = {"pair_truth": "i", "pair_track": "i", "iou_3d": "d", "iou_bev": "d", "distance_m": "d"}
 _START = {"truth_start": "q", "track_start": "q", "pair_start": "q"}
 _COLUMNS = {**_START, **_TRUTH, **_TRACK, **_PAIR}
-"""The logged columns, with the type codes of `array` and numpy."""
+"""The logged columns, with numpy's type codes."""
 
 _WIDE = {"q": np.int64, "b": np.int64, "i": np.int64, "f": np.float64, "d": np.float64}
 """Type codes in the log, and the types of the same values in calculations."""
+
+_BLOCK = 64
+"""Number of frames that are packed at once."""
 
 
 class TrackLog:
     """The log of one sequence of one agent, which grows frame by frame.
 
-    Its memory is bounded: all but the last frames of a long sequence wait in a temporary file (`GrowingColumns`).
-
     Args:
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
-        spool: the file for what memory does not hold; None: one of its own.
     """
 
-    def __init__(self, match_iou: float, spool: Spool | None = None) -> None:
+    def __init__(self, match_iou: float) -> None:
         require_threshold(match_iou=match_iou)
         self.match_iou = match_iou
         self._frames = 0
-        self._ends = dict.fromkeys(_START, 0)
-        self._columns = GrowingColumns(_COLUMNS, spool)
-        self._columns.append({name: [0] for name in _START})
+        self._ends = np.zeros(len(_START), dtype=np.int64)
+        first = {name: [0] if name in _START else [] for name in _COLUMNS}
+        self._blocks = [{name: np.array(first[name], code) for name, code in _COLUMNS.items()}]
+        self._recent: list[tuple[Any, ...]] = []
 
     def __len__(self) -> int:
         return self._frames
 
     def append(self, truth: GroundTruth, true: Mask, tracks: Tracks, reported: Mask, pairs: CandidatePairs) -> None:
-        """Add a frame.
+        """Add a frame. The arrays must not change afterwards.
 
         Args:
             truth: the objects.
@@ -69,18 +68,29 @@ class TrackLog:
         seen_by = np.full(len(truth), -1) if truth.visible_to is None else truth.visible_to
         objects = [column[true] for column in (truth.id, truth.label, _range_m(truth.boxes), seen_by)]
         found = [column[reported] for column in (tracks.id, tracks.label, _range_m(tracks.boxes), tracks.score)]
-        for name, column in zip(_START, (objects[0], found[0], pairs.truth), strict=True):
-            self._ends[name] += len(column)
-        ends = ([end] for end in self._ends.values())
-        self._columns.append(dict(zip(_COLUMNS, (*ends, *objects, *found, *pairs), strict=True)))
+        self._ends = self._ends + np.array([len(objects[0]), len(found[0]), len(pairs.truth)])
+        self._recent.append((*self._ends[:, None], *objects, *found, *pairs))
         self._frames += 1
+        if len(self._recent) == _BLOCK:
+            self._join()
 
     def flat(self) -> FlatLog:
         """Return all frames as flat arrays, with the pairs of one superclass (see `FlatLog.by_class`)."""
+        self._join()
         arrays: dict[str, Any] = {
-            name: self._columns.column(name).astype(_WIDE[code]) for name, code in _COLUMNS.items()
+            name: np.concatenate([block[name] for block in self._blocks], dtype=_WIDE[code])
+            for name, code in _COLUMNS.items()
         }
         return FlatLog(**arrays, match_iou=self.match_iou)
+
+    def _join(self) -> None:
+        """Pack the last frames into one block, in types as small as their values allow."""
+        if self._recent:
+            columns = zip(_COLUMNS.items(), zip(*self._recent, strict=True), strict=True)
+            self._blocks.append(
+                {name: np.concatenate(parts, dtype=code, casting="unsafe") for (name, code), parts in columns}
+            )
+            self._recent = []
 
 
 # Without slots, so that the numbering can be kept.
@@ -139,8 +149,7 @@ class FlatLog:
     @cached_property
     def matches(self) -> SequenceMatches:
         """CLEAR's matches of all tracks by 3D IoU, whatever their score."""
-        sequence = self.numbered(self.iou_3d, self.match_iou)
-        return match_sequence(sequence.arrays, np.ones(len(sequence.mean_score), dtype=np.bool_), sequence.objects)
+        return self.numbered(self.iou_3d, self.match_iou).match()
 
     def by_class(self) -> FlatLog:
         """Return the log without pairs of an object of one class and a track of another."""

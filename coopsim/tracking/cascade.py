@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
-from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity, BoxAffinity, axial_xiou, half_giou, xiou
-from coopsim.tracking.certain_pairs import hungarian_by_rows, of_one_class
+from coopsim.tracking.affinity import Affinity, axial_xiou, half_giou, xiou
 from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections, Ints, Mask
 
@@ -73,25 +71,9 @@ class Stage:
         return self.tracks is everything and self.detections is everything
 
     def pairs(self, tracks: TrackStates, detections: Detections, classes: Pairs) -> Pairs:
-        """Return the pairs (K,), (K,) of all these tracks and detections, whose classes are (N,) and (M,)."""
-        affinity = self.affinity
-        if not isinstance(affinity, BoxAffinity):
-            return self.assigner(of_one_class(affinity(tracks, detections), *classes), self.gate)
-        return self._pairs_of_rows(affinity, affinity.of_tracks(tracks), affinity.of_detections(detections), classes)
-
-    def pairs_among(self, tracks: TrackStates, detections: Detections, classes: Pairs, some: Pairs) -> Pairs:
-        """Return the pairs among some tracks (K,) and detections (L,), as indices into these."""
-        left, right = some
-        affinity, classes = self.affinity, (classes[0][left], classes[1][right])
-        if not isinstance(affinity, BoxAffinity):
-            return self.pairs(tracks[left], detections[right], classes)
-        first, second = affinity.of_tracks(tracks)[left], affinity.of_detections(detections)[right]
-        return self._pairs_of_rows(affinity, first, second, classes)
-
-    def _pairs_of_rows(self, affinity: BoxAffinity, first: Floats, second: Floats, classes: Pairs) -> Pairs:
-        if self.assigner is hungarian:
-            return hungarian_by_rows(affinity, first, second, classes, self.gate)
-        return self.assigner(of_one_class(affinity.compare(first, second), *classes), self.gate)
+        """Return the pairs (K,), (K,) of tracks and detections, whose classes are (N,) and (M,)."""
+        same = classes[0][:, None] == classes[1]
+        return self.assigner(np.where(same, self.affinity(tracks, detections), -np.inf), self.gate)
 
 
 class Cascade:
@@ -120,7 +102,7 @@ class Cascade:
             right = np.flatnonzero(free_column & stage.detections(detections))
             if not (len(left) and len(right)):
                 continue
-            row, column = stage.pairs_among(tracks, detections, classes, (left, right))
+            row, column = stage.pairs(tracks[left], detections[right], (classes[0][left], classes[1][right]))
             rows.append(left[row])
             columns.append(right[column])
             free_row[left[row]] = free_column[right[column]] = False

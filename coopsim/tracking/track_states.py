@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,10 @@ from coopsim.support.checks import require_count
 from coopsim.tracking.motion.constant_velocity import Beliefs
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
+
+Index = NDArray[np.integer] | NDArray[np.bool_]
+
+_NEVER_NS = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,63 +61,23 @@ class TrackStates:
         return len(self.id)
 
     def __getitem__(self, index: Any) -> TrackStates:
-        return TrackStates(
-            Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index]),
-            self.boxes[index],
-            self.velocity[index],
-            self.id[index],
-            self.label[index],
-            self.score[index],
-            self.latest[index],
-            self.confidence[index],
-            self.hits[index],
-            self.misses[index],
-            self.age[index],
-            self.foreign[index],
-            self.appearance.take(index),
-        )
-
-    def moved(self, boxes: Floats, velocity: Floats, appearance: EmbeddingMemory) -> TrackStates:
-        """Return these tracks with other boxes, velocities and embeddings; all else is shared with them."""
-        return TrackStates(
-            self.beliefs,
-            boxes,
-            velocity,
-            self.id,
-            self.label,
-            self.score,
-            self.latest,
-            self.confidence,
-            self.hits,
-            self.misses,
-            self.age,
-            self.foreign,
-            appearance,
-        )
+        beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
+        return TrackStates(beliefs, *(column[index] for column in self._columns), self.appearance.take(index))
 
     def join(self, other: TrackStates) -> TrackStates:
         """Return these tracks followed by the others."""
-        first, second = self.beliefs, other.beliefs
-        return TrackStates(
-            Beliefs(np.concatenate([first.mean, second.mean]), np.concatenate([first.covariance, second.covariance])),
-            np.concatenate([self.boxes, other.boxes]),
-            np.concatenate([self.velocity, other.velocity]),
-            np.concatenate([self.id, other.id]),
-            np.concatenate([self.label, other.label]),
-            np.concatenate([self.score, other.score]),
-            np.concatenate([self.latest, other.latest]),
-            np.concatenate([self.confidence, other.confidence]),
-            np.concatenate([self.hits, other.hits]),
-            np.concatenate([self.misses, other.misses]),
-            np.concatenate([self.age, other.age]),
-            np.concatenate([self.foreign, other.foreign]),
-            self.appearance.join(other.appearance),
-        )
+        one, two = self.beliefs, other.beliefs
+        beliefs = Beliefs(np.concatenate([one.mean, two.mean]), np.concatenate([one.covariance, two.covariance]))
+        columns = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
+        return TrackStates(beliefs, *columns, self.appearance.join(other.appearance))
+
+    @property
+    def _columns(self) -> Iterator[Any]:
+        return (getattr(self, name) for name in _COLUMNS)
 
 
-Index = NDArray[np.integer] | NDArray[np.bool_]
-
-_NEVER_NS = np.iinfo(np.int64).min
+_COLUMNS = [each.name for each in fields(TrackStates)][1:-1]
+"""Names of the fields that are arrays of N rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -264,7 +264,7 @@ class Tracker:
         if found.embedding is not None and memory.dim:
             memory = memory.update(rows, memory.readable(found)[columns], time_ns)
         boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
-        return tracked.moved(boxes, velocity, memory)
+        return replace(tracked, boxes=boxes, velocity=velocity, appearance=memory)
 
     def _initiate(
         self, found: Detections, boxes: Floats, new: Ints, first_id: int, memory: EmbeddingMemory, time_ns: int

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coopsim.fusion.alignment import Moments, PoseAlignment, ReceivedBoxes
+from coopsim.fusion.alignment import ErrorProcess, PoseAlignment, ReceivedBoxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.localization.odometry import OdometryFrame
@@ -145,7 +145,7 @@ def test_senders_that_change_their_names_for_ever_are_forgotten() -> None:
 
 @pytest.mark.parametrize(("kept", "size"), [(0.0, 0.5), (0.95, 0.3), (1.0, 0.8)])
 def test_how_large_an_error_is_and_how_long_it_lasts_is_learned(kept: float, size: float) -> None:
-    rng, moments = np.random.default_rng(4), Moments(np.square([0.1, 0.1, 0.002]))
+    rng, moments = np.random.default_rng(4), ErrorProcess(np.square([0.1, 0.1, 0.002]))
     value, noise = rng.normal(size=3) * size, np.full(3, 0.02**2)
     for _ in range(300):
         value = kept * value + np.sqrt(1 - kept**2) * rng.normal(size=3) * size
