@@ -139,6 +139,6 @@ class DinoCoDTTracking(DescribedBoxes):
         )
         rule = VelocityAdaptiveAge(self.hits, self.age, self.age_per_m_s, self.coast)
         lifecycle = Remembered(rule, self.hits)
-        by_boxes = Stage(_AFFINITIES[self.affinity], assigner, self.gate, tracks=lifecycle.in_sight)
+        by_boxes = Stage(_AFFINITIES[self.affinity], assigner, self.gate, tracks=lifecycle.in_view)
         stages = Cascade([by_boxes, appearance.stage()], SUPERCLASS_NUMBERS if self.by_superclass else None)
         return Tracker(motion, stages, lifecycle, appearance=appearance)

@@ -99,8 +99,7 @@ def average_precision_of(
 def average_precision(sequences: Iterable[tuple[NumberedSequence, Floats]]) -> float:
     """Compute the average precision over sequences, ranked together, in [0, 1]; 0 without objects.
 
-    Args:
-        sequences: each with the pairs at or above the threshold, and the score of every reported box (T,).
+    Each comes with the pairs at or above the threshold, and the score of every reported box (T,).
     """
     truth, hits, scores = 0, [np.zeros(0, dtype=bool)], [np.zeros(0)]
     for sequence, score in sequences:
@@ -146,12 +145,8 @@ def ends_of_steps(scores: Floats) -> Ints:
 def match_by_score(data: SequenceArrays, order: Ints) -> Ints:
     """Match reported boxes one after another, each with the free object of largest similarity.
 
-    Args:
-        data: the boxes, the objects, and their pairs at or above the threshold.
-        order: (T,) of the boxes, frame by frame.
-
-    Returns:
-        (T,) row in `data.truth` of each box's object, or -1.
+    The boxes come in an order (T,), frame by frame; the pairs are those at or above the threshold. Return the row (T,)
+    in `data.truth` of each box's object, or -1.
     """
     object_of = np.full(len(data.track), -1)
     for frame in range(len(data.track_start) - 1):
@@ -207,11 +202,8 @@ def _one_frame(count: int) -> Ints:
 def separation(similarity: ArrayLike, same: ArrayLike) -> float:
     """Return the probability that a pair of one object is more similar than a pair of two: the area under the ROC.
 
-    1 tells all apart, 0.5 is chance; equal similarities count half. NaN without pairs of both kinds.
-
-    Args:
-        similarity: (K,) of pairs.
-        same: (K,) bool, which pairs are of one object.
+    1 tells all apart, 0.5 is chance; equal similarities count half. NaN without pairs of both kinds, which `same` (K,)
+    tells.
     """
     same = np.asarray(same, dtype=bool)
     alike, unlike = int(same.sum()), int((~same).sum())

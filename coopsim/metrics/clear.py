@@ -202,15 +202,11 @@ def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
 
 
 def recall_thresholds(scores: Floats, truth: int) -> list[tuple[float, float]]:
-    """Find the levels of recall and the scores at which they are reached.
+    """Find the levels of recall and the scores at which they are reached, of all matches (TP,) of `truth` boxes.
 
     As in AB3DMOT's code, each level, in steps of 1/40 from 0, is assigned to the match whose recall is nearest to it;
     level 0 is left out. Of up to 40 boxes a level is assigned to the first match with which recall reaches it; of 41
     both rules are the same.
-
-    Args:
-        scores: (TP,) mean track score of every match.
-        truth: number of truth boxes.
     """
     ordered = np.sort(scores)[::-1]
     if truth <= RECALL_POINTS:
@@ -264,12 +260,7 @@ def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
 
 
 def score_thresholds(scores: Floats, truth: int) -> list[float]:
-    """Find the mean track scores at which the levels of recall are reached; unreached levels are left out.
-
-    Args:
-        scores: (TP,) mean track score of every match.
-        truth: number of truth boxes.
-    """
+    """Find the mean track scores, of all matches (TP,), at which levels of recall of `truth` boxes are reached."""
     if not len(scores):
         return []
     recall = np.arange(1, len(scores) + 1) / truth

@@ -115,7 +115,7 @@ def match_next_frame(
     A track counts if the region holds it, unless it is on an object that does not count rather than on one that does.
 
     Args:
-        memory: (K, 4) of the objects so far, as in `match_sequence`, with their ids in the last column, rising.
+        memory: (K, 4) of the objects so far, see `match_sequence`, with their ids in the last column, rising.
         frame: the frame's number, from 0.
         truth: the objects.
         tracks: the reported tracks; they count if the region holds them.

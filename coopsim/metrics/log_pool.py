@@ -23,8 +23,8 @@ class LogPool:
 
     Args:
         logs: one per sequence, with the pairs of an object and a track of one class.
-        superclass_logs: the same with the pairs of one superclass; None: the same as `logs`.
-        bytes_per_s: broadcast by the agent per second; None: not known.
+        superclass_logs: logs with the pairs of one superclass; None: those of `logs`.
+        bytes_per_s: bytes that the agent broadcasts per second; None: not known.
     """
 
     def __init__(

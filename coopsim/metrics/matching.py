@@ -28,7 +28,7 @@ def frame_of(start: Ints) -> Ints:
 
 
 class SequenceArrays(NamedTuple):
-    """One sequence as flat arrays. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
+    """A sequence as flat arrays. Row r of frame f is at `start[f] + r`; ids are numbered from 0 per sequence.
 
     Attributes:
         truth_start: (F + 1,) offsets into `truth`.
@@ -80,7 +80,7 @@ class SequenceMatches(NamedTuple):
     Attributes:
         track_of: (G,) number of the track matched to each truth box, or -1.
         similarity: (G,) of the matched pairs, 0 elsewhere.
-        switched: (G,) whether the box is an identity switch: matched to another track than at the object's last match.
+        switched: (G,) mask of identity switches: matched to another track than at the object's last match.
         adjacent_switches: number of switches between two successive frames of an object, without a gap.
         false_positives: reported boxes without a truth box.
         present: (objects,) frames in which each object is present.
@@ -170,14 +170,7 @@ class CandidatePairs(NamedTuple):
 # All arrays are contiguous: one layout, compiled once.
 @njit(cache=True, nogil=True)
 def find_candidate_pairs(truth: Floats, truth_kind: Ints, tracks: Floats, track_kind: Ints) -> CandidatePairs:
-    """Find the pairs of a frame.
-
-    Args:
-        truth: (N, 7) boxes of the objects.
-        truth_kind: (N,) their classes or superclasses; only pairs of equal kind are returned.
-        tracks: (M, 7) boxes of the tracks.
-        track_kind: (M,) their classes or superclasses.
-    """
+    """Find the pairs of a frame, of boxes (N, 7) and (M, 7) of equal kind: class or superclass (N,) and (M,)."""
     iou_3d, iou_bev = overlaps(truth, tracks, False)
     rows, columns = np.empty(iou_3d.size, np.int64), np.empty(iou_3d.size, np.int64)
     found_3d, found_bev, distance_m = np.empty(iou_3d.size), np.empty(iou_3d.size), np.empty(iou_3d.size)

@@ -31,9 +31,9 @@ class Metric(ABC):
 
     Attributes:
         meaning: description of the value in one line, for reports.
-        unit: of the value, as "%", "m" or "frames"; "" for a count.
+        unit: unit of the value, such as "%", "m" or "frames"; "" for a count.
         form: format of the value in tables, as `format` takes it.
-        less_is_better: whether smaller values are better.
+        less_is_better: True if smaller values are better.
         whole_only: compute the value for a whole score only, not for its classes, superclasses and bands of distance.
     """
 

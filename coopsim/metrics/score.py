@@ -37,9 +37,9 @@ class Score:
     values. Without any object every value but counts and rates is undefined: NaN.
 
     Attributes:
-        values: by metric name.
+        values: values by metric name.
         all_tracks: plain CLEAR of everything that was reported.
-        false_positives: whether CLEAR and AB3DMOT's averages count or ignore false positives.
+        false_positives: "count" or "ignore", for CLEAR and AB3DMOT's averages.
         classes: the score of each class of which there was an object, by name.
         bands: the score of each band of distance from the reporting agent with an object in it, as "0-30 m".
         agents: the score of each agent, where this is a mean over agents.

@@ -27,8 +27,8 @@ class BoxAffinity:
     """An affinity that compares a track's box, and maybe its latest score, with those of a detection.
 
     Attributes:
-        kernel: boxes (N, 7) and (M, 7) to values (N, M), larger for more similar ones.
-        score_weight: subtracted per unit of difference between the track's latest score and the detection's.
+        kernel: similarity of boxes (N, 7) and (M, 7), values (N, M), larger for more similar ones.
+        score_weight: loss per unit of difference between the track's latest score and the detection's.
     """
 
     kernel: Callable[[ArrayLike, ArrayLike], Floats]

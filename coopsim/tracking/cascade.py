@@ -46,7 +46,7 @@ def score_below(threshold: float) -> Selector:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One stage of matching.
+    """A stage of matching.
 
     Attributes:
         affinity: similarity of tracks and detections, larger is better.
@@ -67,7 +67,7 @@ class Stage:
 
     @property
     def takes_all(self) -> bool:
-        """Whether all tracks and detections take part."""
+        """True if all tracks and detections take part."""
         return self.tracks is everything and self.detections is everything
 
     def pairs(self, tracks: TrackStates, detections: Detections, classes: Pairs) -> Pairs:
@@ -118,13 +118,10 @@ AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "axial_xiou": axial_xiou, "giou
 
 
 def four_stages(affinity: Affinity, gate: float, track_score: float, detection_score: float) -> Cascade:
-    """Return the cascade: sure tracks with sure detections, with doubtful ones, then doubtful tracks with either.
+    """Return four-stage cascade matching, FSCM (Hu, Wang and Wang, eq. 24-27).
 
-    Args:
-        affinity: of tracks and detections.
-        gate: smallest affinity of a pair.
-        track_score: score from which a track is sure (m_t).
-        detection_score: score from which a detection is sure (m_d).
+    Sure tracks are matched with sure detections, then with doubtful ones, then doubtful tracks with either; sure ones
+    have a score of at least `track_score` (m_t) and `detection_score` (m_d).
     """
     sides = product(
         (score_from(track_score), score_below(track_score)), (score_from(detection_score), score_below(detection_score))

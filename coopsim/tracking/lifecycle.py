@@ -19,10 +19,10 @@ class Lifecycle(Protocol):
     """A rule that reports and drops tracks, N at once."""
 
     def reported(self, tracks: TrackStates, frame: int) -> Mask:
-        """Return which tracks to report (N,); `frame` is the number of this frame, from 1."""
+        """Return the mask (N,) of tracks to report; `frame` is the number of this frame, from 1."""
 
     def alive(self, tracks: TrackStates) -> Mask:
-        """Return which tracks to keep (N,)."""
+        """Return the mask (N,) of tracks to keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +120,13 @@ class VelocityAdaptiveAge:
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
-    """Another rule that also keeps, unreported, confirmed tracks that it would drop, while their looks are remembered.
+    """Another rule that also keeps, unreported, confirmed tracks that it would drop, while they have embeddings.
 
-    For how long they are, the tracker's appearance says (`Appearance.window_s`). Boxes of such tracks mean little: a
-    stage that compares boxes selects the tracks `in_sight`, a stage that compares embeddings all.
+    Embeddings last for `Appearance.window_s`. Boxes of such tracks mean little: a stage that compares boxes selects the
+    tracks `in_view`, a stage that compares embeddings all.
 
     Attributes:
-        rule: reports and drops the tracks in sight, and all tracks without an embedding.
+        rule: reports and drops the tracks in view, and all tracks without an embedding.
         hits: frames with a detection from which a track is kept.
     """
 
@@ -142,8 +142,8 @@ class Remembered:
     def alive(self, tracks: TrackStates) -> Mask:
         return self.rule.alive(tracks) | (tracks.appearance.known & (tracks.hits >= self.hits))
 
-    def in_sight(self, tracks: TrackStates) -> Mask:
-        """Return which predicted tracks (N,) the other rule would have kept until this frame."""
+    def in_view(self, tracks: TrackStates) -> Mask:
+        """Return the mask (N,) of predicted tracks that the other rule would have kept until this frame."""
         before = replace(tracks, misses=tracks.misses - 1)
         return self.rule.alive(before) | ~tracks.appearance.ever_known
 

@@ -18,7 +18,7 @@ _MEMORY_NS = 60 * NS_PER_S
 
 
 class LastingIds:
-    """The id that each track was first reported under, which count from 1 and are never used twice."""
+    """Ids under which tracks were first reported; they count from 1 and are never used twice."""
 
     def __init__(self) -> None:
         self._next = 1
@@ -33,9 +33,7 @@ class LastingIds:
     def carry_over(self, again: Tracks, time_ns: int) -> None:
         """Give tracks that are new to their tracker the ids of the same objects in the last report.
 
-        Args:
-            again: what the tracker, having tracked again, says of the last report's moment.
-            time_ns: of that moment.
+        `again` are the tracks of the last report's time, after the tracker has tracked it again.
         """
         new = again[np.array([each not in self._ids for each in again.id.tolist()], dtype=np.bool_)]
         kept = [reported for reported, _ in self._ids.values()]
@@ -67,7 +65,7 @@ ABSENT = -1
 
 
 class PublicIds:
-    """A memory of the public id of each object, by all its (agent, id) pairs.
+    """Public ids of objects that several agents track, each under its own id, by all the (agent, id) pairs.
 
     An object keeps its public id while any pair stays. Objects with different ids that turn out to be one go on under
     the oldest id; of an object that turns out to be two, the first in order keeps the id. Ids count from 1 and are

@@ -227,7 +227,7 @@ class Tracker:
         free[columns] = False
         if self._appearance is not None and embedded:
             shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
-            tracked = _refresh_memory(tracked, rows, columns, found, shown, time_ns)
+            tracked = _add_repeats(tracked, rows, columns, found, shown, time_ns)
             free &= shown == np.arange(len(found))
         new = np.flatnonzero(free)
         if len(new) and rules.initiator is not everything:
@@ -304,18 +304,12 @@ def _apart_from(before: Floats, now: Floats) -> Floats:
     return now if now.flags.writeable and not np.may_share_memory(before, now) else now.copy()
 
 
-def _refresh_memory(
+def _add_repeats(
     tracked: TrackStates, rows: Ints, columns: Ints, found: Detections, shown: Ints, time_ns: int
 ) -> TrackStates:
-    """Add the embeddings of repeated detections to the memories of the tracks that they belong to.
+    """Add the embeddings of repeated detections to those of the tracks that they belong to.
 
-    Args:
-        tracked: the tracks.
-        rows: (K,) matched tracks.
-        columns: (K,) their detections.
-        found: all N detections.
-        shown: (N,) as from `Appearance.repeats`.
-        time_ns: now.
+    Tracks at `rows` (K,) were matched to the detections at `columns` (K,); `shown` (N,) is from `Appearance.repeats`.
     """
     row_of = np.full(len(found), -1)
     row_of[columns] = rows

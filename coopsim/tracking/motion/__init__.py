@@ -1,1 +1,1 @@
-"""How objects move: Kalman filters and motion models."""
+"""Motion models: Kalman filters of boxes, at constant velocity and on curves."""

@@ -47,12 +47,10 @@ class Motion(Protocol):
     """A motion model together with its filter."""
 
     def initiate(self, boxes: Floats, covariance: Floats | None) -> Beliefs:
-        """Return the beliefs after one measurement each.
+        """Return the beliefs after one measurement each, of boxes (N, 7) and their covariances (N, 7, 7).
 
-        Args:
-            boxes: (N, 7).
-            covariance: of the boxes, (N, 7, 7), or None for the model's own. A matrix that is not finite, symmetric
-                and positive definite is replaced by the model's own, and disturbs no other track.
+        A matrix that is not finite, symmetric and positive definite is replaced by the model's own, which None means
+        for all, and disturbs no other track.
         """
 
     def predict(self, beliefs: Beliefs, dt_s: float) -> Beliefs:
@@ -73,7 +71,7 @@ def initial_beliefs(boxes: Floats, covariance: Floats | None, initial: Variances
 
     Args:
         boxes: (N, 7).
-        covariance: of the boxes, as in `Motion.initiate`.
+        covariance: see `Motion.initiate`.
         initial: variances of the boxes where `covariance` gives none.
         hidden: initial variances of the components that are not measured.
     """
@@ -87,13 +85,9 @@ def initial_beliefs(boxes: Floats, covariance: Floats | None, initial: Variances
 
 
 def update_beliefs(beliefs: Beliefs, boxes: Floats, covariance: Floats | None, own: Variances) -> Beliefs:
-    """Return the beliefs after one more measurement of each box.
+    """Return the beliefs after one more measurement of each box, the first seven components of a state.
 
-    Args:
-        beliefs: of N objects, whose first seven components are their boxes.
-        boxes: (N, 7).
-        covariance: of the boxes, as in `Motion.update`.
-        own: variances of a measurement where `covariance` gives none.
+    `own` are the variances of a measurement where `covariance` gives none.
     """
     noise = diagonal(own) if covariance is None else kalman.usable_noise(covariance, diagonal(own))
     prior, measured = np.ascontiguousarray(beliefs.mean), np.ascontiguousarray(boxes)
@@ -147,11 +141,11 @@ class ConstantVelocity:
     filter is AB3DMOT's, and at any other it is consistent with it.
 
     Attributes:
-        initial_variance: of the measured components (m^2, rad^2), when a track begins.
+        initial_variance: variance of the measured components (m^2, rad^2), when a track begins.
         initial_velocity_variance: (m/s)^2, when a track begins.
         process_variance_per_s: growth of the variance of the measured components, per second.
         process_velocity_variance_per_s: growth of the variance of velocity, (m/s)^2 per second.
-        measurement_variance: of a measurement whose detection states no covariance.
+        measurement_variance: variance of a measurement whose detection states no covariance.
     """
 
     initial_variance: Variances = 10.0

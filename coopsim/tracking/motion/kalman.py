@@ -15,25 +15,12 @@ _BAD, _GOOD, _DOUBTFUL = 0, 1, 2
 
 
 def predict(mean: Floats, covariance: Floats, transition: Floats, process: Floats) -> tuple[Floats, Floats]:
-    """Predict: x' = F x, P' = F P F^T + Q (Kalman 1960).
-
-    Args:
-        mean: (N, n).
-        covariance: (N, n, n).
-        transition: F, (n, n).
-        process: Q, (n, n).
-    """
+    """Predict: x' = F x, P' = F P F^T + Q (Kalman 1960), of x (N, n) and P (N, n, n) by F and Q (n, n)."""
     return mean @ transition.T, spread(covariance, transition, process)
 
 
 def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
-    """Predict covariances, also of an extended filter: F P F^T + Q, (N, n, n).
-
-    Args:
-        covariance: P, (N, n, n).
-        transition: F, (n, n), or a Jacobian each, (N, n, n).
-        process: Q, (n, n).
-    """
+    """Predict covariances P (N, n, n), also of an extended filter: F P F^T + Q, with one F or a Jacobian (N, n, n)."""
     predicted: Floats = _spread(np.ascontiguousarray(covariance), stack(transition), process)
     return predicted
 
@@ -41,13 +28,8 @@ def spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
 def update(mean: Floats, covariance: Floats, innovation: Floats, noise: Floats) -> tuple[Floats, Floats]:
     """Update: x' = x + K y, P' = (I - K H) P (I - K H)^T + K R K^T, with K = P H^T (H P H^T + R)^-1.
 
-    The Joseph form: it keeps P symmetric and positive definite through rounding.
-
-    Args:
-        mean: (N, n).
-        covariance: (N, n, n).
-        innovation: y, measured less predicted, (N, m).
-        noise: R, (m, m) or (N, m, m).
+    The Joseph form: it keeps P symmetric and positive definite through rounding. The innovation y (N, m) is measured
+    less predicted, and the noise R is (m, m) or (N, m, m).
     """
     moved, posterior = update_each(
         np.ascontiguousarray(mean),
@@ -63,10 +45,6 @@ def usable_noise(stated: Floats, own: Floats) -> Floats:
 
     A covariance must be finite, symmetric and positive definite. Detections come from other agents too, and a single
     invalid matrix would spoil its track.
-
-    Args:
-        stated: (N, m, m).
-        own: (m, m).
     """
     good = _are_covariances(stated)
     return stated if good.all() else np.where(good[:, None, None], stated, own)

@@ -56,7 +56,7 @@ class ConstantTurnRate:
     sideways. The noise has the size that real detectors and traffic have, unlike that of `ConstantVelocity`.
 
     Attributes:
-        initial_variance: of the first box where its detection states no covariance, m^2 and rad^2.
+        initial_variance: variance of a first box whose detection states no covariance, m^2 and rad^2.
         initial_speed_variance: (m/s)^2, when a track begins.
         initial_turn_rate_variance: (rad/s)^2, when a track begins.
         initial_climb_variance: (m/s)^2, when a track begins.
@@ -64,7 +64,7 @@ class ConstantTurnRate:
         process_speed_variance_per_s: growth of the variance of speed, (m/s)^2 per second.
         process_turn_rate_variance_per_s: growth of the variance of turn rate, (rad/s)^2 per second.
         process_climb_variance_per_s: growth of the variance of climb, (m/s)^2 per second.
-        measurement_variance: of a measurement whose detection states no covariance, m^2 and rad^2.
+        measurement_variance: variance of a measurement whose detection states no covariance, m^2 and rad^2.
         reverse_speed_mps: largest speed backwards. Cars do reverse; people hardly walk backwards: for them 0.2 suits
             better, with less growth of the variance of speed.
     """

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.fusion.registration import Registration, register
+from coopsim.fusion.registration import Registration, match_rows, register
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
@@ -85,3 +87,23 @@ def test_boxes_beyond_reason_raise_nothing_and_spoil_nothing(where: float) -> No
         placed = found.place(own.boxes)
     assert found.common == len(own)
     np.testing.assert_allclose(placed.array, own.boxes.array, atol=1e-9)
+
+
+@pytest.mark.parametrize("reach_m", [3.0, 20.0, 100.0, 1e4, 1e7])
+@pytest.mark.parametrize("classes", [1, 3])
+def test_rows_are_matched_as_hungarian_matches_all_pairs_of_a_class(reach_m: float, classes: int) -> None:
+    rng = np.random.default_rng(int(reach_m) + classes)
+    for _ in range(50):
+        own, other = (
+            np.column_stack([rng.uniform(-reach_m, reach_m, (n, 2)), rng.normal(size=n), rng.uniform(0.3, 9, (n, 4))])
+            for n in rng.integers(0, 25, 2)
+        )
+        same = rng.integers(0, min(len(own), len(other)) + 1)  # objects that both see
+        other[:same] = own[:same] + rng.normal(0, 1, (same, 7)) * [0.6, 0.6, 1, 0.05, 0.05, 0.05, 0.2]
+        label, other_label = rng.integers(0, classes, len(own)), rng.integers(0, classes, len(other))
+        affinity = np.where(label[:, None] == other_label, giou_bev(own, other), -np.inf)
+        own_row, giou = match_rows(own, label, other, other_label)
+        for gate in (-1.0, -0.2, 0.14):
+            rows, columns = hungarian(affinity, gate)
+            assert np.flatnonzero(giou >= gate).tolist() == sorted(columns.tolist())
+            assert own_row[columns].tolist() == rows.tolist()

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.assignment import cheapest_assignment
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.metrics.matching import cheapest_assignment
 from coopsim.metrics.score import Score, summarize
 from coopsim.types import GroundTruth, Tracks
 

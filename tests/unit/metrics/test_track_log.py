@@ -32,6 +32,19 @@ def test_a_summary_at_any_time_changes_nothing() -> None:
         assert summarize([running.log]).to_dict() == summarize([fresh.log]).to_dict()
 
 
+def test_a_log_of_many_frames_has_every_value_in_order() -> None:
+    evaluator, places = Evaluator(), [0.01 * k for k in range(300)]
+    for k, place in enumerate(places):
+        evaluator.update(truth({k: place, k + 1: 50}), tracks({2 * k: place}))
+        if k % 50 == 0:
+            evaluator.log.flat()  # which packs what there is
+    log = evaluator.log.flat()
+    assert log.truth_start.tolist() == list(range(0, 602, 2))
+    assert log.track_id.tolist() == [2 * k for k in range(300)]
+    assert log.iou_3d == pytest.approx(np.ones(300))
+    assert log.truth_range_m[::2] == pytest.approx(np.float32(places))
+
+
 def test_no_frames_have_an_undefined_score() -> None:
     score = summarize([Evaluator().log])
     assert all(math.isnan(score[name]) for name in ("HOTA", "MOTA", "IDF1", "AP3D@0.5", "mAP3D@0.5"))

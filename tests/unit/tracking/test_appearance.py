@@ -277,7 +277,7 @@ def test_what_is_remembered_is_not_reported_and_not_compared_by_boxes() -> None:
     assert rule.alive(known).tolist() == [True, True, False, False, False]
     assert rule.reported(known, frame=50).tolist() == [True, False, False, False, False]
     expected = tracks(*range(5), memory=memory, hits=3, misses=[1, 2, 3, 9, 6])
-    assert rule.in_sight(expected).tolist() == [True, True, False, True, False]
+    assert rule.in_view(expected).tolist() == [True, True, False, True, False]
 
 
 @pytest.mark.parametrize(
