@@ -101,10 +101,3 @@ def test_moving_and_turning_the_world_changes_nothing(
     both = np.isfinite(moved) & np.isfinite(still)
     np.testing.assert_allclose(moved[both], still[both], atol=1e-6)
     assert (np.fmax(moved, still)[~both] < 1e-6).all()
-
-
-def test_xiou_below_the_least_is_given_as_it() -> None:
-    rng = np.random.default_rng(5)
-    a, b = (np.column_stack([rng.uniform(-30, 30, (50, 3)), rng.uniform(0.5, 9, (50, 4))]) for _ in range(2))
-    for of in (xiou, axial_xiou):
-        np.testing.assert_allclose(of(a, b, 0.2), np.maximum(of(a, b), 0.2), rtol=1e-12)

@@ -142,11 +142,3 @@ def test_boxes_without_volume_overlap_nothing() -> None:
 def test_wrong_shape_is_named() -> None:
     with pytest.raises(InvalidValueError, match=r"second boxes must have shape \(N, 7\), got \(1, 6\)"):
         iou_3d(np.zeros((1, 7)), np.zeros((1, 6)))
-
-
-@pytest.mark.parametrize("kernel", [giou_3d, giou_bev])
-@pytest.mark.parametrize("least", [-0.9, -0.6, 0.0, 0.5])
-def test_values_below_the_least_are_given_as_it_and_all_others_as_they_are(kernel, least: float) -> None:  # type: ignore[no-untyped-def]
-    for spread_m in (3.0, 20.0, 90.0):
-        a, b = random_boxes(60, 2, spread_m), random_boxes(60, 3, spread_m)
-        np.testing.assert_array_equal(kernel(a, b, least), np.maximum(kernel(a, b), least))
