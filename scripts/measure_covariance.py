@@ -14,8 +14,8 @@ import torch
 
 import coopsim
 from coopsim.data.recording_set import RecordingSet
-from coopsim.learn.recorded.filter_losses import tracked_errors
-from coopsim.learn.recorded.recorded_frames import frames_of
+from coopsim.learn.losses.filter_losses import recording_errors
+from coopsim.learn.samples.windows import frames_of
 from coopsim.learn.weights import load_covariance
 
 DT_S = 0.1
@@ -47,7 +47,7 @@ def calibration(weights: str, path: str, agents: tuple[str, ...]) -> str:
     folder = RecordingSet(path)
     frames = [frames_of(folder.load(name, agents), DT_S) for name in folder.sequences]
     with torch.no_grad():
-        found = tracked_errors(load_covariance(weights), frames)
+        found = recording_errors(load_covariance(weights), frames)
     likelihood = float(found.losses()["innovation"])
     return (
         f"squared Mahalanobis distance of {len(found.distance)} innovations: mean {float(found.distance.mean()):.2f}, "

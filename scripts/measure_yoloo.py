@@ -24,11 +24,11 @@ import coopsim
 from coopsim.bench.results.statistics import Interval, mean_interval
 from coopsim.cli.arguments import names, seeds
 from coopsim.geometry.se3 import Floats
+from coopsim.learn.clips.simulated import SimulatedClips
+from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.rollout.rollout import SimulatedClips
-from coopsim.learn.rollout.world_recipe import WorldRecipe
-from coopsim.learn.samples.compared_sightings import ComparedSightings, compare_sightings
-from coopsim.learn.tasks.point_identity_task import PointIdentityTask
+from coopsim.learn.samples.sightings import ComparedSightings, compare_sightings
+from coopsim.learn.tasks.identity_task import PointIdentityTask
 from coopsim.learn.weights import digest
 from coopsim.metrics.average_precision import separation
 from coopsim.nn.detector.decode import GROUPS

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
     add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
-    add("--workers", type=_workers, default=1, help="processes that make clips ahead, or ray (default: %(default)s)")
+    add("--workers", type=count_or_zero, default=1, help="processes that make clips ahead (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
     add("--device", default="auto", help="cpu, cuda, cuda:1 or auto: a GPU if there is one (default: %(default)s)")
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
@@ -79,7 +79,3 @@ def _show(bar: tqdm[Any], progress: TrainingProgress) -> None:
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s)
     bar.set_postfix_str(f"{shown}, about {left} left", refresh=False)
     bar.update(progress.step - bar.n)
-
-
-def _workers(text: str) -> int | str:
-    return text if text == "ray" else count_or_zero(text)

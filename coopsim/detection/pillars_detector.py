@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class PillarsDetector(Detector):
     """A network that finds objects of all classes in an agent's points, in a square around it.
 
-    Its boxes have covariances, but for a network with an anchor head.
+    Its boxes have covariances.
 
     Args:
         weights: of the network, by name or as the path of a file.
@@ -39,6 +39,7 @@ class PillarsDetector(Detector):
     """
 
     needs = SensorNeeds(lidar=True)
+    states_covariance = True
     calibration = "pillars"
 
     def __init__(
@@ -61,7 +62,6 @@ class PillarsDetector(Detector):
         self._least_score, self._reach_m = least_score, reach_m
         net = load_detector(weights)
         judge = None if covariance is None else load_covariance(covariance, net)
-        self.states_covariance = net.config.head == "centre" or judge is not None
         self._network: CloudDetector = CloudDetector(net, find_backend(device, threads), judge)
         self._sweeps = RecentSweeps(self._network.sweeps)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
@@ -26,13 +26,38 @@ _FOLDER = Path(__file__).parent / "recipes"
 RECIPES = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped recipes."""
 
-KINDS = (
-    "detector", "pictures", "points_and_pictures", "cooperative", "flow", "together", "covariance", "seen_covariance",
-    "point_identity", "picture_identity", "queries", "integrated",
-)  # fmt: skip
-"""Stage A: an encoder with its head: of points, or of pictures, or of both beside one of points. Stage B: a fusion on a
-frozen encoder, with flow also how messages change in time. Stage C: both. A covariance of boxes is trained on
-recordings; one that sees features, on clips. An identity tells objects apart. Queries are trained on a frozen encoder
+
+class Kind(NamedTuple):
+    """A kind of training.
+
+    Attributes:
+        task: module and class of the task, in `coopsim.learn.tasks`.
+        dt_s: time between two frames of its held-out clips.
+        has_teacher: a recipe may name a teacher.
+    """
+
+    task: str
+    dt_s: float = 0.2
+    has_teacher: bool = False
+
+
+KINDS: Mapping[str, Kind] = {
+    "detector": Kind("detector_task.DetectorTask", dt_s=0.5),
+    "pictures": Kind("pictures_task.PicturesTask", dt_s=0.5),
+    "points_and_pictures": Kind("pictures_task.PicturesTask", dt_s=0.5),
+    "cooperative": Kind("cooperative_task.CooperativeTask", has_teacher=True),
+    "flow": Kind("cooperative_task.FlowTask", has_teacher=True),
+    "together": Kind("cooperative_task.TogetherTask", has_teacher=True),
+    "covariance": Kind("covariance_task.CovarianceTask"),
+    "seen_covariance": Kind("covariance_task.SeenCovarianceTask"),
+    "point_identity": Kind("identity_task.PointIdentityTask", has_teacher=True),
+    "picture_identity": Kind("identity_task.PictureIdentityTask", dt_s=0.5),
+    "queries": Kind("query_task.QueryTask"),
+    "integrated": Kind("integrated_task.IntegratedTask"),
+}
+"""Stage A: an encoder with its head: of points, or of images, or of both beside one of points. Stage B: a fusion on a
+frozen encoder, with flow also the change of messages in time. Stage C: both. A covariance of boxes is trained on
+recordings; one that reads features, on clips. An identity tells objects apart. Queries are trained on a frozen encoder
 and head, first of one agent, then of several; integrated detection and tracking on a frozen stage B."""
 
 
@@ -41,37 +66,37 @@ class TrainingRecipe:
     """A training.
 
     Attributes:
-        name: of the weights that it makes.
+        name: name of the weights.
         kind: one of `KINDS`.
-        steps: of the optimizer.
+        steps: number of steps of the optimizer.
         batch: samples a step: agents' views for stage A, frames for B and C, windows of frames for covariances, groups
             of objects for an identity, clips for queries and integrated tracking.
-        block: clips that are read together, and their samples shuffled.
+        block: number of clips whose samples are shuffled together.
         passes: times that a block is used, each time with new random changes of its samples.
         lr: highest learning rate of the one-cycle schedule.
-        weight_decay: of AdamW.
-        clip: longest gradient; longer ones are shortened to it.
-        average: decay of the moving average of the weights, which is what a training gives.
-        slower: factors on the learning rate of parameters, by the beginning of their names, as "head": 0.1.
-        loss: weights of parts of the loss, by name, that differ from `coopsim.learn.losses.losses.WEIGHTS`; with 0 a
-            part is shown and teaches nothing, as "label": 0 where pictures are to be learned without classes.
-        precision: of the arithmetic, see `coopsim.support.precision`; the weights themselves are float32. "auto": as
-            `COOPSIM_PRECISION` says, or else bfloat16 where the device has it.
-        threads: of torch; only the same number of them gives the same bits.
-        validate_every: steps between two looks at held-out places; 0: never.
-        held_out: number of clips of held-out places, see `coopsim.learn.loop.validation`.
+        weight_decay: weight decay of AdamW.
+        clip: gradient clipping norm.
+        average: decay of the moving average of the weights, which are saved.
+        slower: factors on the learning rate of parameters, by the beginning of their names, such as "head": 0.1.
+        loss: weights of parts of the loss, by name, that differ from `coopsim.learn.losses.head_losses.WEIGHTS`; with 0
+            a part is shown and teaches nothing, such as "label": 0 to learn images without classes.
+        precision: precision of the arithmetic, see `coopsim.support.precision`; the weights themselves are float32.
+            "auto": that of `COOPSIM_PRECISION`, or else bfloat16 where the device has it.
+        threads: threads of torch; only the same number of them gives the same bits.
+        validate_every: steps between two validations; 0: never.
+        held_out: number of clips of validation, see `coopsim.learn.loop.validation`.
         start: weights to begin with, by name or path; None: random ones.
-        detector: weights that pictures are trained beside, and that stage B and C stand on, by name or path.
-        teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, as "early"; see
-            `coopsim.learn.losses.teacher_loss`. Of an identity from points, the folder of a CLIP model, as
-            `transformers` stores it. None: nobody teaches.
-        depths_first: share of the steps, at the beginning, in which an encoder of pictures learns depths and classes
-            alone: these steps are quick, as no maps are made, and without depths maps have nothing to teach.
+        detector: weights that images are trained beside, and that stages B and C stand on, by name or path.
+        teacher: weights of a detector of merged clouds that teaches stage B or C, by name or path, such as "early"; see
+            `coopsim.learn.losses.fused_losses`. For an identity from points, the folder of a CLIP model in the format
+            of `transformers`. None: no teacher.
+        depths_first: share of the steps, at the beginning, in which an encoder of images learns depths and classes
+            alone: these steps are quick, because no maps are made, and without depths maps have nothing to teach.
         network: options of the network: of `EncoderConfig`, `LiftSplatConfig` or `PointsAndPicturesConfig` for stage A,
             of `CooperativeConfig` for B and C; of `CovarianceConfig` for covariances; of `QueryConfig` for queries;
             of `IntegratedConfig` for integrated tracking.
-        world: options of `WorldRecipe`: what the clips show; of `RecordedWorld` with kind: covariance.
-        samples: options of `SampleSettings`: what is drawn from a clip, and how it is changed; none for covariances.
+        world: options of the clips, `WorldRecipe`, or `RecordedWorld` with kind: covariance.
+        samples: options of the samples, `SampleSettings` or `SightingSettings`; none for covariances.
     """
 
     name: str
@@ -103,7 +128,7 @@ class TrainingRecipe:
             raise InvalidValueError(f"name must be letters, digits, - and _, got {self.name!r}")
         require_choice("kind", self.kind, KINDS)
         require_choice("precision", self.precision, PRECISIONS)
-        if self.kind not in ("cooperative", "flow", "together", "point_identity") and self.teacher is not None:
+        if self.teacher is not None and not KINDS[self.kind].has_teacher:
             raise InvalidValueError(
                 f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions, and for an "
                 "identity from points"
@@ -129,11 +154,11 @@ class TrainingRecipe:
         require_non_negative(**{f"loss {name}": weight for name, weight in self.loss.items()})
 
     def as_data(self) -> dict[str, Any]:
-        """Return the recipe as JSON has it."""
+        """Return the recipe as plain data."""
         return {name: plain(value) for name, value in asdict(self).items()}
 
     def changed(self, **options: Any) -> TrainingRecipe:
-        """Return the recipe with other values; "world.density" is a key of a mapping.
+        """Return the recipe with other values; "world.density" is a key in a mapping.
 
         Raises:
             UnknownNameError: there is no such option.

@@ -47,7 +47,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], texts: Mapping[str,
 def read_header(
     path: Path, most_bytes: int = MOST_BYTES
 ) -> tuple[dict[str, tuple[str, tuple[int, ...]]], dict[str, str]]:
-    """Read what a file says of its content: type and shape of each tensor, and the texts.
+    """Read the header of a file: type and shape of each tensor, and the texts.
 
     Raises:
         InvalidValueError: the file is missing, too large, or no safetensors file.
@@ -72,12 +72,7 @@ def read_header(
 
 
 def read_tensors(path: Path, wanted: Mapping[str, Tensor], most_bytes: int = MOST_BYTES) -> dict[str, Tensor]:
-    """Read tensors by name, as float32 where they are of another floating type.
-
-    Args:
-        path: of the file.
-        wanted: tensors of the names and shapes that the file must have, all and no other.
-        most_bytes: see `read_header`.
+    """Read tensors by name: all of the names and shapes of `wanted`, and no other; floats become float32.
 
     Raises:
         InvalidValueError: a tensor is missing, unknown, of another shape or type, or not finite; or see `read_header`.

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -37,21 +36,32 @@ from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"
 
-N = TypeVar("N", bound=nn.Module)
+NETWORKS: Mapping[str, tuple[type[Any], Callable[[Any], nn.Module]]] = {
+    "detector": (EncoderConfig, DetectorNet),
+    "pictures": (LiftSplatConfig, PictureDetectorNet),
+    "points_and_pictures": (PointsAndPicturesConfig, PointsAndPicturesNet),
+    "cooperative": (CooperativeConfig, CooperativeNet.from_config),
+    "covariance": (CovarianceConfig, CovarianceNet),
+    "point_identity": (PointIdentityConfig, PointIdentityNet),
+    "picture_identity": (PictureIdentityConfig, PictureIdentityNet),
+    "queries": (QueryConfig, QueryNet),
+    "integrated": (IntegratedConfig, IntegratedNet),
+}
+"""Options and network of each kind of weights."""
 
 _SHIPPED = Path(coopsim.__file__).parent / "weights"
-_LOADED = 8
+_LOADED = 24
 _DECIDES = ("kind", "config", "classes", "encoder_digest")
 """Texts of a file that are part of its digest."""
 
 
 def shipped_weights() -> tuple[str, ...]:
-    """Return the names of the weights that come along."""
+    """Return the names of the shipped weights."""
     return tuple(sorted(path.stem for path in _SHIPPED.glob(f"*{SUFFIX}")))
 
 
 def find_weights(name_or_path: str | Path) -> Path:
-    """Return the file of weights that come along, by name, or of others, by path.
+    """Return the file of shipped weights, by name, or of others, by path.
 
     Raises:
         UnknownNameError: there is neither.
@@ -71,109 +81,100 @@ def find_weights(name_or_path: str | Path) -> Path:
     return note_weights(name, _SHIPPED / f"{name}{SUFFIX}")
 
 
-def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
-    """Return the network of one agent with weights, ready to be used; shared by all who ask, so not to be changed.
+def make_network(kind: str, config: Mapping[str, Any], seed: int = 0) -> Any:
+    """Return a network of one of `NETWORKS` with random weights, the same for the same seed.
+
+    Torch's global generator is afterwards as before.
 
     Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, or holds something else.
+        InvalidValueError, UnknownNameError: an option is not accepted.
     """
-    path = find_weights(name_or_path)
-    return _loaded_detector(path, digest(path))
+    options, network = NETWORKS[kind]
+    checked = load(options, config, "network")
+    with torch.random.fork_rng(devices=[]):
+        torch.random.manual_seed(seed)
+        return network(checked)
 
 
-def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> CooperativeNet:
-    """Return a `CooperativeNet` with weights, ready to be used; shared by all who ask, so not to be changed.
+def load_network(kind: str, name_or_path: str | Path, detector: DetectorNet | None = None) -> Any:
+    """Return a network with weights, in evaluation mode. All callers share it: it must not be changed.
 
     Args:
-        name_or_path: of the weights.
-        detector: whose features it will get; it must have the encoder that the weights were trained on.
+        kind: one of `NETWORKS`.
+        name_or_path: name of shipped weights, or path of a file.
+        detector: detector whose features the network reads; it must have the encoder of the training.
 
     Raises:
         UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, or was trained on another encoder.
+        InvalidValueError: the file is broken, too large, of another kind, or was trained on another encoder.
     """
     path = find_weights(name_or_path)
     texts = read_texts(path)
-    _require_kind(path, texts, "cooperative")
-    _require_encoder(path, texts, detector)
-    return _loaded_cooperative(path, digest(path))
+    if texts.get("kind") != kind:
+        raise InvalidValueError(f"{path}: must be weights of the kind {kind!r}, is {texts.get('kind')!r}")
+    net = _loaded(path, digest(path))
+    reads_features = kind != "covariance" or net.config.features
+    if detector is not None and reads_features and texts.get("encoder_digest") != encoder_digest(detector):
+        raise InvalidValueError(
+            f"{path}: was trained on another encoder (digest {texts.get('encoder_digest', '?')[:8]}, not "
+            f"{encoder_digest(detector)[:8]}): take that one, {texts.get('detector', '?')!r}, or train anew"
+        )
+    return net
+
+
+def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
+    """Return the network of one agent with LiDARs; see `load_network`."""
+    net: DetectorNet = load_network("detector", name_or_path)
+    return net
+
+
+def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> CooperativeNet:
+    """Return the network of cooperating agents; see `load_network`."""
+    net: CooperativeNet = load_network("cooperative", name_or_path, detector)
+    return net
 
 
 def load_pictures(name_or_path: str | Path = "lift_splat", detector: DetectorNet | None = None) -> PictureDetectorNet:
-    """Return the network of an agent with cameras, ready to be used; shared by all who ask, so not to be changed.
-
-    Args:
-        name_or_path: of the weights.
-        detector: of points, whose features it is to have.
-
-    Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, or was trained beside another encoder.
-    """
-    net = _load_beside(name_or_path, "pictures", detector)
-    assert isinstance(net, PictureDetectorNet)
+    """Return the network of an agent with cameras; see `load_network`."""
+    net: PictureDetectorNet = load_network("pictures", name_or_path, detector)
     return net
 
 
 def load_points_and_pictures(
     name_or_path: str | Path = "points_and_pictures", detector: DetectorNet | None = None
 ) -> PointsAndPicturesNet:
-    """Return the network of an agent with LiDARs and cameras; arguments and errors as of `load_pictures`."""
-    net = _load_beside(name_or_path, "points_and_pictures", detector)
-    assert isinstance(net, PointsAndPicturesNet)
+    """Return the network of an agent with LiDARs and cameras; see `load_network`."""
+    net: PointsAndPicturesNet = load_network("points_and_pictures", name_or_path, detector)
     return net
 
 
 def load_covariance(name_or_path: str | Path = "dmstrack", detector: DetectorNet | None = None) -> CovarianceNet:
-    """Return the network of boxes' covariances, ready to be used; shared by all who ask, so not to be changed.
-
-    Args:
-        name_or_path: of the weights.
-        detector: whose features it is to read, if it reads any; it must have the encoder that it was trained on.
-
-    Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, holds something else, or was trained on another encoder.
-    """
-    path = find_weights(name_or_path)
-    texts = read_texts(path)
-    _require_kind(path, texts, "covariance")
-    net = _loaded_beside(path, digest(path))
-    assert isinstance(net, CovarianceNet)
-    if net.config.features:
-        _require_encoder(path, texts, detector)
+    """Return the network of boxes' covariances; see `load_network`. A network without features takes any detector."""
+    net: CovarianceNet = load_network("covariance", name_or_path, detector)
     return net
 
 
 def load_point_identity(name_or_path: str | Path = "point_identity") -> PointIdentityNet:
-    """Return the network of objects' identity by their points; to be shared, and errors, as of `load_covariance`."""
-    net = _load_beside(name_or_path, "point_identity", None)
-    assert isinstance(net, PointIdentityNet)
+    """Return the network of objects' identity by their points; see `load_network`."""
+    net: PointIdentityNet = load_network("point_identity", name_or_path)
     return net
 
 
 def load_picture_identity(name_or_path: str | Path = "picture_identity") -> PictureIdentityNet:
-    """Return the network of objects' identity by their pictures; to be shared, and errors, as of `load_covariance`."""
-    net = _load_beside(name_or_path, "picture_identity", None)
-    assert isinstance(net, PictureIdentityNet)
+    """Return the network of objects' identity by their images; see `load_network`."""
+    net: PictureIdentityNet = load_network("picture_identity", name_or_path)
     return net
 
 
 def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | None = None) -> QueryNet:
-    """Return a `QueryNet` with weights, ready to be used; shared by all who ask, so not to be changed.
+    """Return the network of instance queries; see `load_network`.
 
     Args:
-        name_or_path: of the weights.
-        detector: whose features it will get; it must have the encoder that the weights were trained on.
-        fusion: how agents are to cooperate; None: as the weights have it.
-
-    Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, was trained on another encoder, or for another fusion.
+        name_or_path: see `load_network`.
+        detector: see `load_network`.
+        fusion: name of the fusion that the weights must be for; None: any.
     """
-    net = _load_beside(name_or_path, "queries", detector)
-    assert isinstance(net, QueryNet)
+    net: QueryNet = load_network("queries", name_or_path, detector)
     if fusion is not None and net.config.fusion != fusion:
         raise InvalidValueError(
             f"{find_weights(name_or_path)}: must be weights of the fusion {fusion!r}, is {net.config.fusion!r}"
@@ -182,18 +183,8 @@ def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | 
 
 
 def load_integrated(name_or_path: str | Path, detector: DetectorNet) -> IntegratedNet:
-    """Return an `IntegratedNet` with weights, ready to be used; shared by all who ask, so not to be changed.
-
-    Args:
-        name_or_path: of the weights.
-        detector: whose features it will get; it must have the encoder that the weights were trained on.
-
-    Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: the file is broken, too large, holds something else, or was trained on another encoder.
-    """
-    net = _load_beside(name_or_path, "integrated", detector)
-    assert isinstance(net, IntegratedNet)
+    """Return the network of integrated detection and tracking; see `load_network`."""
+    net: IntegratedNet = load_network("integrated", name_or_path, detector)
     return net
 
 
@@ -201,10 +192,10 @@ def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> Non
     """Write a network's weights as 16 bit floats.
 
     Args:
-        path: of the file.
+        path: file to write.
         net: the network.
-        metadata: plain data; `kind`, see `network_of`, and `config`, from which the network is made again, must be
-            there. Classes and coopsim's version are added.
+        metadata: plain data with at least `kind`, one of `NETWORKS`, and `config`, the network's options. Classes and
+            coopsim's version are added.
 
     Raises:
         InvalidValueError: the weights are not finite, or too large for 16 bits, or the file cannot be written.
@@ -219,7 +210,7 @@ def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> Non
 
 
 def read_texts(name_or_path: str | Path) -> dict[str, str]:
-    """Return what a file says of its weights, by key; all but names are JSON."""
+    """Return a file's metadata by key; all values but names are JSON."""
     return read_header(find_weights(name_or_path))[1]
 
 
@@ -257,126 +248,17 @@ def encoder_digest(detector: DetectorNet) -> str:
     return found.hexdigest()
 
 
-def network_of(path: Path, texts: Mapping[str, str]) -> nn.Module:
-    """Return a network as a file describes it, with weights of no meaning.
-
-    Raises:
-        InvalidValueError: the description is broken, or for other classes.
-    """
+@lru_cache(_LOADED)
+def _loaded(path: Path, _digest: str) -> Any:
+    texts = read_texts(path)
     config, classes = (_said(path, texts, key) for key in ("config", "classes"))
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes if isinstance(classes, list) else ())))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
-    made = {
-        "detector": make_detector,
-        "pictures": make_pictures,
-        "points_and_pictures": make_points_and_pictures,
-        "covariance": make_covariance,
-        "point_identity": make_point_identity,
-        "picture_identity": make_picture_identity,
-        "queries": make_queries,
-        "integrated": make_integrated,
-    }
-    kind = texts.get("kind", "cooperative")
-    return made[kind](config) if kind in made else make_cooperative(config)[0]
-
-
-def make_detector(config: Mapping[str, Any], seed: int = 0) -> DetectorNet:
-    """Return a network of one agent with random weights, the same for the same seed."""
-    return _made(EncoderConfig, DetectorNet, config, seed)
-
-
-def make_pictures(config: Mapping[str, Any], seed: int = 0) -> PictureDetectorNet:
-    """Return a network of an agent with cameras, with random weights, the same for the same seed."""
-    return _made(LiftSplatConfig, PictureDetectorNet, config, seed)
-
-
-def make_points_and_pictures(config: Mapping[str, Any], seed: int = 0) -> PointsAndPicturesNet:
-    """Return a network of an agent with LiDARs and cameras, with random weights, the same for the same seed."""
-    return _made(PointsAndPicturesConfig, PointsAndPicturesNet, config, seed)
-
-
-def make_covariance(config: Mapping[str, Any], seed: int = 0) -> CovarianceNet:
-    """Return a network of boxes' covariances with random weights, the same for the same seed."""
-    return _made(CovarianceConfig, CovarianceNet, config, seed)
-
-
-def make_point_identity(config: Mapping[str, Any], seed: int = 0) -> PointIdentityNet:
-    """Return a network of objects' identity by their points, with random weights, the same for the same seed."""
-    return _made(PointIdentityConfig, PointIdentityNet, config, seed)
-
-
-def make_picture_identity(config: Mapping[str, Any], seed: int = 0) -> PictureIdentityNet:
-    """Return a network of objects' identity by their pictures, with random weights, the same for the same seed."""
-    return _made(PictureIdentityConfig, PictureIdentityNet, config, seed)
-
-
-def make_queries(config: Mapping[str, Any], seed: int = 0) -> QueryNet:
-    """Return a network of instance queries with random weights, the same for the same seed."""
-    return _made(QueryConfig, QueryNet, config, seed)
-
-
-def make_integrated(config: Mapping[str, Any], seed: int = 0) -> IntegratedNet:
-    """Return a network of integrated detection and tracking with random weights, the same for the same seed."""
-    return _made(IntegratedConfig, IntegratedNet, config, seed)
-
-
-def make_cooperative(config: Mapping[str, Any], seed: int = 0) -> tuple[CooperativeNet, CooperativeConfig]:
-    """Return a network of several agents with random weights, the same for the same seed, and its checked options."""
-    checked: CooperativeConfig = load(CooperativeConfig, config, "network")
-    with _seeded(seed):
-        return CooperativeNet.from_config(checked), checked
-
-
-def _made(kind: type[Any], network: Callable[[Any], N], config: Mapping[str, Any], seed: int) -> N:
-    """Return a network of a config's checked options, with random weights of a seed."""
-    checked = load(kind, config, "network")
-    with _seeded(seed):
-        return network(checked)
-
-
-@contextmanager
-def _seeded(seed: int) -> Iterator[None]:
-    """Let modules draw their first weights from a seed; afterwards torch's global generator is as before."""
-    with torch.random.fork_rng(devices=[]):
-        torch.random.manual_seed(seed)
-        yield
-
-
-@lru_cache(_LOADED)
-def _loaded_detector(path: Path, _digest: str) -> DetectorNet:
-    _require_kind(path, read_texts(path), "detector")
-    net = _loaded(path)
-    assert isinstance(net, DetectorNet)
-    return net
-
-
-def _load_beside(name_or_path: str | Path, kind: str, detector: DetectorNet | None) -> nn.Module:
-    path = find_weights(name_or_path)
-    texts = read_texts(path)
-    _require_kind(path, texts, kind)
-    _require_encoder(path, texts, detector)
-    return _loaded_beside(path, digest(path))
-
-
-@lru_cache(_LOADED)
-def _loaded_beside(path: Path, _digest: str) -> nn.Module:
-    return _loaded(path)
-
-
-@lru_cache(_LOADED)
-def _loaded_cooperative(path: Path, _digest: str) -> CooperativeNet:
-    net = _loaded(path)
-    assert isinstance(net, CooperativeNet)
-    return net
-
-
-def _loaded(path: Path) -> nn.Module:
-    texts = read_texts(path)
     with torch.device("meta"):  # takes no memory: a small file may describe a huge network
-        wanted = network_of(path, texts).state_dict()
+        wanted = make_network(texts["kind"], config).state_dict()
     tensors = read_tensors(path, wanted)
-    net = network_of(path, texts)
+    net = make_network(texts["kind"], config)
     net.load_state_dict(tensors)
     return net.eval().requires_grad_(False)
 
@@ -386,19 +268,6 @@ def _said(path: Path, texts: Mapping[str, str], key: str) -> Any:
         return json.loads(texts[key])
     except (KeyError, ValueError, RecursionError) as error:
         raise InvalidValueError(f"{path}: does not say which network its weights are for") from error
-
-
-def _require_encoder(path: Path, texts: Mapping[str, str], detector: DetectorNet | None) -> None:
-    if detector is not None and texts.get("encoder_digest") != encoder_digest(detector):
-        raise InvalidValueError(
-            f"{path}: was trained on another encoder (digest {texts.get('encoder_digest', '?')[:8]}, not "
-            f"{encoder_digest(detector)[:8]}): take that one, {texts.get('detector', '?')!r}, or train anew"
-        )
-
-
-def _require_kind(path: Path, texts: Mapping[str, str], kind: str) -> None:
-    if texts.get("kind") != kind:
-        raise InvalidValueError(f"{path}: must be weights of the kind {kind!r}, is {texts.get('kind')!r}")
 
 
 @lru_cache(64)

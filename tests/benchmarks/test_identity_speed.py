@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 
 from coopsim.detection.picture_identity import CropEmbedder
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.learn.weights import make_picture_identity
+from coopsim.learn.weights import make_network
 from coopsim.nn.inference.quick import folded
 from coopsim.sensors.camera.crops import best_crops
 from coopsim.sensors.camera.rigs import named_rig
@@ -34,7 +34,7 @@ def test_milliseconds_for_30_boxes(rig: str) -> None:
         )
     )
     found = Detections(boxes, np.full(30, 0.9), np.zeros(30, dtype=np.int64))
-    net = make_picture_identity({})
+    net = make_network("picture_identity", {})
     embedder = CropEmbedder(folded(net), net.dim, net.config.edge_px, net.config.margin, 32.0, most_hidden=1.0)
     spent, cropping = [], []
     for _ in range(30):

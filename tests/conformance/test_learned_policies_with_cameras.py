@@ -15,7 +15,7 @@ import coopsim
 from coopsim.bench.detect.detect import measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
-from coopsim.learn.weights import make_detector
+from coopsim.learn.weights import make_network
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.testing import check_policy, check_uplink
@@ -182,7 +182,7 @@ def test_wrong_settings_are_refused(settings: dict[str, Any], error: type[Coopsi
 
 
 def test_pictures_of_another_encoder_are_refused(tmp_path: Any) -> None:
-    save_pictures(tmp_path / "other.safetensors", make_detector(TINY, seed=5))
+    save_pictures(tmp_path / "other.safetensors", make_network("detector", TINY, seed=5))
     given = {"picture_weights": str(tmp_path / "other.safetensors")}
     with pytest.raises(InvalidValueError, match="was trained on another encoder"):
         make(sensors="pictures", **given)

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 
 from coopsim.learn.clips.clip import Clip, Picture
-from coopsim.learn.rollout.rollout import SimulatedClips
-from coopsim.learn.rollout.world_recipe import WorldRecipe
+from coopsim.learn.clips.simulated import SimulatedClips
+from coopsim.learn.clips.world_recipe import WorldRecipe
 
 SMALL = WorldRecipe(frames=2, cars=(2, 2), masts=(1, 1), junctions=1, drone_share=0.0, start_s=(1.0, 1.0))
 SEEING = replace(SMALL, cameras={"front": 1.0}, distorted_share=0.0)

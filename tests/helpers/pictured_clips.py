@@ -9,8 +9,7 @@ import numpy as np
 from small_cameras import BENT
 from synthetic_clips import SyntheticClips
 
-from coopsim.learn.clips.clip import AgentScene, Picture, Scene
-from coopsim.learn.rollout.clip_pictures import nearest_in_blocks
+from coopsim.learn.clips.clip import BLOCK, AgentScene, Picture, Scene, nearest_in_blocks
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 
@@ -63,8 +62,9 @@ def photograph(
     colours = np.random.default_rng(0).integers(100, 256, (len(boxes) + 1, 3)).astype(np.uint8)
     colours[-1] = 60
     rgb = np.where((depth == 0)[:, None], np.uint8(20), colours[nearest]).reshape(*size, 3)
-    blocks = nearest_in_blocks(depth.reshape(size), classes.reshape(size))
-    return Picture(calibration, rgb, *blocks), np.bincount(nearest[nearest >= 0], minlength=len(boxes))
+    near_m, shown = nearest_in_blocks(depth.reshape(size), classes.reshape(size), BLOCK)
+    picture = Picture(calibration, rgb, near_m.astype(np.float16), shown)
+    return picture, np.bincount(nearest[nearest >= 0], minlength=len(boxes))
 
 
 def _entry(start: np.ndarray, rays: np.ndarray, box: np.ndarray, pose: np.ndarray) -> np.ndarray:

@@ -12,14 +12,7 @@ import torch
 
 from coopsim.learn.weights import (
     encoder_digest,
-    make_cooperative,
-    make_detector,
-    make_integrated,
-    make_picture_identity,
-    make_pictures,
-    make_point_identity,
-    make_points_and_pictures,
-    make_queries,
+    make_network,
     save_weights,
 )
 from coopsim.nn.camera.sight import GEOMETRY
@@ -50,35 +43,35 @@ def weights_folder(sweeps: int = 1, seed: int = 0) -> Path:
     one of each fusion, of maps and of queries, and `vic_integrated`; it is there as long as the tests.
     """
     folder = Path(mkdtemp(prefix="coopsim-tiny-"))
-    detector = make_detector(TINY | {"sweeps": sweeps}, seed)
+    detector = make_network("detector", TINY | {"sweeps": sweeps}, seed)
     make_it_see(detector)
     for name in ("pillars", "early"):
         save_weights(folder / f"{name}.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     save_pictures(folder / "lift_splat.safetensors", detector, seed)
     save_both(folder / "points_and_pictures.safetensors", detector, seed)
-    looks = make_point_identity({"widths": [4, 4, 8, 8, 8], "dim": 6, "points": 32}, seed)
+    looks = make_network("point_identity", {"widths": [4, 4, 8, 8, 8], "dim": 6, "points": 32}, seed)
     said = {"kind": "point_identity", "config": asdict(looks.config)}
     save_weights(folder / "point_identity.safetensors", looks, said)
     for name in QUERIES:
         save_queries(folder / f"{name}.safetensors", detector, name, seed)
     for name in FUSIONS:
         flow = 4 if name == "ff_tracking" else 0
-        made: Any = make_cooperative({"fusion": name, "message_channels": 3, "features": 8, "flow": flow}, seed)
-        net, config = made
+        sizes = {"fusion": name, "message_channels": 3, "features": 8, "flow": flow}
+        net = make_network("cooperative", sizes, seed)
         if flow:
             torch.nn.init.normal_(net.flow.last.weight, generator=torch.Generator().manual_seed(seed))
         net.head.load_state_dict(detector.head.state_dict())
-        said = {"kind": "cooperative", "config": asdict(config), "encoder_digest": encoder_digest(detector)}
+        said = {"kind": "cooperative", "config": asdict(net.config), "encoder_digest": encoder_digest(detector)}
         save_weights(folder / f"{name}.safetensors", net, said)
         if flow:
-            save_integrated(folder / f"{INTEGRATED}.safetensors", detector, net, asdict(config), seed)
+            save_integrated(folder / f"{INTEGRATED}.safetensors", detector, net, asdict(net.config), seed)
     return folder
 
 
 def save_integrated(path: Path, detector: Any, cooperative: Any, config: dict[str, Any], seed: int = 0) -> None:
     """Write a network of integrated tracking on a cooperative one, that changes a little what that one finds."""
     sizes = {"width": 16, "heads": 2, "points": 2, "decoder_layers": 1, "places": 32}
-    net = make_integrated({**sizes, "cooperative": config}, seed)
+    net = make_network("integrated", {**sizes, "cooperative": config}, seed)
     net.cooperative.load_state_dict(cooperative.state_dict())
     draw = torch.Generator().manual_seed(seed)
     with torch.no_grad():
@@ -93,7 +86,7 @@ def save_integrated(path: Path, detector: Any, cooperative: Any, config: dict[st
 
 def save_queries(path: Path, detector: Any, fusion: str, seed: int = 0) -> None:
     """Write a network of queries on a detector, that changes a little what the detector finds."""
-    net = make_queries({"fusion": fusion, "features": 8, "width": 32, "heads": 2}, seed)
+    net = make_network("queries", {"fusion": fusion, "features": 8, "width": 32, "heads": 2}, seed)
     with torch.no_grad():
         for head in (net.agent.heads.classes, net.agent.heads.box):
             weights = head[-1].weight
@@ -115,7 +108,7 @@ def make_it_see(net: Any) -> None:
 
 def save_pictures(path: Path, detector: Any, seed: int = 0) -> None:
     """Write an encoder of pictures beside a detector, whose scales and head it has."""
-    net = make_pictures(TINY_PICTURES, seed)
+    net = make_network("pictures", TINY_PICTURES, seed)
     for part in ("scales", "sides", "join"):
         getattr(net.encoder, part).load_state_dict(getattr(detector.encoder, part).state_dict())
     net.head.load_state_dict(detector.head.state_dict())
@@ -126,7 +119,7 @@ def save_pictures(path: Path, detector: Any, seed: int = 0) -> None:
 
 def save_both(path: Path, detector: Any, seed: int = 0) -> None:
     """Write an encoder of points and pictures beside a detector, which sees what that one sees."""
-    net = make_points_and_pictures({"pictures": TINY_PICTURES}, seed)
+    net = make_network("points_and_pictures", {"pictures": TINY_PICTURES}, seed)
     net.encoder.points.load_state_dict(detector.encoder.state_dict())
     net.head.load_state_dict(detector.head.state_dict())
     with torch.no_grad():
@@ -178,7 +171,7 @@ def tiny_looks() -> str:
 @cache
 def tiny_picture_identity() -> str:
     """Return the path of tiny weights of the embedder "picture_identity"."""
-    net = make_picture_identity({"edge_px": 16, "channels": [4, 4, 8, 8], "dim": 6})
+    net = make_network("picture_identity", {"edge_px": 16, "channels": [4, 4, 8, 8], "dim": 6})
     path = weights_folder() / "picture_identity.safetensors"
     save_weights(path, net, {"kind": "picture_identity", "config": asdict(net.config)})
     return str(path)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from small_cameras import AHEAD, BENT_CAMERA
 
-from coopsim.learn.weights import make_detector, save_weights
+from coopsim.learn.weights import make_network, save_weights
 from coopsim.nn.camera.picture_batch import PictureView, SeenPicture
 from coopsim.sensors.camera.camera import Camera
 from coopsim.types import BevGrid
@@ -23,7 +23,7 @@ GRID = BevGrid((-19.2, 19.2), (-19.2, 19.2), 2.4)
 
 def tiny_points(path: Path, seed: int = 0, **changes: Any) -> Path:
     """Write the weights of a detector of points beside which the tiny networks can be trained. Return their path."""
-    net = make_detector(MAPS | {"pillar_features": 6} | changes, seed)
+    net = make_network("detector", MAPS | {"pillar_features": 6} | changes, seed)
     save_weights(path, net, {"kind": "detector", "config": asdict(net.config)})
     return path
 

@@ -12,14 +12,14 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from coopsim.learn.clips.clip import Clip  # noqa: E402
+from coopsim.learn.clips.simulated import SimulatedClips  # noqa: E402
+from coopsim.learn.clips.world_recipe import WorldRecipe  # noqa: E402
 from coopsim.learn.loop.validation import VEHICLES, precision_of  # noqa: E402
-from coopsim.learn.losses.losses import head_loss  # noqa: E402
-from coopsim.learn.rollout.rollout import SimulatedClips  # noqa: E402
-from coopsim.learn.rollout.world_recipe import WorldRecipe  # noqa: E402
+from coopsim.learn.losses.fused_losses import fused_features  # noqa: E402
+from coopsim.learn.losses.head_losses import head_loss  # noqa: E402
 from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
 from coopsim.learn.samples.fused_samples import scene_samples  # noqa: E402
 from coopsim.learn.tasks.cooperative_task import find_fused  # noqa: E402
-from coopsim.learn.tasks.fused_loss import fused_features  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector  # noqa: E402
 
 PLAIN: dict[str, Any] = {"dropout": 0.0, "thinned": 0.0, "mirrored": 0.0, "late": 0.0}

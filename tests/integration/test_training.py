@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,13 +17,12 @@ from synthetic_clips import SyntheticClips
 from tiny_pictures import TINY_BOTH, TINY_PICTURES, tiny_points
 
 from coopsim.errors import InvalidValueError, TrainingError, UnknownNameError
-from coopsim.learn.clips.clip import Clip
-from coopsim.learn.clips.clip_store import ClipSource
+from coopsim.learn.clips.clip import Clip, ClipSource
 from coopsim.learn.loop import train_loop
 from coopsim.learn.loop.train_loop import TrainingProgress
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
 from coopsim.learn.tasks import cooperative_task, detector_task
-from coopsim.learn.train import store_unfinished, train
+from coopsim.learn.train import train
 from coopsim.learn.weights import digest, load_cooperative, load_detector, read_texts
 from coopsim.support.files import locked
 
@@ -172,8 +168,6 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
     with pytest.raises(MemoryError if end is None else KeyboardInterrupt):
         train(recipe, tmp_path / "cut", source=clips, show=interrupt)
-    unfinished = store_unfinished(tmp_path / "cut", tmp_path / "half")
-    assert read_texts(unfinished[0])["step"] == ("2" if end is None else "5")
     steps = list[int]()
     train(recipe, tmp_path / "cut", source=clips, show=lambda progress: steps.append(progress.step))
     assert steps[0] == (3 if end is None else 6)
@@ -276,37 +270,3 @@ def test_encoder_and_fusion_are_trained_together(encoder: Path, tmp_path: Path) 
         name: digest(tmp_path / f"{name}.safetensors") for name in ("both", "both_detector")
     }
     assert str(tmp_path) not in json.dumps(card) and str(encoder.parent) not in json.dumps(card)
-
-
-TWO = """
-from pathlib import Path
-import sys
-from synthetic_clips import SyntheticClips
-from coopsim.learn.recipe import TrainingRecipe, find_recipe
-from coopsim.learn.train import train
-train(find_recipe(sys.argv[1]), sys.argv[2], source=SyntheticClips(), device="cpu")
-"""
-
-
-def test_two_processes_train_together(tmp_path: Path) -> None:
-    """By torch's gloo on the processor, as torchrun would start them."""
-    (tmp_path / "tiny.yaml").write_text(json.dumps({**TINY.as_data(), "steps": 6}))
-    (tmp_path / "two.py").write_text(TWO)
-
-    def start(rank: int) -> subprocess.Popen[bytes]:
-        place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "RANK": str(rank), "WORLD_SIZE": "2"}
-        path = os.pathsep.join(each or os.getcwd() for each in sys.path)
-        return subprocess.Popen(
-            [sys.executable, str(tmp_path / "two.py"), str(tmp_path / "tiny.yaml"), str(tmp_path / "out")],
-            env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", **place},
-        )
-
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    processes = [start(rank) for rank in range(2)]
-    assert [process.wait(100) for process in processes] == [0, 0]
-    card = json.loads((tmp_path / "out" / "card.json").read_text())
-    assert (card["processes"], card["steps"]) == (2, 6)
-    seen = [each["loss"] for each in losses(tmp_path / "out")]
-    assert len(seen) == 6 and all(np.isfinite(seen))

@@ -16,16 +16,15 @@ from street_scene import spec_of  # noqa: E402
 from tiny_networks import TINY, make_it_see  # noqa: E402
 
 import coopsim  # noqa: E402
+from coopsim.learn.losses.fused_losses import fused_features  # noqa: E402
 from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
 from coopsim.learn.samples.fused_samples import SceneDraft  # noqa: E402
 from coopsim.learn.samples.sample_frames import rotated  # noqa: E402
-from coopsim.learn.tasks.fused_loss import fused_features  # noqa: E402
 from coopsim.learn.weights import (  # noqa: E402
     encoder_digest,
     load_cooperative,
     load_detector,
-    make_cooperative,
-    make_detector,
+    make_network,
     save_weights,
 )
 from coopsim.support.precision import arithmetic  # noqa: E402
@@ -38,12 +37,12 @@ NAMES = ("cav_0", "cav_1", "cav_2")
 
 
 def weights(folder: Path) -> tuple[Path, Path]:
-    detector = make_detector(TINY | {"cell_m": 0.6})
+    detector = make_network("detector", TINY | {"cell_m": 0.6})
     make_it_see(detector)
     save_weights(folder / "pillars.safetensors", detector, {"kind": "detector", "config": asdict(detector.config)})
     known = encoder_digest(load_detector(folder / "pillars.safetensors"))
-    net, config = make_cooperative({"fusion": "where2comm", "message_channels": 3, "features": 8})
-    said = {"kind": "cooperative", "config": asdict(config), "encoder_digest": known}
+    net = make_network("cooperative", {"fusion": "where2comm", "message_channels": 3, "features": 8})
+    said = {"kind": "cooperative", "config": asdict(net.config), "encoder_digest": known}
     save_weights(folder / "where2comm.safetensors", net, said)
     return folder / "pillars.safetensors", folder / "where2comm.safetensors"
 

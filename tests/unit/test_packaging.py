@@ -91,7 +91,7 @@ LIGHT = (
     "coopsim.bench.detect.detect",
     "coopsim.bench.report.publish",
     "coopsim.learn.recipe",
-    "coopsim.learn.rollout.rollout",
+    "coopsim.learn.clips.simulated",
 )
 POLICIES = ("coopsim.agents", "coopsim.agents.learned_fusion", "coopsim.agents.early_fusion")
 

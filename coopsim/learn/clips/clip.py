@@ -1,11 +1,9 @@
-"""What the simulator gives to training: clips of scenes, each with what all agents sense and the truth around them.
-
-No tensors and no torch here, and nothing of the environment: a clip is plain arrays.
-"""
+"""Clips of scenes: measurements of all agents and the truth around them, as plain arrays without torch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +12,24 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import CameraCalibration, Ints
 
 BLOCK = 4
-"""Pixels along either edge of the blocks of which a picture keeps the nearest surface."""
+"""Edge in pixels of the blocks of an image whose nearest surface is kept."""
+
+NO_CLASS = 255
+"""Label of scenery and sky."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One camera's picture in one frame.
+    """Image of a camera in a frame.
 
     Depth and class are kept coarsely, of the nearest surface in each block of `BLOCK` x `BLOCK` pixels; blocks at the
     right and the lower edge may have fewer pixels.
 
     Attributes:
-        calibration: the camera's intrinsics and its place on the agent.
+        calibration: intrinsics, and pose on the agent.
         rgb: (H, W, 3) uint8.
         depth_m: (ceil(H / BLOCK), ceil(W / BLOCK)) float16, m along the optical axis; 0: nothing.
-        label: the same shape, uint8, the surface's `ObjectClass`; 255: scenery or sky.
+        label: (ceil(H / BLOCK), ceil(W / BLOCK)) uint8, `ObjectClass` of the surface; 255: scenery or sky.
     """
 
     calibration: CameraCalibration
@@ -37,18 +38,36 @@ class Picture:
     label: NDArray[np.uint8]
 
 
+def nearest_in_blocks(
+    depth_m: NDArray[np.float32], label: NDArray[np.uint8], edge: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return depth (m; 0: nothing) and class of the nearest surface in each block of `edge` x `edge` pixels."""
+    rows, columns = (-(-length // edge) for length in depth_m.shape)
+    missing = [(0, -length % edge) for length in depth_m.shape]
+
+    def blocks(pixels: NDArray[Any], outside: float) -> NDArray[Any]:
+        padded = np.pad(pixels, missing, constant_values=outside)
+        return padded.reshape(rows, edge, columns, edge).swapaxes(1, 2).reshape(rows, columns, edge**2)
+
+    far = blocks(np.where(depth_m > 0, depth_m, np.float32(np.inf)), np.inf)
+    nearest = far.argmin(axis=-1)[..., None]
+    depth = np.take_along_axis(far, nearest, axis=-1)[..., 0]
+    depth[np.isinf(depth)] = 0.0
+    return depth, np.take_along_axis(blocks(label, NO_CLASS), nearest, axis=-1)[..., 0]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AgentScene:
-    """One agent in one frame.
+    """Agent in a frame.
 
     Attributes:
-        name: as `cav_0`.
+        name: name of the agent, such as `cav_0`.
         kind: "cav", "rsu" or "drone".
-        xyz_yaw: (4,) its true pose in the world frame: x, y, z m and heading rad.
-        odometry: (4,) its own estimate of the motion since the clip's frame before, in the base frame of then.
-        points: (P, 4) float32: x, y, z m in the base frame and intensity in [0, 1], of all its LiDARs.
-        actor_id: its own id among the scene's objects; None: it is no object, as a mast.
-        pictures: of its cameras, in the rig's order; empty without cameras.
+        xyz_yaw: (4,) true pose in the world frame: x, y, z m and heading rad.
+        odometry: (4,) own estimate of the motion since the clip's frame before, in the base frame of then.
+        points: (P, 4) float32: x, y, z m in the base frame and intensity in [0, 1], from all its LiDARs.
+        actor_id: id among the scene's objects; None: a roadside unit, which is no object.
+        pictures: images in the rig's order; empty without cameras.
     """
 
     name: str
@@ -62,18 +81,17 @@ class AgentScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One frame: A agents, and all N objects, whether seen or not, the agents that are objects among them.
+    """A frame: A agents in the environment's order, and all N objects, seen or not, connected cars among them.
 
     Attributes:
-        time_ns: since the clip's start.
-        agents: in the environment's order.
-        object_id: (N,).
+        time_ns: time since the clip's start.
+        agents: the A agents.
+        object_id: (N,) ids.
         boxes: (N, 7) x, y, z, l, w, h, yaw in the world frame.
         velocity: (N, 2) m/s over ground, in the world's axes.
-        label: (N,) an `ObjectClass`.
-        returns: (N, A) number of LiDAR returns that each agent has from each object; of itself 0.
-        pixels: (N, A) number of pixels that each agent has of each object, in all its pictures; of itself 0. None:
-            there are no cameras.
+        label: (N,) `ObjectClass`.
+        returns: (N, A) number of LiDAR returns from each object at each agent; 0 from itself.
+        pixels: (N, A) number of pixels of each object in all images of each agent; 0 of itself. None: no cameras.
     """
 
     time_ns: int
@@ -91,11 +109,18 @@ class Clip:
     """Consecutive scenes of one episode.
 
     Attributes:
-        key: says where it came from, and is equal only for clips of equal content: as "town seed 7, clip 31".
+        key: origin, equal only for clips of equal content, such as "town seed 7, clip 31".
         dt_s: time between two scenes.
-        scenes: in order of time.
+        scenes: scenes in order of time.
     """
 
     key: str
     dt_s: float
     scenes: tuple[Scene, ...]
+
+
+class ClipSource(Protocol):
+    """Clips by number, such as `SimulatedClips`; of other things than `Clip` where a task reads these."""
+
+    def clip(self, index: int) -> Any:
+        """Return a clip: the same for the same index."""

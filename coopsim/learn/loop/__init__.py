@@ -1,1 +1,5 @@
-"""The loop of a training: steps, checkpoints, logs, and looks at held-out places."""
+"""The loop of a training: steps of the optimizer, with checkpoints, log and validation between them.
+
+A task and the order of its samples come in; trained weights, a log, curves and a card go out. Start reading at
+`train_loop`.
+"""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,34 +24,26 @@ _ADAM = ("exp_avg", "exp_avg_sq", "step")
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """What is not a tensor.
+    """Training state besides tensors.
 
     Attributes:
         step: number of steps taken.
-        positions: of each process' data.
-        run: all that decides the training, as JSON has it: recipe, seed, number of processes.
+        position: position in the data.
+        run: recipe and seed, as plain data.
     """
 
     step: int
-    positions: tuple[Position, ...]
+    position: Position
     run: Mapping[str, Any]
 
 
 def save_checkpoint(folder: Path, state: Checkpoint, net: nn.Module, average: nn.Module, adam: Any) -> None:
-    """Replace the folder's checkpoint.
-
-    Args:
-        folder: of the training.
-        state: what is not a tensor.
-        net: in training.
-        average: its moving average.
-        adam: the optimizer, `torch.optim.AdamW`.
-    """
+    """Replace the folder's checkpoint: state, network, its moving average, and the optimizer (`torch.optim.AdamW`)."""
     tensors = _net_tensors(net, average)
     for name, parameter in net.named_parameters():
         for key, value in adam.state.get(parameter, {}).items():
             tensors[f"adam.{key}/{name}"] = value
-    said = {"step": state.step, "positions": [asdict(each) for each in state.positions], "run": state.run}
+    said = {"step": state.step, "position": asdict(state.position), "run": state.run}
     write_tensors(folder / CHECKPOINT, tensors, {"training": json.dumps(said, sort_keys=True)})
 
 
@@ -66,7 +58,8 @@ def load_checkpoint(
     path = folder / CHECKPOINT
     if not path.exists():
         return None
-    state, (found, _) = read_state(folder), read_header(path, _MOST_BYTES)
+    found, texts = read_header(path, _MOST_BYTES)
+    state = _state(path, texts)
     _require_same(folder, state.run, json.loads(json.dumps(run)))
     wanted, parameters = _net_tensors(net, average), dict(net.named_parameters())
     for name in found:
@@ -87,16 +80,6 @@ def load_checkpoint(
     return state
 
 
-def read_state(folder: Path) -> Checkpoint:
-    """Read of a folder's checkpoint what is not a tensor.
-
-    Raises:
-        InvalidValueError: there is no checkpoint, or it is broken.
-    """
-    path = folder / CHECKPOINT
-    return _state(path, read_header(path, _MOST_BYTES)[1])
-
-
 def _net_tensors(net: nn.Module, average: nn.Module) -> dict[str, Tensor]:
     both = (("net", net), ("average", average))
     return {f"{kind}/{name}": value for kind, each in both for name, value in each.state_dict().items()}
@@ -105,8 +88,7 @@ def _net_tensors(net: nn.Module, average: nn.Module) -> dict[str, Tensor]:
 def _state(path: Path, texts: Mapping[str, str]) -> Checkpoint:
     try:
         said = json.loads(texts["training"])
-        positions: Sequence[Mapping[str, int]] = said["positions"]
-        return Checkpoint(int(said["step"]), tuple(Position(**each) for each in positions), dict(said["run"]))
+        return Checkpoint(int(said["step"]), Position(**said["position"]), dict(said["run"]))
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidValueError(f"{path}: is no checkpoint of a training") from error
 

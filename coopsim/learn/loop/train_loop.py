@@ -1,10 +1,14 @@
-"""The loop of a training: steps of the optimizer, and what is done between them."""
+"""The loop of a training: steps of the optimizer, with checkpoints, log and validation between them."""
 
 from __future__ import annotations
 
+import copy
+import math
 import signal
+import statistics
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,13 +19,9 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.errors import TrainingError
-from coopsim.learn.loop.averaged_net import AveragedNet
 from coopsim.learn.loop.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from coopsim.learn.loop.loss_watch import LossWatch
-from coopsim.learn.loop.one_cycle import one_cycle
-from coopsim.learn.loop.ranks import Ranks
 from coopsim.learn.loop.training_log import TrainingLog
-from coopsim.learn.losses.losses import sum_of
+from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_order import Position, SampleOrder
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask
@@ -30,20 +30,22 @@ from coopsim.nn.inference.devices import numbers_on, to_device
 SAVE_EVERY_S = 60.0
 """Time between two checkpoints."""
 
+_REMEMBERED, _LEAST, _TOO_LARGE, _PATIENCE = 500, 50, 9.0, 50
+
 Validate = Callable[[nn.Module], Mapping[str, float]]
-"""Looks at the averaged network; returns values by name, as "AP"."""
+"""Validation of the averaged network: returns values by name, such as "AP"."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
         step: number of steps taken, those before an interruption included.
-        steps: of the whole training.
-        losses: of the last step, by name.
-        validation: the last values of held-out places, by name; empty before the first.
-        left_s: time that is left; None: not known yet.
+        steps: number of steps of the whole training.
+        losses: losses of the last step, by name.
+        validation: last values of held-out clips, by name; empty before the first.
+        left_s: estimated time that is left.
     """
 
     step: int
@@ -58,13 +60,13 @@ class TrainLoop:
     """A training of one task.
 
     Attributes:
-        task: network and losses, on the device of `ranks`.
-        recipe: of the training.
-        order: of the samples.
-        ranks: processes that train together.
-        folder: of checkpoint and log.
-        run: all that decides the training, for the checkpoint.
-        validate: looks at held-out places every `recipe.validate_every` steps.
+        task: network and losses, on `device`.
+        recipe: recipe of the training.
+        order: samples in order.
+        device: device of the arithmetic.
+        folder: folder of checkpoint and log.
+        run: recipe and seed as plain data, for the checkpoint.
+        validate: called every `recipe.validate_every` steps.
         show: called after each step.
         average: moving average of the weights: the training's result.
     """
@@ -72,7 +74,7 @@ class TrainLoop:
     task: TrainingTask
     recipe: TrainingRecipe
     order: SampleOrder
-    ranks: Ranks
+    device: torch.device
     folder: Path
     run: Mapping[str, Any]
     validate: Validate | None = None
@@ -97,25 +99,24 @@ class TrainLoop:
         """
         found = load_checkpoint(self.folder, self.run, self.task.net, self.average.net, self._adam)
         if found is not None:
-            self._step, self._position = found.step, found.positions[self.ranks.rank]
-        log = TrainingLog(self.folder, self._step, writes=self.ranks.writes)
+            self._step, self._position = found.step, found.position
+        log = TrainingLog(self.folder, self._step)
         first, began, saved = self._step, time.monotonic(), time.monotonic()
         watch = LossWatch(f"the weights of step {first} are kept in {self.folder}" if first else "no weights are kept")
-        model = self.ranks.wrap(self.task)
         self.task.train()
         with _told_to_end() as end:
             for position, samples in self.order.batches(self._position):
                 if self._step >= self.recipe.steps:
                     break
-                losses = self._take_step(model, samples, watch)
+                losses = self._take_step(samples, watch)
                 self._position, self._step = position, self._step + 1
                 log.add(self._step, losses)
-                self._look(log)
+                self._validate(log)
                 if self.show is not None:
                     left = (self.recipe.steps - self._step) * (time.monotonic() - began) / (self._step - first)
                     self.show(TrainingProgress(self._step, self.recipe.steps, losses, self._validation, left))
-                ending = self.ranks.any(end.is_set())
-                if ending or self.ranks.any(time.monotonic() - saved > SAVE_EVERY_S):
+                ending = end.is_set()
+                if ending or time.monotonic() - saved > SAVE_EVERY_S:
                     self._save(log)
                     saved = time.monotonic()
                     watch.kept = f"the weights of step {self._step} are kept in {self.folder}"
@@ -123,17 +124,16 @@ class TrainLoop:
                     raise KeyboardInterrupt
         self._save(log)
 
-    def _take_step(self, model: Any, samples: list[Any], watch: LossWatch) -> dict[str, float]:
+    def _take_step(self, samples: list[Any], watch: LossWatch) -> dict[str, float]:
         """Take a step of the optimizer. Return the losses before it."""
         rate = one_cycle(self._step, self.recipe.steps, self.recipe.lr)
         for group in self._adam.param_groups:
             group["lr"] = rate * group["factor"]
-        device = self.ranks.device
-        short = numbers_on(device, self.recipe.precision) is torch.bfloat16
-        batch = to_device(self.task.collate(samples), device)
+        short = numbers_on(self.device, self.recipe.precision) is torch.bfloat16
+        batch = to_device(self.task.collate(samples), self.device)
         self.task.progress = self._step / self.recipe.steps
-        with torch.autocast(device.type, torch.bfloat16, enabled=short):
-            losses: dict[str, Tensor] = model(batch)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=short):
+            losses: dict[str, Tensor] = self.task(batch)
         if self.recipe.loss:
             losses[LOSS] = sum_of({name: part for name, part in losses.items() if name != LOSS}, self.recipe.loss)
         self._adam.zero_grad()
@@ -145,21 +145,18 @@ class TrainLoop:
         self.average.update(self.task.net, self._step)
         return values
 
-    def _look(self, log: TrainingLog) -> None:
-        """Look at held-out places, if it is time to."""
+    def _validate(self, log: TrainingLog) -> None:
+        """Validate the averaged network, if it is time to."""
         every = self.recipe.validate_every
         if self.validate is None or not every or (self._step % every and self._step < self.recipe.steps):
             return
-        if self.ranks.writes:
-            self._validation = self.validate(self.average.net)
-            log.add(self._step, self._validation, kind="validation")
+        self._validation = self.validate(self.average.net)
+        log.add(self._step, self._validation, kind="validation")
 
     def _save(self, log: TrainingLog) -> None:
-        positions = self.ranks.positions(self._position)
-        if self.ranks.writes:
-            log.write()
-            state = Checkpoint(self._step, positions, self.run)
-            save_checkpoint(self.folder, state, self.task.net, self.average.net, self._adam)
+        log.write()
+        state = Checkpoint(self._step, self._position, self.run)
+        save_checkpoint(self.folder, state, self.task.net, self.average.net, self._adam)
 
 
 def _groups(net: nn.Module, recipe: TrainingRecipe) -> list[dict[str, Any]]:
@@ -203,3 +200,97 @@ def _told_to_end() -> Iterator[threading.Event]:
     finally:
         for each, handler in usual.items():
             signal.signal(each, handler)
+
+
+class AveragedNet:
+    """A copy of a network whose weights follow it slowly: w' <- d w' + (1 - d) w, which evens out small batches' noise.
+
+    The decay d grows from 0.1 as (1 + step) / (10 + step) up to `decay`, so that early averages are not of random
+    weights. Counters and other integers are copied.
+
+    Attributes:
+        net: the copy, in evaluation mode.
+    """
+
+    def __init__(self, net: nn.Module, decay: float) -> None:
+        self.net = copy.deepcopy(net).eval().requires_grad_(False)
+        self._decay = decay
+
+    @torch.no_grad()
+    def update(self, net: nn.Module, step: int) -> None:
+        """Follow the network after a step, from 0."""
+        share = 1 - min(self._decay, (1 + step) / (10 + step))
+        source = net.state_dict()
+        for name, value in self.net.state_dict().items():
+            if value.is_floating_point():
+                value.lerp_(source[name], share)
+            else:
+                value.copy_(source[name])
+
+
+def one_cycle(step: int, steps: int, highest: float, rising: float = 0.3) -> float:
+    """Return the learning rate of a step: half cosines from highest/25 up to `highest`, and down to highest/10,000.
+
+    Source: Smith and Topin 2019, "Super-convergence", with cosines in place of straight lines.
+
+    Args:
+        step: number of the step, from 0.
+        steps: steps of the whole training.
+        highest: highest learning rate.
+        rising: share of the steps in which it rises.
+    """
+    turn = max(1.0, rising * steps)
+    if step < turn:
+        return _between(highest / 25, highest, step / turn)
+    return _between(highest, highest / 1e4, (step - turn) / max(1.0, steps - 1 - turn))
+
+
+def _between(first: float, last: float, share: float) -> float:
+    return last + (first - last) * 0.5 * (1 + math.cos(math.pi * min(1.0, share)))
+
+
+class LossWatch:
+    """Stop of a training whose losses are not finite, or 50 in a row far above those before.
+
+    Far above is the running median and nine times the median of their magnitudes more: ten times the median of losses
+    that are positive. Likelihoods may be of any sign.
+
+    Attributes:
+        kept: state of the training that is stored, for the errors.
+    """
+
+    def __init__(self, kept: str) -> None:
+        self.kept = kept
+        self._losses: deque[float] = deque(maxlen=_REMEMBERED)
+        self._high = 0
+
+    def check(self, step: int, losses: Mapping[str, float], gradient: float) -> None:
+        """Check a step, numbered from 1, before it is taken: losses by name, and the gradient's length.
+
+        Raises:
+            TrainingError: a loss or the gradient is not finite, or losses run away.
+        """
+        broken = [f"{name} is {value}" for name, value in losses.items() if not math.isfinite(value)]
+        if not math.isfinite(gradient):
+            broken.append(f"the gradient's length is {gradient}")
+        if broken:
+            raise TrainingError(f"step {step}: {', '.join(broken)}; {self.kept}. A smaller lr or clip may help")
+        total = losses["loss"]
+        limit = self._limit()
+        if total <= limit:
+            self._high = 0
+            self._losses.append(total)
+            return
+        self._high += 1
+        if self._high >= _PATIENCE:
+            raise TrainingError(
+                f"step {step}: the loss is {total:.4g}, and since {_PATIENCE} steps above {limit:.4g}, far above its "
+                f"median {statistics.median(self._losses):.4g}: it diverges; {self.kept}. A smaller lr may help"
+            )
+
+    def _limit(self) -> float:
+        """Return the largest accepted loss; infinite while few are known."""
+        if len(self._losses) < _LEAST:
+            return math.inf
+        magnitude = statistics.median(map(abs, self._losses))
+        return statistics.median(self._losses) + _TOO_LARGE * magnitude

@@ -1,30 +1,38 @@
-"""The losses of a training, in `log.jsonl`: a line for every step, and one for each look at held-out places."""
+"""Records of a training: log (`log.jsonl`, a line for every step and every validation), curves, and card."""
 
 from __future__ import annotations
 
+import io
 import json
+import platform
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
+import coopsim
 from coopsim.errors import InvalidValueError
-from coopsim.support.files import write_durably
+from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
+from coopsim.nn.inference.devices import numbers_on
+from coopsim.support.files import write_durably, write_whole
 
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
 
 
 class TrainingLog:
-    """Losses of all steps, and values of held-out places.
+    """Losses of all steps, and values of held-out clips.
 
     Args:
-        folder: of the training.
-        step: steps taken; later lines, of before an interruption, are left out: they come again.
-        writes: whether this process writes files.
+        folder: folder of the training.
+        step: steps taken; lines of later steps, from before an interruption, are dropped: they come again.
     """
 
-    def __init__(self, folder: Path, step: int, *, writes: bool = True) -> None:
-        self._path, self._writes = folder / LOG, writes
+    def __init__(self, folder: Path, step: int) -> None:
+        self._path = folder / LOG
         self._lines = [line for line in read_log(folder) if line["step"] <= step] if step else []
 
     def add(self, step: int, values: Mapping[str, float], kind: str = "losses") -> None:
@@ -33,8 +41,7 @@ class TrainingLog:
 
     def write(self) -> None:
         """Write the file; it is as durable as the checkpoint beside it."""
-        if self._writes:
-            write_durably(self._path, "".join(f"{json.dumps(line)}\n" for line in self._lines).encode())
+        write_durably(self._path, "".join(f"{json.dumps(line)}\n" for line in self._lines).encode())
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
@@ -63,3 +70,131 @@ def mean_values(lines: Sequence[Mapping[str, Any]]) -> dict[str, float]:
             if name != "kind":
                 found.setdefault(name, []).append(value)
     return {name: sum(values) / len(values) for name, values in found.items()}
+
+
+CURVES = "curves.svg"
+"""Name of the file in a training's folder."""
+
+_POINTS = 200
+_LOSSES = "losses"
+
+
+def write_curves(folder: Path) -> Path:
+    """Draw losses and values of held-out places over the steps of a training's log. Return the file's path."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    panels = _panels(read_log(folder))
+    text = io.StringIO()
+    # No date and no random ids: the same training gives the same file.
+    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
+        figure = Figure(figsize=(4.6 * max(1, len(panels)), 3.2), layout="constrained")
+        for place, (title, curves) in enumerate(panels.items()):
+            _draw(figure.add_subplot(1, len(panels), place + 1), title, curves)
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
+    return write_whole(folder / CURVES, text.getvalue())
+
+
+def _panels(lines: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[tuple[float, float]]]]:
+    """Return (step, value) by panel and name; losses that fall below zero have a panel without logarithms."""
+    losses, held_out = (_curves(_thinned(lines, kind)) for kind in ("losses", "validation"))
+    positive = {name: points for name, points in losses.items() if min(value for _, value in points) > 0}
+    negative = {name: points for name, points in losses.items() if name not in positive}
+    panels = {_LOSSES: positive, "losses that may be negative": negative, "held-out places": held_out}
+    return {title: curves for title, curves in panels.items() if curves}
+
+
+def _curves(lines: Sequence[Mapping[str, float]]) -> dict[str, list[tuple[float, float]]]:
+    names = dict.fromkeys(name for line in lines for name in line if name != "step")
+    return {name: [(line["step"], line[name]) for line in lines if name in line] for name in names}
+
+
+def _thinned(lines: Sequence[Mapping[str, Any]], kind: str) -> list[dict[str, float]]:
+    """Return the lines of a kind, of many the means of as many neighbours as make at most `_POINTS`."""
+    found = [line for line in lines if line["kind"] == kind]
+    each = max(1, -(-len(found) // _POINTS))
+    return [mean_values(found[k : k + each]) for k in range(0, len(found), each)]
+
+
+def _draw(panel: Any, title: str, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+    for name, points in curves.items():
+        panel.plot(*zip(*points, strict=True), label=name, linewidth=1, marker="." if len(points) < 30 else None)
+    panel.set(xlabel="steps", title=title)
+    if title == _LOSSES:
+        panel.set_yscale("log")
+        panel.yaxis.set_major_formatter("{x:g}")  # numbers as text: formulas would show their source
+        panel.yaxis.set_minor_formatter("")
+    panel.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
+    panel.grid(alpha=0.3)
+
+
+CARD = "card.json"
+"""Name of the file in a training's folder."""
+
+_LAST = 100
+"""Steps at the end whose mean losses are in the card."""
+
+_NETWORKS = ("start", "detector", "teacher")
+"""Options of a recipe that may be paths; a card has only the file's name."""
+
+
+def make_card(
+    recipe: TrainingRecipe, seed: int, device: torch.device, parameters: int, log: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the card of a training, but for the digests and sizes of its files.
+
+    Args:
+        recipe: recipe of the training.
+        seed: seed of the training.
+        device: device of the training.
+        parameters: number of parameters that were trained.
+        log: lines of the training's log.
+    """
+    losses = [line for line in log if line["kind"] == "losses"][-_LAST:]
+    looks = [line for line in log if line["kind"] == "validation"]
+    return {
+        "name": recipe.name,
+        "command": command_of(recipe, seed),
+        "seed": seed,
+        "steps": recipe.steps,
+        "parameters": parameters,
+        "losses": {name: round(value, 4) for name, value in sorted(mean_values(losses).items()) if name != "step"},
+        "held_out": {name: value for name, value in looks[-1].items() if name not in ("step", "kind")} if looks else {},
+        "precision": str(numbers_on(device, recipe.precision)).removeprefix("torch."),
+        "teacher": "none" if recipe.teacher is None else Path(recipe.teacher).stem,
+        "threads": recipe.threads,
+        "device": str(device),
+        "processor": _processor(),
+        "versions": {"coopsim": coopsim.__version__, "torch": torch.__version__, "numpy": np.__version__},
+        "recipe": _without_folders(recipe.as_data()),
+    }
+
+
+def command_of(recipe: TrainingRecipe, seed: int) -> str:
+    """Return a command that repeats a training: the shipped recipe, or a file of its name, and what differs from it."""
+    known = recipe.name in RECIPES
+    words = ["coopsim", "train", recipe.name if known else f"{recipe.name}.yaml", "--out", recipe.name]
+    words += ["--seed", str(seed)]
+    if known:
+        shipped = _without_folders(find_recipe(recipe.name).as_data())
+        changed = {k: v for k, v in _without_folders(recipe.as_data()).items() if v != shipped[k]}
+        if "steps" in changed:
+            words += ["--steps", str(changed.pop("steps"))]
+        for name, value in changed.items():
+            words += ["--option", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
+    return shlex.join(words)
+
+
+def _without_folders(recipe: Mapping[str, Any]) -> dict[str, Any]:
+    names = {name: Path(recipe[name]).stem for name in _NETWORKS if recipe[name] is not None}
+    return {**recipe, **names}
+
+
+def _processor() -> str:
+    """Return the processor's name, as far as the system says it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor() or platform.machine()

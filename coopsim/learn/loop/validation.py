@@ -1,4 +1,4 @@
-"""A look at held-out places in the middle of a training: a task's own values, or average precision on samples of them.
+"""Validation on held-out clips in the middle of a training: a task's own values, or average precision on samples.
 
 The latter is quick and comparable only within one training: samples show parts of maps, and their truth is what their
 agents see. `coopsim detect` measures networks as they are used.
@@ -14,8 +14,8 @@ import torch
 from torch import nn
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.learn.clips.clip_store import ClipSource
-from coopsim.learn.losses.targets import Targets
+from coopsim.learn.clips.clip import ClipSource
+from coopsim.learn.samples.targets import Targets
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.nn.detector.box_code import decode_boxes
@@ -28,27 +28,20 @@ VEHICLES, _, PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
 
 
 class HeldOut:
-    """Held-out samples, cut once and then kept.
-
-    Args:
-        task: cuts them, and finds objects in them.
-        source: of their clips.
-        clips: number of clips.
-        device: of the networks.
-    """
+    """Held-out samples of some clips of a source, cut by the task once and then kept."""
 
     def __init__(self, task: TrainingTask, source: ClipSource, clips: int, device: torch.device) -> None:
         self._task, self._source, self._clips, self._device = task, source, clips, device
         self._batches: list[Any] = []
 
     def __call__(self, net: nn.Module) -> Mapping[str, float]:
-        """Return the task's values by name, or average precisions, seen from above: of vehicles and of people."""
+        """Return the task's values by name, or average precisions in BEV of vehicles and of people."""
         if not self._batches:
             for index in range(self._clips):
                 samples = self._task.cut_held_out(self._source.clip(index), stream(0, "training.held_out", str(index)))
                 self._batches += [self._task.collate([sample]) for sample in samples]
         batches = [to_device(batch, self._device) for batch in self._batches]
-        values = self._task.look(net, batches)
+        values = self._task.evaluate(net, batches)
         if values is not None:
             return values
         maps = [each for batch in batches for each in self._task.find(net, batch)]
@@ -60,7 +53,7 @@ class HeldOut:
 
 
 def precision_of(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> float:
-    """Return the average precision of what was found in maps, seen from above, of the classes with these labels."""
+    """Return the average precision in BEV of the detections in maps, of the classes with these labels."""
     found, truth = [], []
     for each in maps:
         kept = np.isin(each.detections.label, labels)
@@ -70,7 +63,7 @@ def precision_of(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) ->
 
 
 def _true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes3D:
-    """Return the boxes of the objects whose centres are in a map."""
+    """Return the boxes of the objects whose centres lie in a map."""
     cells = targets.cell % (grid.shape[0] * grid.shape[1])
     centres = (targets.weight == 1) & torch.isin(targets.label, torch.tensor(labels))
     boxes, _ = decode_boxes(

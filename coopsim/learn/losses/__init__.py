@@ -1,1 +1,5 @@
-"""Targets of the heads, and how far their predictions are from them."""
+"""Losses: the distance of predictions from targets.
+
+Raw outputs of a network and a sample's targets come in; scalars by name go out, weighted by `head_losses.WEIGHTS`.
+Start reading at `head_losses`.
+"""

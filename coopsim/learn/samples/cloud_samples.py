@@ -6,17 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
-from coopsim.learn.losses.anchor_loss import Truth, anchor_head_loss
-from coopsim.learn.losses.losses import head_loss
-from coopsim.learn.losses.targets import Targets, join_targets, make_targets
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, sweeps_of, thin
+from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
-from coopsim.nn.detector.anchor_head import AnchorHead
-from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.perceiver import REACH_M
@@ -26,24 +21,24 @@ from coopsim.types import BevGrid
 
 @dataclass(frozen=True, slots=True)
 class SampleSettings:
-    """How samples are made of scenes.
+    """Options of samples.
 
     Attributes:
         reach_m: half the edge of the square in which an agent's map lies.
         crop_cells: edge of the part of it that a sample shows, in pillars; None: the whole square.
         merged: share of samples with the points of several agents, for early fusion.
-        thinned: share of samples of which points are left out at random, up to three quarters.
-        mirrored: share of samples seen in a mirror.
+        thinned: share of samples without some of their points, up to three quarters.
+        mirrored: share of mirrored samples.
         noise_m: largest standard deviation of the agents' positions where clouds are merged or maps fused.
-        noise_deg: the same of their headings.
+        noise_deg: largest standard deviation of their headings.
         noisy: share of fused samples, and of clouds that are merged, with such errors.
         dropout: probability that an agent does not take part in a merged or fused sample.
         late: share of fused samples with messages from earlier scenes.
         sparse: share of fused samples of which only the surest cells arrive.
         receivers: most agents of a fused sample whose view is taught, drawn anew for each; None: every agent. The
             others send: a costly fusion is trained on as many scenes in less time.
-        quickest: how many times as fast clips of queries and integrated tracking are played at most, drawn anew for
-            each use, with at least 0.1 s between two scenes: the traffic of towns is then as fast as that of motorways.
+        quickest: largest factor on the speed of clips of queries and integrated tracking, drawn anew for each use, with
+            at least 0.1 s between two scenes: the traffic of towns is then as fast as that of motorways.
     """
 
     reach_m: float = REACH_M
@@ -76,11 +71,10 @@ class SampleSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectorSample:
-    """One cloud in pillars, the targets of its map, and the objects that they are made of."""
+    """A cloud in pillars, and the targets of its map."""
 
     pillars: Pillars
     targets: Targets
-    truth: Truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,21 +83,12 @@ class DetectorBatch:
 
     pillars: PillarBatch
     targets: Targets
-    truth: tuple[Truth, ...]
 
 
 def detector_samples(
     clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
 ) -> list[DetectorSample]:
-    """Return a sample for each agent in each scene of a clip.
-
-    Args:
-        clip: the scenes.
-        rng: decides what is merged, the turn, mirror and part of each sample.
-        settings: how.
-        cell_m: edge of a pillar.
-        sweeps: frames that the network is given, see `sweeps_of`.
-    """
+    """Return a sample for each agent in each scene of a clip, in pillars of edge `cell_m`; sweeps: see `sweeps_of`."""
     return [
         _sample(
             scene,
@@ -122,18 +107,8 @@ def detector_samples(
 def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
     """Join samples into a batch."""
     return DetectorBatch(
-        collate([sample.pillars for sample in samples]),
-        join_targets([sample.targets for sample in samples]),
-        tuple(sample.truth for sample in samples),
+        collate([sample.pillars for sample in samples]), join_targets([sample.targets for sample in samples])
     )
-
-
-def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
-    """Return the loss of a batch: "loss", the weighted sum, and its parts."""
-    features = net.encoder(batch.pillars)
-    if isinstance(net.head, AnchorHead):
-        return anchor_head_loss(net.head, features, batch.truth)
-    return head_loss(net.head, features, batch.targets)
 
 
 def _sample(
@@ -147,7 +122,7 @@ def _sample(
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
     # The frame of the map is turned at random: streets must not be known by their direction. The agent is anywhere in
-    # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.perceiver`).
+    # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.inference.perceiver`).
     frame = me.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
     frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
@@ -159,13 +134,12 @@ def _sample(
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
     grid = _part(boxes, rng, settings, cell_m)
-    truth = Truth(boxes, scene.label[shown], grid.coarser(STRIDE))
-    targets = make_targets(boxes, velocity, truth.label, truth.grid)
-    return DetectorSample(pillarize(points, grid), targets, truth)
+    targets = make_targets(boxes, velocity, scene.label[shown], grid.coarser(STRIDE))
+    return DetectorSample(pillarize(points, grid), targets)
 
 
 def _members(scene: Scene, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:
-    """Return the numbers of the agents whose points a sample has, that of `number` first."""
+    """Return the numbers of the agents whose points a sample has, `number` first."""
     others = [each for each in range(len(scene.agents)) if each != number]
     if not others or rng.random() >= settings.merged:
         return [number]
@@ -184,7 +158,7 @@ def _cloud(
 
 
 def _part(boxes: Floats, rng: np.random.Generator, settings: SampleSettings, cell_m: float) -> BevGrid:
-    """Return the part of an agent's square that a sample shows: mostly around one of the objects."""
+    """Return the part of an agent's square that a sample shows, mostly around an object."""
     cells = round(2 * settings.reach_m / cell_m)
     size = cells if settings.crop_cells is None else min(settings.crop_cells, cells)
     corner = rng.integers(0, cells - size + 1, size=2)

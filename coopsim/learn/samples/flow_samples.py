@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.learn.clips.clip import Clip
-from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft, scene_drafts
+from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft
 from coopsim.localization.odometry import Points
 from coopsim.nn.cooperative.feature_flow import LONGEST_S
 from coopsim.types import stack_xyz_yaw
@@ -18,12 +16,12 @@ from coopsim.types import stack_xyz_yaw
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LateMaps:
-    """The maps of L late messages, those that their senders made before, and those that they make now.
+    """The maps of L late messages, those of their senders before, and those of now.
 
     Attributes:
         late, before, later: (L,) numbers of the maps in the sample.
-        before_SE2_late, later_SE2_late: (L, 3) x m, y m, yaw rad of the late map's frame in those of the others, as
-            their senders' odometry tells.
+        before_SE2_late, later_SE2_late: (L, 3) x m, y m, yaw rad of the late map's frame in those of the others, by
+            their senders' odometry.
         interval_s: (L,) time between the map before and the late one.
         delay_s: (L,) time between the late one and now.
     """
@@ -39,43 +37,23 @@ class LateMaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowSample:
-    """A scene, and what is known of its late messages.
-
-    Attributes:
-        scene: the sample; maps of late messages are those that were sent.
-        late: what came before and after.
-    """
+    """A sample, with late maps as they were sent, and the maps before and after them."""
 
     scene: CooperativeSample
     late: LateMaps
 
 
-def flow_samples(
-    clip: Clip,
-    rng: np.random.Generator,
-    settings: SampleSettings,
-    cell_m: float = 0.6,
-    sweeps: int = 1,
-    *,
-    taught: bool = False,
-) -> list[FlowSample]:
-    """Return a sample for each scene of a clip that two or more agents take part in; arguments as of `scene_samples`.
+class FlowDraft(SceneDraft):
+    """Draft of a `FlowSample`.
 
-    Messages are late from the third scene on, as flow needs a map before; none is older than 0.5 s.
+    Messages are late from the third scene on, because flow needs a map before; none is older than 0.5 s.
     """
-    drafts = scene_drafts(_FlowDraft, clip, rng, settings, cell_m, sweeps, taught)
-    return [draft.flow_sample() for draft in drafts]
-
-
-class _FlowDraft(SceneDraft):
-    """One sample in the making."""
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
         self._left_out: dict[int, float] = {}
 
-    def flow_sample(self) -> FlowSample:
-        """Return the sample."""
+    def sample(self) -> FlowSample:
         views, late = self.views(), self._late_maps()
         return FlowSample(self.sample_of(views), late)
 
@@ -85,7 +63,7 @@ class _FlowDraft(SceneDraft):
         return int(self.rng.integers(1, most + 1)) if late else 0
 
     def thinned(self, points: Points, member: int) -> Points:
-        """Leave out the same share of a member's points in all its maps: else they change by that."""
+        """Leave out the same share of a member's points in all its maps: otherwise they would change by that."""
         if member not in self._left_out:
             thinned = self.rng.random() < self.settings.thinned
             self._left_out[member] = self.rng.uniform(0.0, 0.75) if thinned else 0.0
@@ -109,7 +87,7 @@ class _FlowDraft(SceneDraft):
         )  # fmt: skip
 
     def _way(self, first: int, last: int, member: int) -> SE3:
-        """Return the frame of a member's map in a scene, in that of its map in an earlier one, by its odometry."""
+        """Return the frame of a member's map in a scene, in that of its map in an earlier scene, by its odometry."""
         scenes = [scene.agents[member] for scene in self.clip.scenes[first : last + 1]]
         frames = [self.frames[self.row(number, member)] for number in (first, last)]
         base_SE3_maps = [

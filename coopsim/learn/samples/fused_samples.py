@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,17 +12,14 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.targets import Targets, make_targets
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.merged_cloud import merged_cloud
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
+from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells
 from coopsim.types import BevGrid
-
-D = TypeVar("D", bound="SceneDraft")
 
 LATEST_S = 0.5
 """The longest delay of a message in a sample."""
@@ -34,20 +31,20 @@ most."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceiverView:
-    """One receiver, and the messages that it fuses.
+    """A receiver, and the messages that it fuses.
 
     Attributes:
         own: number of its own map in the sample.
         others: numbers of the maps that it received.
-        source_SE2_target: (S, 3) the place of its map in each sender's, as they believe: x m, y m, yaw rad.
-        delay_s: (S,) age of each.
-        kind: (S,) of the senders, by `KINDS`.
-        own_kind: of the receiver.
+        source_SE2_target: (S, 3) pose of its map in each sender's, by their estimates: x m, y m, yaw rad.
+        delay_s: (S,) ages of the messages.
+        kind: (S,) kinds of the senders, by `KINDS`.
+        own_kind: kind of the receiver.
         most_cells: number of the surest cells that each message has; None: all.
         grid: the part of its map that is taught.
-        targets: there, of all objects that the receiver or a sender has seen. The receiver is among them where a sender
-            has seen it: a network cannot know who it is, so a policy drops the boxes over its agent.
-        merged: the points of all agents there, for a teacher; None: there is none.
+        targets: targets there of all objects that the receiver or a sender has seen. The receiver is among them where a
+            sender has seen it: a network cannot know its agent, so a policy drops the boxes over it.
+        merged: the points of all agents there, for a teacher, if any.
     """
 
     own: int
@@ -64,14 +61,14 @@ class ReceiverView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CooperativeSample:
-    """The clouds of one moment, and of earlier ones where messages are late, and the receivers among them.
+    """The clouds of a moment, and of earlier ones where messages are late, and the receivers among them.
 
     Attributes:
         pillars: A clouds, each in its agent's compass frame, moved to the nearest corner of the world's cells.
         seen: (A, 9, h, w) heat of the objects that each cloud shows.
-        objects: their number.
-        grid: the cells of all features.
-        views: of the receivers.
+        objects: number of these objects.
+        grid: cells of all features.
+        views: views of the receivers.
     """
 
     pillars: PillarBatch
@@ -89,47 +86,37 @@ def scene_samples(
     sweeps: int = 1,
     *,
     taught: bool = False,
-) -> list[CooperativeSample]:
-    """Return a sample for each scene of a clip that two or more agents take part in.
+    draft: Callable[..., SceneDraft] | None = None,
+) -> list[Any]:
+    """Return a sample for each scene of a clip with two or more agents.
+
+    Participants are drawn from the agents that see anything.
 
     Args:
         clip: the scenes.
-        rng: decides who takes part, the errors of poses, delays, and the turn and mirror of the world.
-        settings: how.
+        rng: stream of participants, errors of poses, delays, and the turn and mirror of the world.
+        settings: options.
         cell_m: edge of a pillar.
         sweeps: frames that the network is given, see `sweeps_of`.
-        taught: there is a teacher, who is shown the points of all.
+        taught: add the merged points of all agents, for a teacher.
+        draft: kind of draft that makes the samples; None: `SceneDraft`.
     """
-    drafts = scene_drafts(SceneDraft, clip, rng, settings, cell_m, sweeps, taught)
-    return [draft.sample() for draft in drafts]
-
-
-def scene_drafts(
-    kind: type[D],
-    clip: Clip,
-    rng: np.random.Generator,
-    settings: SampleSettings,
-    cell_m: float,
-    sweeps: int,
-    taught: bool,
-) -> Iterator[D]:
-    """Yield a draft of that kind for each scene that two or more agents take part in; arguments as of `scene_samples`.
-
-    Who takes part is drawn of those that see anything. All draw from one stream: finish a draft before the next.
-    """
+    samples = []
     for number, scene in enumerate(clip.scenes):
         drawn = [k for k in range(len(scene.agents)) if rng.random() >= settings.dropout]
         members = [k for k in drawn if len(scene.agents[k].points)]
         if len(members) > 1:
-            yield kind(clip, number, members, rng, settings, cell_m, sweeps, taught)
+            begun = (draft or SceneDraft)(clip, number, members, rng, settings, cell_m, sweeps, taught)
+            samples.append(begun.sample())  # all drafts share a stream: each is finished before the next
+    return samples
 
 
 class SceneDraft:
-    """One sample in the making; arguments as of `scene_samples`.
+    """Draft of a sample; arguments: see `scene_samples`.
 
     Attributes:
-        grid: the cells of all features.
-        ages: by member, how many scenes its messages are late.
+        grid: cells of all features.
+        ages: delay of messages in scenes, by member.
         rows: numbers of the maps, by scene and member.
         frames: (4,) true poses of the frames of the maps.
     """
@@ -159,8 +146,8 @@ class SceneDraft:
         self.frames: list[Floats] = []
         self.middles: list[Floats] = []
 
-    def sample(self) -> CooperativeSample:
-        """Return the sample."""
+    def sample(self) -> Any:
+        """Return the sample: a `CooperativeSample`, unless overridden."""
         return self.sample_of(self.views())
 
     def views(self) -> tuple[ReceiverView, ...]:
@@ -184,7 +171,7 @@ class SceneDraft:
         return sorted(self.rng.choice(self.members, most, replace=False).tolist())
 
     def row(self, number: int, member: int) -> int:
-        """Return the number of an agent's map in a scene; it is made when first asked for."""
+        """Return the number of an agent's map in a scene, which is made when first asked for."""
         if (number, member) not in self.rows:
             self.rows[number, member] = len(self.rows)
             self._add(number, member)
@@ -214,7 +201,7 @@ class SceneDraft:
         self.middles.append(place + way)
 
     def thinned(self, points: Points, member: int) -> Points:
-        """Return what is left of a member's points in one map."""
+        """Return the points of a member in a map, thinned."""
         return thin(points, self.rng, self.settings.thinned)
 
     def _view(self, member: int) -> ReceiverView:
@@ -243,14 +230,14 @@ class SceneDraft:
         )  # fmt: skip
 
     def _merged(self, own: int, grid: BevGrid) -> PillarBatch | None:
-        """Return what a teacher sees in a part of a receiver's map; None: there is no teacher."""
+        """Return the merged cloud in a part of a receiver's map; None without teacher."""
         if not self.taught:
             return None
         frame, sweeps = self.frames[own], self.sweeps
         return merged_cloud(self.clip, self.number, self.members, frame, grid, sweeps=sweeps, mirrored=self.mirrored)
 
     def age(self) -> int:
-        """Return how many scenes a sender's messages are late: all receivers get the same ones."""
+        """Draw the delay of a sender's messages in scenes: all receivers get the same ones."""
         most = min(self.number, int(LATEST_S / self.clip.dt_s + 1e-6))
         return int(self.rng.integers(1, most + 1)) if most and self.rng.random() < self.settings.late else 0
 
@@ -270,3 +257,19 @@ class SceneDraft:
             corner = np.clip(np.round(middle).astype(int) - size // 2, -low, low - size)
         start, end = corner * cell_m, (corner + size) * cell_m
         return BevGrid((start[0], end[0]), (start[1], end[1]), cell_m)
+
+
+def merged_cloud(
+    clip: Clip, number: int, members: Sequence[int], frame: Floats, grid: BevGrid, *, sweeps: int, mirrored: bool
+) -> PillarBatch:
+    """Return the cloud that a teacher sees: the points of all members in a scene, moved without error.
+
+    It is in the frame of a pose (4,), perhaps mirrored, on pillars whose features have the cells of `grid`.
+    """
+    agents = clip.scenes[number].agents
+    points = np.concatenate(
+        [moved(sweeps_of(clip, number, each, sweeps), agents[each].xyz_yaw, frame) for each in members]
+    )
+    if mirrored:
+        mirror(points, np.zeros((0, 7)), np.zeros((0, 2)))
+    return collate([pillarize(points, BevGrid(grid.x_m, grid.y_m, grid.cell_m / STRIDE))])

@@ -1,4 +1,4 @@
-"""Samples of an encoder of pictures: some pictures of one agent, and the objects that they show."""
+"""Samples of an encoder of images: some images of an agent, and the objects that they show."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
-from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene
-from coopsim.learn.losses.targets import Targets, join_targets, make_targets
+from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene, nearest_in_blocks
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of, thin
+from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.nn.camera.picture_batch import PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
 from coopsim.nn.camera.sight import STRIDE_PX
 from coopsim.nn.detector.encoder import STRIDE
@@ -23,28 +23,26 @@ from coopsim.sensors.camera.projection import project
 from coopsim.types import BevGrid
 
 _LEAST_PIXELS = 16
-"""Pixels of an object, in all pictures of its agent, from which it is to be found."""
+"""Least pixels of an object, in all images of its agent, for it to be found."""
 
 _CAMERAS = (1, 2, 4)
-"""A sample has as many of its agent's cameras, or all if it has fewer: four times as many pictures of one moment teach
-less than pictures of four moments."""
+"""Numbers of cameras in a sample, each as likely: four times as many images of one moment teach less than images of
+four moments."""
 
 _FARTHEST_M = 50.0
 """Objects around which parts of maps are cut are at most as far."""
 
-_NOTHING_M = np.float32(1e4)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSample:
-    """Pictures of one agent and what they show.
+    """Images of an agent with their targets.
 
     Attributes:
-        view: the pictures.
-        depth_m: of each, (h, w) float32 depth of the nearest surface in each cell of its features; 0: nothing.
-        label: of each, (h, w) uint8 class of that surface.
+        view: the images.
+        depth_m: (h, w) float32 depth of the nearest surface in each cell of each image's features; 0: nothing.
+        label: (h, w) uint8 class of that surface, for each image.
         pillars: the agent's points on the same canvas.
-        targets: of its map.
+        targets: targets of its map.
     """
 
     view: PictureView
@@ -74,16 +72,16 @@ def picture_samples(
     points: bool = False,
     whole: bool = False,
 ) -> list[PictureSample]:
-    """Return a sample for each agent with pictures in each scene of a clip.
+    """Return a sample for each agent with images in each scene of a clip.
 
     Args:
         clip: the scenes.
-        rng: decides on cameras, turn, mirror, light and part of each sample.
-        settings: how; of it, `crop_cells`, `reach_m` and `mirrored` matter, with points also `merged` and `thinned`.
+        rng: stream of cameras, turn, mirror, light and part of each sample.
+        settings: options: `crop_cells`, `reach_m` and `mirrored`, with points also `merged` and `thinned`.
         cell_m: edge of a cell of the canvas.
-        points: the network reads the agent's points, too: what they show is to be found as well, and pictures get
-            the depths that they measure. Some samples have other agents' points, too, as early fusion has.
-        whole: all pictures as they are, and the whole map.
+        points: the network reads the agent's points, too: their objects are targets as well, and images get the depths
+            that they measure. Some samples have other agents' points, too, like early fusion.
+        whole: all images unchanged, and the whole map.
     """
     return [
         _sample(clip, number, member, rng, settings, cell_m, points, whole)
@@ -163,7 +161,7 @@ def _some(pictures: tuple[Picture, ...], rng: np.random.Generator) -> tuple[Pict
 
 
 def _shown(scene: Scene, member: int, agent: AgentScene, chosen: Sequence[Picture]) -> NDArray[np.bool_]:
-    """Return which objects (N,) have enough pixels, and their middle in one of the chosen pictures."""
+    """Return the mask (N,) of objects with enough pixels, and their middle in one of the chosen images."""
     assert scene.pixels is not None
     x, y = rotated(scene.boxes[:, :2] - agent.xyz_yaw[:2], -agent.xyz_yaw[3]).T
     middle = np.column_stack([x, y, scene.boxes[:, 2] - agent.xyz_yaw[2]])
@@ -184,24 +182,8 @@ def _seen(picture: Picture, light: Floats) -> SeenPicture:
 
 def _surfaces(picture: Picture, mirrored: bool) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return depth and class of the nearest surface in each cell of the features."""
-    blocks = STRIDE_PX // BLOCK
-    more = [(0, -length % blocks) for length in picture.depth_m.shape]
-    depth = np.pad(picture.depth_m.astype(np.float32), more)
-    label = np.pad(picture.label, more, constant_values=255)
-    rows, columns = (length // blocks for length in depth.shape)
-
-    def cells(blocks_of: NDArray[np.generic]) -> NDArray[np.generic]:
-        split = blocks_of.reshape(rows, blocks, columns, blocks).transpose(0, 2, 1, 3)
-        return split.reshape(rows, columns, blocks * blocks)
-
-    far = cells(np.where(depth > 0, depth, _NOTHING_M))
-    nearest = far.argmin(-1)[..., None]
-    depth_m = np.take_along_axis(far, nearest, -1)[..., 0]
-    found = (
-        np.where(depth_m < _NOTHING_M, depth_m, np.float32(0)),
-        np.take_along_axis(cells(label), nearest, -1)[..., 0],
-    )
-    return tuple(each[:, ::-1].copy() if mirrored else each for each in found)  # type: ignore[return-value]
+    depth_m, label = nearest_in_blocks(picture.depth_m.astype(np.float32), picture.label, STRIDE_PX // BLOCK)
+    return (depth_m[:, ::-1].copy(), label[:, ::-1].copy()) if mirrored else (depth_m, label)
 
 
 def _part(boxes: Floats, rng: np.random.Generator, settings: SampleSettings, cell_m: float) -> BevGrid:

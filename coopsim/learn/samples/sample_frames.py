@@ -13,12 +13,8 @@ from coopsim.localization.odometry import LONGEST_S, Points
 def sweeps_of(clip: Clip, number: int, member: int, sweeps: int) -> Points:
     """Return an agent's points in a scene, (P, 5) with their age, in its base frame.
 
-    Args:
-        clip: the scenes.
-        number: of the scene.
-        member: number of the agent.
-        sweeps: 1, or 2 with the points of the scene before, moved by odometry. There are none in a first scene, or if
-            the scenes are further apart than frames that a policy joins.
+    Two sweeps have the points of the scene before, too, moved by odometry, unless it is a first scene, or scenes are
+    further apart than frames that a policy joins.
     """
     agent = clip.scenes[number].agents[member]
     points = _with_age(agent.points, 0.0)
@@ -33,13 +29,7 @@ def _with_age(points: NDArray[np.float32], age_s: float) -> Points:
 
 
 def moved(points: Points, xyz_yaw: Floats, to_xyz_yaw: Floats) -> Points:
-    """Return points (P, 5), given in one frame, in another.
-
-    Args:
-        points: x, y, z, intensity, age.
-        xyz_yaw: (4,) pose of the frame that they are in.
-        to_xyz_yaw: (4,) pose of the other frame, in the same world.
-    """
+    """Return points (P, 5) x, y, z, intensity, age from the frame of a pose (4,) in that of another one."""
     cos, sin = np.cos(xyz_yaw[3] - to_xyz_yaw[3]), np.sin(xyz_yaw[3] - to_xyz_yaw[3])
     dx, dy = rotated((xyz_yaw[:2] - to_xyz_yaw[:2])[None], -to_xyz_yaw[3])[0]
     out, x, y = points.copy(), points[:, 0], points[:, 1]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from coopsim.errors import TrainingError
+from coopsim.learn.clips.clip import ClipSource
 from coopsim.support.rng import stream
 
 _MOST_EMPTY = 20
@@ -19,16 +20,9 @@ Cut = Callable[[Any, np.random.Generator], Sequence[Any]]
 """Draws samples from a clip."""
 
 
-class SampleSource(Protocol):
-    """Something that has clips by number, of whatever kind the task cuts samples from."""
-
-    def clip(self, index: int) -> Any:
-        """Return a clip: the same for the same index."""
-
-
 @dataclass(frozen=True, slots=True, order=True)
 class Position:
-    """What a training has used of its data.
+    """Position of a training in its data.
 
     Attributes:
         block: number of the block, from 0.
@@ -49,22 +43,20 @@ class SampleOrder:
     times, each time cut and shuffled anew. Samples that do not fill a batch are left out.
 
     Attributes:
-        source: of the clips.
+        source: clips.
         cut: draws samples from a clip.
-        seed: of the cuts and shuffles.
-        batch: samples a batch.
-        block: clips a block.
-        passes: over each block.
-        rank: of this process among those that train together, whose draws differ.
+        seed: seed of cuts and shuffles.
+        batch: samples in a batch.
+        block: clips in a block.
+        passes: passes over each block.
     """
 
-    source: SampleSource
+    source: ClipSource
     cut: Cut
     seed: int
     batch: int
     block: int
     passes: int
-    rank: int = 0
 
     def batches(self, start: Position) -> Iterator[tuple[Position, list[Any]]]:
         """Yield batches without end, each with the position after it.
@@ -92,7 +84,7 @@ class SampleOrder:
 
     def _shuffled(self, clips: Sequence[Any], block: int, turn: int) -> list[list[Any]]:
         """Return all full batches of one pass over a block; a block of fewer samples than a batch is one batch."""
-        owners = (str(self.rank), str(block), str(turn))
+        owners = ("0", str(block), str(turn))
         samples: list[Any] = []
         for k, clip in enumerate(clips):
             samples += self.cut(clip, stream(self.seed, "training.cut", *owners, str(k)))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,41 +14,40 @@ from torch import Tensor, nn
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.teacher_loss import require_fitting
+from coopsim.learn.losses.fused_losses import (
+    cooperative_loss,
+    copy_loss,
+    flow_losses,
+    fused_features,
+    late_changes,
+    moved_to_now,
+    require_fitting,
+    views_losses,
+)
+from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.fused_samples import CooperativeSample, scene_samples
-from coopsim.learn.tasks.fused_loss import cooperative_loss, fused_features
-from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile, mean_losses
-from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_cooperative
+from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample
+from coopsim.learn.samples.fused_samples import CooperativeSample, SceneDraft, scene_samples
+from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses, weights_metadata
+from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_network
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 
 
 class CooperativeTask(TrainingTask):
-    """The training of a `CooperativeNet`, whose head begins as the detector's.
-
-    Args:
-        recipe: of the kind "cooperative".
-        seed: of the first weights.
-
-    Raises:
-        InvalidValueError: detector, teacher, network and the weights to start with do not fit together.
-    """
+    """Stage B: the training of a `CooperativeNet` on a frozen encoder; its head begins as the detector's."""
 
     net: CooperativeNet
+    draft: type[SceneDraft] = SceneDraft
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
-        if detector.config.head != "centre":
-            raise InvalidValueError(
-                f"detector must have the head 'centre', with which a fusion's begins; {recipe.detector!r} has "
-                f"{detector.config.head!r}"
-            )
-        self.net, config = make_cooperative({"features": detector.config.features, **recipe.network}, seed)
+        self.net = make_network("cooperative", {"features": detector.config.features, **recipe.network}, seed)
+        config = self.net.config
         if config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
         if config.flow and recipe.kind != "flow":
@@ -64,12 +62,10 @@ class CooperativeTask(TrainingTask):
         self.teacher = None if recipe.teacher is None else copy.deepcopy(load_detector(recipe.teacher))
         if self.teacher is not None:
             require_fitting(self.teacher, detector)
-        self._metadata = {
-            "kind": "cooperative",
-            "config": asdict(config),
-            "detector": Path(recipe.detector).stem,
-            "encoder_digest": encoder_digest(detector),
-        }
+        # Statistics of normalisation stay the detector's: one scene is too few to measure them.
+        normalisations = (each for each in self.net.modules() if isinstance(each, nn.modules.batchnorm._BatchNorm))
+        self.frozen = [self.detector, *normalisations, *([self.teacher] if self.teacher else [])]
+        self.metadata = weights_metadata("cooperative", config, recipe, detector)
 
     def _start(self, start: nn.Module) -> None:
         try:
@@ -77,31 +73,22 @@ class CooperativeTask(TrainingTask):
         except RuntimeError as error:
             raise InvalidValueError(f"network must be that of start: {error}") from error
 
-    def train(self, mode: bool = True) -> Self:
-        super().train(mode)
-        self.detector.eval()
-        if self.teacher is not None:
-            self.teacher.eval()
-        # Statistics of normalisation stay the detector's: one scene is too few to measure them.
-        for module in self.net.modules():
-            if isinstance(module, nn.modules.batchnorm._BatchNorm):
-                module.eval()
-        return self
-
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        config, taught = self.detector.config, self.teacher is not None
-        return scene_samples(clip, rng, self._settings, config.cell_m, config.sweeps, taught=taught)
+        return self._samples(clip, rng, self._settings, taught=self.teacher is not None)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
-        return scene_samples(clip, rng, settings, self.detector.config.cell_m, self.detector.config.sweeps)
+        return self._samples(clip, rng, settings, taught=False)
+
+    def _samples(
+        self, clip: Clip, rng: np.random.Generator, settings: SampleSettings, *, taught: bool
+    ) -> Sequence[Any]:
+        config = self.detector.config
+        return scene_samples(clip, rng, settings, config.cell_m, config.sweeps, taught=taught, draft=self.draft)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, CooperativeNet)
         return find_fused(self.detector, net, batch)
-
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return mean_losses(
@@ -128,3 +115,109 @@ def find_in(
         fused, _ = fused_features(net, features, values, sure, sample.grid, view)
         found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
     return found
+
+
+_MESSAGES_FIRST = 0.5
+"""Share of the steps, at the beginning, in which messages are learned, and not yet how they change."""
+
+
+class FlowTask(CooperativeTask):
+    """The training of a `CooperativeNet` with flow, whose encoder and head are the detector's and stay so.
+
+    In the first half messages and fusion are learned as those of any fusion. From then on messages stay as they are,
+    because a flow that follows changing messages learns next to nothing. It learns without labels, from what late
+    senders see now; the fusion goes on, on late maps that are moved by the flow of the moment. Gradients of neither
+    reach the other.
+    """
+
+    draft = FlowDraft
+
+    def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
+        super().__init__(recipe, seed)
+        if self.net.flow is None:
+            raise InvalidValueError("network flow must be its width, as {flow: 24}, with kind: flow, got 0")
+        if unweighed := {"flow", "unmoved"} & recipe.loss.keys():
+            raise InvalidValueError(
+                f"loss must leave out {sorted(unweighed)}: what the flow learns, nothing else does, and not every step "
+                "has late messages"
+            )
+        self.net.head.requires_grad_(False)
+
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        assert isinstance(net, CooperativeNet) and net.flow is not None
+        found: list[FoundMap] = []
+        for sample in batch:
+            with torch.no_grad():
+                features = self.detector.encoder(sample.scene.pillars)
+                values, sure = net.message(features)
+                if sample.late.late:
+                    values = moved_to_now(values, late_changes(net.flow, values, sample), sample)
+                found += find_in(net, features, values, sure, sample.scene)
+        return found
+
+    def forward(self, batch: Sequence[FlowSample]) -> dict[str, Tensor]:
+        return mean_losses([self._losses(sample) for sample in batch])
+
+    def _losses(self, sample: FlowSample) -> dict[str, Tensor]:
+        if self.progress < _MESSAGES_FIRST:
+            return cooperative_loss(self.detector, self.net, sample.scene, teacher=self.teacher)
+        return self._flow_step(sample)
+
+    def _flow_step(self, sample: FlowSample) -> dict[str, Tensor]:
+        net = self.net
+        assert net.flow is not None
+        with torch.no_grad():
+            features = self.detector.encoder(sample.scene.pillars)
+            values, sure = net.message(features)
+        parts = {"copy": copy_loss(net, features, values)}
+        if sample.late.late:
+            changes = late_changes(net.flow, values, sample)
+            parts |= flow_losses(net, features, values, changes, sample)
+            values = moved_to_now(values, changes.detach(), sample)
+        parts |= views_losses(net, features, values, sure, sample.scene, self.teacher)
+        return {LOSS: sum_of(parts), **parts}
+
+
+class DetectorAndFusion(nn.Module):
+    """An encoder's detector, whose head is not trained, and the cooperative network on it."""
+
+    def __init__(self, detector: DetectorNet, fused: CooperativeNet) -> None:
+        super().__init__()
+        self.detector, self.fused = detector, fused
+        self.detector.encoder.requires_grad_(True)
+
+
+class TogetherTask(TrainingTask):
+    """Stage C: the training of an encoder and a fusion together, from the ends of stages A and B."""
+
+    net: DetectorAndFusion
+
+    def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
+        super().__init__()
+        self._fusion = CooperativeTask(recipe, seed)  # its parts are those of `net`
+        self.net = DetectorAndFusion(self._fusion.detector, self._fusion.net)
+        self.frozen = self._fusion.frozen
+
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        return self._fusion.cut(clip, rng)
+
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
+        return self._fusion.cut_held_out(clip, rng)
+
+    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+        assert isinstance(net, DetectorAndFusion)
+        return find_fused(net.detector, net.fused, batch)
+
+    def forward(self, batch: Any) -> dict[str, Tensor]:
+        detector, fused, teacher = self.net.detector, self.net.fused, self._fusion.teacher
+        return mean_losses(
+            [cooperative_loss(detector, fused, sample, frozen=False, teacher=teacher) for sample in batch]
+        )
+
+    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+        assert isinstance(net, DetectorAndFusion)
+        trained = {"detector": f"{name}_detector", "encoder_digest": encoder_digest(net.detector)}
+        return [
+            WeightsFile(name, net.fused, {**self._fusion.metadata, **trained}),
+            WeightsFile(f"{name}_detector", net.detector, weights_metadata("detector", net.detector.config)),
+        ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,33 +12,26 @@ from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.targets import Targets
+from coopsim.learn.losses.head_losses import head_loss
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.samples.cloud_samples import SampleSettings, collate_detector, detector_loss, detector_samples
-from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile, first_net
-from coopsim.learn.weights import load_detector, make_detector
+from coopsim.learn.samples.cloud_samples import DetectorBatch, SampleSettings, collate_detector, detector_samples
+from coopsim.learn.samples.targets import Targets
+from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, first_net, weights_metadata
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.types import BevGrid
 
 
 class DetectorTask(TrainingTask):
-    """The training of a `DetectorNet`.
-
-    Args:
-        recipe: of the kind "detector".
-        seed: of the first weights.
-
-    Raises:
-        InvalidValueError: the weights to start with are of another network.
-    """
+    """The training of a `DetectorNet`."""
 
     net: DetectorNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
-        self.net = first_net(recipe, make_detector(recipe.network, seed), load_detector)
+        self.net = first_net(recipe, seed)
+        self.metadata = weights_metadata("detector", self.net.config)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return detector_samples(clip, rng, self._settings, self.net.config.cell_m, self.net.config.sweeps)
@@ -50,19 +43,23 @@ class DetectorTask(TrainingTask):
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, DetectorNet)
-        targets: Targets = batch.targets
-        rows, columns = targets.heat.shape[2:]
-        # Where the map lies in its agent's frame is of no matter here.
-        grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
         with torch.no_grad():
-            found = decode(net.head, net.encoder(batch.pillars), grid)
-        return [FoundMap(found[0], targets, grid)]
+            return found_map(net.head, net.encoder(batch.pillars), batch.targets)
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_detector(samples)
 
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        return [WeightsFile(name, net, {"kind": "detector", "config": asdict(self.net.config)})]
-
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return detector_loss(self.net, batch)
+
+
+def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
+    """Return the loss of a batch: "loss", the weighted sum, and its parts."""
+    return head_loss(net.head, net.encoder(batch.pillars), batch.targets)
+
+
+def found_map(head: Any, features: Tensor, targets: Targets) -> list[FoundMap]:
+    """Return what a head finds in one map (1, C, h, w), whose place in its agent's frame does not matter."""
+    rows, columns = targets.heat.shape[2:]
+    grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
+    return [FoundMap(decode(head, features, grid)[0], targets, grid)]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -16,26 +14,30 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.integrated_losses import TaughtFrame, frame_losses
-from coopsim.learn.losses.losses import sum_of
-from coopsim.learn.losses.query_losses import LabelledInstances, TrueObjects, labelled
+from coopsim.learn.losses.head_losses import sum_of
+from coopsim.learn.losses.instance_losses import LabelledInstances, TaughtFrame, frame_losses, labelled, xiou_of_pairs
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.fused_views import FusedView, fused_view
-from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, true_objects
-from coopsim.learn.tasks.integrated_look import IntegratedLook
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
-from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_integrated, read_config
+from coopsim.learn.samples.query_streams import (
+    QueryStream,
+    StreamCutter,
+    TrueObjects,
+    fused_view,
+    true_objects,
+)
+from coopsim.learn.tasks.query_task import SURE, QueryEvaluation
+from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
+from coopsim.learn.weights import load_cooperative, load_detector, make_network, read_config
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.query_perceiver import peaks_of
 from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.integrated.track_update import updated_tracks
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
-from coopsim.nn.queries.query_net import SeenMap, kept_instances
+from coopsim.nn.queries.query_net import QueryStep, SeenMap, kept_instances
 from coopsim.types import BevGrid
 
 _LONGEST_MISSED = 10
-"""Frames after which what nobody sees is forgotten in training."""
+"""Frames after which a track that no agent sees ends in training."""
 
 
 class IntegratedTask(TrainingTask):
@@ -43,13 +45,6 @@ class IntegratedTask(TrainingTask):
 
     Frames of a clip follow each other as they do in use. Tracks are paired with detections by which object they are.
     Gradients pass from frame to frame through features, not through boxes.
-
-    Args:
-        recipe: of the kind "integrated".
-        seed: of the first weights.
-
-    Raises:
-        InvalidValueError: the recipe has no `start`, or detector, cooperative network and sizes do not fit together.
     """
 
     net: IntegratedNet
@@ -63,23 +58,13 @@ class IntegratedTask(TrainingTask):
         if "cooperative" in recipe.network:
             raise InvalidValueError("network must leave out cooperative: that network is the one of start")
         cooperative = load_cooperative(recipe.start, detector)
-        self.net = make_integrated({**recipe.network, "cooperative": read_config(recipe.start)}, seed)
+        self.net = make_network("integrated", {**recipe.network, "cooperative": read_config(recipe.start)}, seed)
         self.net.cooperative.load_state_dict(cooperative.state_dict())
         self.net.cooperative.requires_grad_(False)
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
         self._streams = StreamCutter(self._settings, seed, recipe.block, self.detector, self._see)
-        self._metadata = {
-            "kind": "integrated",
-            "config": asdict(self.net.config),
-            "detector": Path(recipe.detector).stem,
-            "encoder_digest": encoder_digest(detector),
-        }
-
-    def train(self, mode: bool = True) -> Self:
-        super().train(mode)
-        for frozen in (self.detector, self.net.cooperative):
-            frozen.eval()  # their statistics of normalisation are not to change
-        return self
+        self.frozen = [self.detector, self.net.cooperative]
+        self.metadata = weights_metadata("integrated", self.net.config, recipe, detector)
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[QueryStream]:
         return self._streams.cut(clip, rng)
@@ -90,20 +75,14 @@ class IntegratedTask(TrainingTask):
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return SeenMap(features[0], grid, self.net.nothing())  # of the fused map alone peaks are asked for
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        return []
-
-    def look(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
+    def evaluate(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
         assert isinstance(net, IntegratedNet)
-        found = IntegratedLook()
+        found = IntegratedEvaluation()
         with torch.no_grad():
             for sample in (sample for batch in batches for sample in batch):
                 for taught in taught_frames(net, sample, None):
                     found.add(taught)
         return found.values()
-
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
         pillars = self._settings.crop_cells
@@ -115,13 +94,7 @@ class IntegratedTask(TrainingTask):
 
 
 def taught_frames(net: IntegratedNet, sample: QueryStream, crop_cells: int | None) -> Iterator[TaughtFrame]:
-    """Yield the frames of all receivers that are taught, in order of time.
-
-    Args:
-        net: the network.
-        sample: the clip.
-        crop_cells: edge of what a receiver is shown, in cells of the features; None: as far as its own map reaches.
-    """
+    """Yield the frames of all receivers that are taught, in order of time; crop_cells: see `fused_view`."""
     for agent in sample.receivers:
         tracks, before = net.nothing(), None
         for number, scene in enumerate(sample.clip.scenes):
@@ -129,10 +102,10 @@ def taught_frames(net: IntegratedNet, sample: QueryStream, crop_cells: int | Non
                 way = SE3.from_xyz_yaw(sample.clip.scenes[number - 1].place_m[agent] - scene.place_m[agent], 0.0)
                 tracks = tracks.moved(way)
                 before = before.moved(way) if before is not None else None
-            view = fused_view(net.cooperative, sample, number, agent, crop_cells)
-            peaks = peaks_of(net, net.cooperative.head, view.features[None], view.grid)
-            step = net(view.features, view.grid, peaks, tracks, before, sample.clip.dt_s)
-            truth = _within(true_objects(sample, number, agent, alone=False), view)
+            features, grid = fused_view(net.cooperative, sample, number, agent, crop_cells)
+            peaks = peaks_of(net, net.cooperative.head, features[None], grid)
+            step = net(features, grid, peaks, tracks, before, sample.clip.dt_s)
+            truth = _within(true_objects(sample, number, agent, alone=False), grid)
             ids = torch.from_numpy(np.array(scene.object_id, np.int64))
             yield TaughtFrame(step, truth, same_objects(tracks.number, ids))
             tracks, before = _carried(step.detected, step.predicted, truth, ids, sample.clip.dt_s), step.prior
@@ -140,7 +113,7 @@ def taught_frames(net: IntegratedNet, sample: QueryStream, crop_cells: int | Non
 
 
 def same_objects(number: Tensor, ids: Tensor) -> LabelledInstances:
-    """Return which of the objects with these ids (N,) tracks with these numbers (K,) are."""
+    """Return the pairs of tracks with numbers (K,) and objects with ids (N,) that are the same."""
     same = (number[:, None] == ids) & (number != UNNUMBERED)[:, None]
     rows, objects = torch.nonzero(same, as_tuple=True)
     return LabelledInstances(rows, objects)
@@ -163,9 +136,36 @@ def _carried(detected: Instances, predicted: Instances, truth: TrueObjects, ids:
     return tracks[known]
 
 
-def _within(truth: TrueObjects, view: FusedView) -> TrueObjects:
-    """Return the objects, of which those outside a view are not to be found."""
-    (x_low, x_high), (y_low, y_high) = view.grid.x_m, view.grid.y_m
+def _within(truth: TrueObjects, grid: BevGrid) -> TrueObjects:
+    """Return the objects, with those outside a grid not to be found."""
+    (x_low, x_high), (y_low, y_high) = grid.x_m, grid.y_m
     x, y = truth.box[:, 0], truth.box[:, 1]
     inside = (x_low <= x) & (x <= x_high) & (y_low <= y) & (y <= y_high)
     return replace(truth, shown=truth.shown & inside)
+
+
+class IntegratedEvaluation:
+    """Values of validation: detections of the detection branch, and errors of the prediction branch, over frames."""
+
+    def __init__(self) -> None:
+        self._detected = QueryEvaluation()
+        self._xiou: list[float] = []
+        self._seen: list[float] = []
+        self._hidden: list[float] = []
+
+    def add(self, taught: TaughtFrame) -> None:
+        """Count a frame of one receiver."""
+        step, truth, same = taught.step, taught.truth, taught.same
+        self._detected.add(QueryStep(step.detected, step.detected_logits, []), truth)
+        with torch.no_grad():
+            xiou = xiou_of_pairs(step.predicted.box[same.rows], truth.box[same.objects])
+        self._xiou += xiou.tolist()
+        sure, shown = (step.predicted.score[same.rows] >= SURE).float(), truth.shown[same.objects]
+        self._seen += sure[shown].tolist()
+        self._hidden += sure[~shown].tolist()
+
+    def values(self) -> dict[str, float]:
+        """Return the values of detections, mean XIOU of predictions, and shares of sure ones, seen and hidden."""
+        predicted = {"predicted XIOU": self._xiou, "sure if seen": self._seen, "sure if hidden": self._hidden}
+        means = {name: round(float(np.mean(each)), 4) if each else 0.0 for name, each in predicted.items()}
+        return self._detected.values() | means

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,27 +14,17 @@ from torch import Tensor, nn
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.losses import head_loss, sum_of
-from coopsim.learn.losses.picture_losses import alike_loss, depth_loss, label_loss
+from coopsim.learn.losses.head_losses import alike_loss, depth_loss, head_loss, label_loss, sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_picture_samples, picture_samples
-from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, WeightsFile
-from coopsim.learn.weights import (
-    encoder_digest,
-    load_detector,
-    load_pictures,
-    load_points_and_pictures,
-    make_pictures,
-    make_points_and_pictures,
-    read_texts,
-)
+from coopsim.learn.tasks.detector_task import found_map
+from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, weights_metadata
+from coopsim.learn.weights import load_detector, load_pictures, load_points_and_pictures, make_network, read_texts
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
 from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
 from coopsim.nn.camera.picture_net import PictureFeatures
-from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
-from coopsim.types import BevGrid
 
 
 class PicturesTask(TrainingTask):
@@ -45,13 +34,6 @@ class PicturesTask(TrainingTask):
     ("HEAL", Lu et al., ICLR 2024, section 3.2, trains encoders of further kinds of agents against a head that is kept.)
     The three scales begin as the detector's. For the kind "points_and_pictures", so does the part on points, and
     `start` may be weights of the kind "pictures", with which the part on pictures begins.
-
-    Args:
-        recipe: of the kind "pictures" or "points_and_pictures"; `detector` is that detector.
-        seed: of the first weights.
-
-    Raises:
-        InvalidValueError: network, detector and the weights to start with do not fit together.
     """
 
     net: PictureDetectorNet | PointsAndPicturesNet
@@ -60,12 +42,9 @@ class PicturesTask(TrainingTask):
         super().__init__()
         self._settings, self._depths_first = load(SampleSettings, recipe.samples, "samples"), recipe.depths_first
         detector = copy.deepcopy(load_detector(recipe.detector))
-        if detector.config.head != "centre" or detector.config.sweeps != 1:
-            raise InvalidValueError(
-                f"detector must have the head 'centre' and look at one sweep; {recipe.detector!r} does not"
-            )
-        make = make_pictures if recipe.kind == "pictures" else make_points_and_pictures
-        self.net = make(recipe.network, seed)
+        if detector.config.sweeps != 1:
+            raise InvalidValueError(f"detector must look at one sweep; {recipe.detector!r} looks at two")
+        self.net = make_network(recipe.kind, recipe.network, seed)
         encoder = self.net.encoder
         self._config = encoder.config if isinstance(encoder, LiftSplatEncoder) else encoder.config.pictures
         _require_same_maps(self._config, detector)
@@ -79,12 +58,8 @@ class PicturesTask(TrainingTask):
             self._start(recipe.start, detector)
         self.net.head.requires_grad_(False)
         self.detector = detector.requires_grad_(False)
-        self._metadata = {
-            "kind": recipe.kind,
-            "config": asdict(self.net.config),
-            "detector": Path(recipe.detector).stem,
-            "encoder_digest": encoder_digest(detector),
-        }
+        self.frozen = [self.detector, self.net.head]
+        self.metadata = weights_metadata(recipe.kind, self.net.config, recipe, detector)
 
     def _start(self, start: str, detector: DetectorNet) -> None:
         """Begin with the weights of a training before this one."""
@@ -102,12 +77,6 @@ class PicturesTask(TrainingTask):
         else:
             self.net.encoder.pictures.load_state_dict(before.encoder.pictures.state_dict())
 
-    def train(self, mode: bool = True) -> Self:
-        super().train(mode)
-        self.detector.eval()
-        self.net.head.eval()
-        return self
-
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return picture_samples(clip, rng, self._settings, self._config.cell_m, points=self._reads_points)
 
@@ -116,36 +85,28 @@ class PicturesTask(TrainingTask):
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, (PictureDetectorNet, PointsAndPicturesNet))
-        targets = batch.targets
-        rows, columns = targets.heat.shape[2:]
-        grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
         with torch.no_grad():
-            features = _features(net, batch, _seen(net, batch))
-            found = decode(net.head, features, grid)
-        return [FoundMap(found[0], targets, grid)]
+            return found_map(net.head, _features(net, batch, _seen(net, batch)), batch.targets)
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_picture_samples(samples)
 
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        return [WeightsFile(name, net, self._metadata)]
-
     def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
         seen = _seen(self.net, batch)
         if self.progress < self._depths_first:
-            parts = self._picture_losses(batch, seen)
-            return {"loss": sum_of(parts), **parts}
+            parts = self._image_losses(batch, seen)
+            return {LOSS: sum_of(parts), **parts}
         features = _features(self.net, batch, seen)
         parts = head_loss(self.net.head, features, batch.targets)
-        parts.pop("loss")
-        parts |= self._picture_losses(batch, seen)
+        parts.pop(LOSS)
+        parts |= self._image_losses(batch, seen)
         if not self._reads_points:
             with torch.no_grad():
                 of_points = self.detector.encoder(batch.pillars)
             parts["alike"] = alike_loss(features, of_points, batch.targets.heat)
-        return {"loss": sum_of(parts), **parts}
+        return {LOSS: sum_of(parts), **parts}
 
-    def _picture_losses(self, batch: PicturesOfBatch, seen: list[PictureFeatures]) -> dict[str, Tensor]:
+    def _image_losses(self, batch: PicturesOfBatch, seen: list[PictureFeatures]) -> dict[str, Tensor]:
         """Return the losses of depths and classes, means over the groups of pictures."""
         groups = list(zip(seen, batch.depth_m, batch.label, strict=True))
         depths = [depth_loss(each.depth, depth_m, label, self._config.bins) for each, depth_m, label in groups]
@@ -177,11 +138,7 @@ def _features(
 
 
 def _require_same_maps(config: LiftSplatConfig, detector: DetectorNet) -> None:
-    """Check that maps of pictures are of the sizes of a detector's.
-
-    Raises:
-        InvalidValueError: they are not.
-    """
+    """Check that maps of pictures are of the sizes of a detector's."""
     for name in ("cell_m", "pillar_features", "channels", "layers", "features"):
         mine, other = getattr(config.maps, name), getattr(detector.config, name)
         if mine != other:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import copy
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any, Self
 
 import numpy as np
 import torch
@@ -16,16 +15,16 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.losses import sum_of
-from coopsim.learn.losses.query_losses import TrueObjects, association_loss, instance_losses, labelled
+from coopsim.learn.losses.head_losses import sum_of
+from coopsim.learn.losses.instance_losses import association_loss, instance_losses, labelled
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
-from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, true_objects
-from coopsim.learn.tasks.query_look import QueryLook
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses
-from coopsim.learn.weights import encoder_digest, load_detector, load_queries, make_queries
+from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, TrueObjects, true_objects
+from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
+from coopsim.learn.weights import load_detector, load_queries, make_network
 from coopsim.nn.inference.query_perceiver import seen_map
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
+from coopsim.nn.queries.instance_pairs import sure_pairs
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.types import BevGrid
@@ -36,7 +35,7 @@ _LEAST_SHARED = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TaughtStep:
-    """One frame of one agent, with what is to be found in it."""
+    """A frame of an agent: the network's step, and the objects around."""
 
     step: QueryStep
     truth: TrueObjects
@@ -45,15 +44,8 @@ class TaughtStep:
 class QueryTask(TrainingTask):
     """The training of a `QueryNet`: stage 1 with the fusion "none", stage 2 with another one.
 
-    In stage 2 the network of one agent begins as that of `start`. What agents send is made without gradients, and so
-    is what is carried over frames. Instances are paired by the rule, not by what the network says so far.
-
-    Args:
-        recipe: of the kind "queries".
-        seed: of the first weights.
-
-    Raises:
-        InvalidValueError: detector, network and the weights to start with do not fit together.
+    In stage 2 the network of one agent begins as that of `start`. Messages are made without gradients, and so are
+    instances that are carried over frames. Instances are paired by the rule, not by the network's own logits.
     """
 
     net: QueryNet
@@ -62,26 +54,15 @@ class QueryTask(TrainingTask):
         super().__init__()
         self._settings: SampleSettings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
-        if detector.config.head != "centre":
-            raise InvalidValueError(f"detector must have the head 'centre', got {detector.config.head!r}")
-        self.net = make_queries({"features": detector.config.features, **recipe.network}, seed)
+        self.net = make_network("queries", {"features": detector.config.features, **recipe.network}, seed)
         if self.net.config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
         if recipe.start is not None:
             self._start(load_queries(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
         self._streams = StreamCutter(self._settings, seed, recipe.block, self.detector, self._see)
-        self._metadata = {
-            "kind": "queries",
-            "config": asdict(self.net.config),
-            "detector": Path(recipe.detector).stem,
-            "encoder_digest": encoder_digest(detector),
-        }
-
-    def train(self, mode: bool = True) -> Self:
-        super().train(mode)
-        self.detector.eval()  # its statistics of normalisation are not to change
-        return self
+        self.frozen = [self.detector]
+        self.metadata = weights_metadata("queries", self.net.config, recipe, detector)
 
     def _start(self, start: QueryNet) -> None:
         mine, given = (_of_one_agent(each.config) for each in (self.net, start))
@@ -98,20 +79,14 @@ class QueryTask(TrainingTask):
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return seen_map(self.net, self.detector.head, features, grid)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        return []
-
-    def look(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
+    def evaluate(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
         assert isinstance(net, QueryNet)
-        found = QueryLook()
+        found = QueryEvaluation()
         with torch.no_grad():
             for sample in (sample for batch in batches for sample in batch):
                 for taught in taught_steps(net, sample, by_rule=False):
                     found.add(taught.step, taught.truth)
         return found.values()
-
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        return [WeightsFile(name, net, self._metadata)]
 
     def forward(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
         parts = mean_losses(
@@ -137,10 +112,7 @@ def _losses(taught: TaughtStep) -> dict[str, Tensor]:
 def taught_steps(net: QueryNet, sample: QueryStream, *, by_rule: bool = True) -> Iterator[TaughtStep]:
     """Yield the frames of all receivers that are taught, in order of time.
 
-    Args:
-        net: with the fusion "none", receivers are alone, and to find what they see themselves.
-        sample: the clip.
-        by_rule: instances are paired by distance, not by the network.
+    With the fusion "none" receivers are alone. Instances are paired by distance (`by_rule`) or by the network.
     """
     clip, alone = sample.clip, net.config.fusion == "none"
     sent: dict[tuple[int, int], Instances] = {}
@@ -154,9 +126,9 @@ def taught_steps(net: QueryNet, sample: QueryStream, *, by_rule: bool = True) ->
                     )
                     sent[number, agent] = before["own", agent] = kept_instances(step.instances)
         for agent in sample.receivers:
-            heard = [] if alone else _received(sample, number, agent, sent)
+            received = [] if alone else _received(sample, number, agent, sent)
             carried = _carried(net, before, ("fused", agent), sample, number)
-            step = net(carried, clip.dt_s, _seen(sample, number, agent), heard, by_rule=by_rule)
+            step = net(carried, clip.dt_s, _seen(sample, number, agent), received, by_rule=by_rule)
             before["fused", agent] = kept_instances(step.instances.detached())
             yield TaughtStep(step, true_objects(sample, number, agent, alone=alone))
 
@@ -164,8 +136,8 @@ def taught_steps(net: QueryNet, sample: QueryStream, *, by_rule: bool = True) ->
 def _received(
     sample: QueryStream, number: int, agent: int, sent: dict[tuple[int, int], Instances]
 ) -> list[ReceivedInstances]:
-    """Return what an agent has heard in a scene, the nearest sender first."""
-    heard = []
+    """Return the instances that an agent has received in a scene, the nearest sender first."""
+    received = []
     for sender in sample.members:
         then = number - int(sample.late[sender])
         if sender != agent and then >= 0:
@@ -174,14 +146,14 @@ def _received(
                 (number - then) * sample.clip.dt_s,
             )
             known = sent[then, sender]
-            heard.append(ReceivedInstances(known[known.score >= _LEAST_SHARED].as_heard(), placed, delay_s))
-    return sorted(heard, key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
+            received.append(ReceivedInstances(known[known.score >= _LEAST_SHARED].as_heard(), placed, delay_s))
+    return sorted(received, key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
 
 
 def _carried(
     net: QueryNet, before: dict[tuple[str, int], Instances], who: tuple[str, int], sample: QueryStream, number: int
 ) -> Instances:
-    """Return what an agent knew after the scene before, in its compass frame of now."""
+    """Return the instances of an agent after the scene before, in its compass frame of now."""
     if who not in before:
         return net.nothing()
     then, now = (sample.clip.scenes[k].place_m[who[1]] for k in (number - 1, number))
@@ -191,3 +163,53 @@ def _carried(
 def _seen(sample: QueryStream, number: int, agent: int) -> SeenMap:
     seen = sample.clip.scenes[number].seen[agent]
     return replace(seen, features=seen.features.float())
+
+
+SURE = 0.3
+"""Instances with a smaller score do not count as found."""
+
+
+class QueryEvaluation:
+    """Values of validation: counts of found and true objects, and errors, over frames."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._place_m: list[float] = []
+        self._speed_m_s: list[float] = []
+
+    def add(self, step: QueryStep, truth: TrueObjects) -> None:
+        """Count a frame of one agent."""
+        found = kept_instances(step.instances)
+        found = found[found.score >= SURE]
+        labels = labelled(found, truth)
+        shown = truth.shown[labels.objects]
+        rows, objects = labels.rows[shown], labels.objects[shown]
+        ignored = len(labels.rows) - len(rows)
+        self._counts += Counter(there=int(truth.shown.sum()), right=len(rows), found=len(found) - ignored)
+        self._place_m += (found.box[rows, :2] - truth.box[objects, :2]).norm(dim=1).tolist()
+        self._speed_m_s += (found.velocity[rows] - truth.velocity[objects]).norm(dim=1).tolist()
+        for each in step.compared:
+            mine = labelled(each.own, truth).by_row(len(each.own)).numpy()
+            theirs = labelled(each.others, truth).by_row(len(each.others)).numpy()
+            pairs = sure_pairs(each.logits, 0.5)
+            right = (mine[pairs[0]] == theirs[pairs[1]]) & (mine[pairs[0]] >= 0)
+            both = len(np.intersect1d(mine[mine >= 0], theirs[theirs >= 0]))
+            self._counts += Counter(pairs=len(pairs[0]), pairs_right=int(right.sum()), pairs_there=both)
+
+    def values(self) -> dict[str, float]:
+        """Return recall, precision and mean errors, and the same for pairs of two agents."""
+        count = self._counts
+        values = {
+            "recall": _share(count["right"], count["there"]),
+            "precision": _share(count["right"], count["found"]),
+            "place error (m)": float(np.mean(self._place_m)) if self._place_m else 0.0,
+            "velocity error (m/s)": float(np.mean(self._speed_m_s)) if self._speed_m_s else 0.0,
+        }
+        if count["pairs_there"]:
+            values["pairs recall"] = _share(count["pairs_right"], count["pairs_there"])
+            values["pairs precision"] = _share(count["pairs_right"], count["pairs"])
+        return {name: round(value, 4) for name, value in values.items()}
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else 0.0

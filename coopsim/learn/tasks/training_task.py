@@ -1,4 +1,4 @@
-"""What a training trains: a network, how its samples are drawn, and the losses on a batch of them."""
+"""Task of a training: a network, the drawing of its samples, and the losses on a batch of them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.losses.targets import Targets
+from coopsim.learn.clips.clip import ClipSource
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.samples.sample_order import SampleSource
+from coopsim.learn.samples.targets import Targets
+from coopsim.learn.weights import encoder_digest, load_network, make_network
+from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.types import BevGrid, Detections
-
-N = TypeVar("N", bound=nn.Module)
 
 LOSS = "loss"
 """Name of the total among the losses: what is made smaller."""
@@ -25,13 +26,7 @@ LOSS = "loss"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMap:
-    """What a network found in a map, and what is there.
-
-    Attributes:
-        detections: in the frame of `grid`.
-        targets: of this map alone.
-        grid: the cells of the targets.
-    """
+    """Detections of a network in a map, in the frame of `grid`, and the map's targets."""
 
     detections: Detections
     targets: Targets
@@ -40,13 +35,7 @@ class FoundMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightsFile:
-    """A file of weights that a training gives.
-
-    Attributes:
-        name: of the file, without its ending.
-        net: whose weights are in it.
-        metadata: what the file says of them: see `coopsim.learn.weights.save_weights`.
-    """
+    """A file of weights that a training gives: name without ending, network, and metadata, see `save_weights`."""
 
     name: str
     net: nn.Module
@@ -58,67 +47,81 @@ class TrainingTask(nn.Module, ABC):
 
     Attributes:
         net: the network whose parameters are trained, and which is stored.
+        metadata: metadata of its file of weights, see `weights_metadata`.
+        frozen: modules that stay in evaluation mode: their statistics of normalisation are not to change.
         progress: share of the training that has passed, in [0, 1]; set before each step.
+
+    Raises:
+        InvalidValueError: an option has no meaning for the task, or the networks of a recipe do not fit together.
     """
 
     net: nn.Module
+    metadata: Mapping[str, Any]
+    frozen: Sequence[nn.Module] = ()
     progress: float = 1.0
 
-    def source(self, seed: int) -> SampleSource | None:
-        """Return what it is trained on instead of simulated clips; None: these, in the recipe's world.
+    def train(self, mode: bool = True) -> Self:
+        super().train(mode)
+        for module in self.frozen:
+            module.eval()
+        return self
 
-        Args:
-            seed: of the draws.
-        """
+    def source(self, seed: int) -> ClipSource | None:
+        """Return the task's own source of clips; None: simulated clips, in the recipe's world."""
         return None
 
     def validation(self) -> Callable[[nn.Module], Mapping[str, float]] | None:
-        """Return a look of its own at what is held out; None: that at held-out places."""
+        """Return the task's own validation; None: that of held-out clips."""
         return None
 
     @abstractmethod
     def cut(self, clip: Any, rng: np.random.Generator) -> Sequence[Any]:
         """Draw samples from a clip; none is accepted."""
 
-    @abstractmethod
     def cut_held_out(self, clip: Any, rng: np.random.Generator) -> Sequence[Any]:
-        """Draw samples that show more, and without what is there only to make training harder, for a look at AP."""
+        """Draw samples for validation, without what only makes training harder: those of `cut`, unless overridden."""
+        return self.cut(clip, rng)
 
-    @abstractmethod
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         """Return what a network finds in the maps of a batch."""
+        return []
 
-    def look(self, net: nn.Module, batches: Sequence[Any]) -> Mapping[str, float] | None:
-        """Return values of its own, by name, of held-out batches; None: average precisions of what `find` finds."""
+    def evaluate(self, net: nn.Module, batches: Sequence[Any]) -> Mapping[str, float] | None:
+        """Return values of held-out batches by name; None: average precisions of what `find` finds."""
         return None
 
     def collate(self, samples: Sequence[Any]) -> Any:
         """Return samples as a batch: their list, unless overridden."""
         return list(samples)
 
-    @abstractmethod
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        """Return the files that a trained network is stored in; the first one is of the recipe's name."""
+        """Return the files that a trained network is stored in; the first one has the recipe's name."""
+        return [WeightsFile(name, net, self.metadata)]
 
     @abstractmethod
     def forward(self, batch: Any) -> dict[str, Tensor]:
         """Return losses by name, each a scalar; `LOSS` is their total."""
 
 
-def first_net(recipe: TrainingRecipe, net: N, load: Callable[[str], N]) -> N:
-    """Return the network that a training begins with: `net`, or a copy of that of the recipe's `start`, by `load`.
+def weights_metadata(
+    kind: str, config: Any, recipe: TrainingRecipe | None = None, detector: DetectorNet | None = None
+) -> dict[str, Any]:
+    """Return the metadata of a file of weights: kind, options, and the detector that the network stands on, if any."""
+    said: dict[str, Any] = {"kind": kind, "config": asdict(config)}
+    if recipe is not None and detector is not None:
+        said |= {"detector": Path(recipe.detector).stem, "encoder_digest": encoder_digest(detector)}
+    return said
 
-    Raises:
-        InvalidValueError: the recipe names options of a network, and these are not those of `start`.
-    """
+
+def first_net(recipe: TrainingRecipe, seed: int) -> Any:
+    """Return the first network of a training: with random weights, or a copy of that of the recipe's `start`."""
+    net = make_network(recipe.kind, recipe.network, seed)
     if recipe.start is None:
         return net
-    start: Any = load(recipe.start)
-    made: Any = net
-    if recipe.network and start.config != made.config:
+    start = load_network(recipe.kind, recipe.start)
+    if recipe.network and start.config != net.config:
         raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
-    copied: N = copy.deepcopy(start).requires_grad_(True)
-    return copied
+    return copy.deepcopy(start).requires_grad_(True)
 
 
 def mean_losses(losses: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:

@@ -55,7 +55,12 @@ class CooperativeNet(nn.Module):
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
         flow: width of the network of maps' change; 0: there is none.
+
+    Attributes:
+        config: the options; only of a network that was made `from_config`.
     """
+
+    config: CooperativeConfig
 
     def __init__(self, fusion: FeatureFusion, message_channels: int = 16, features: int = 64, flow: int = 0) -> None:
         super().__init__()
@@ -85,7 +90,9 @@ class CooperativeNet(nn.Module):
             UnknownNameError: no fusion has this name.
         """
         fusion = FUSIONS.get(config.fusion)(config.features, **config.parameters)
-        return cls(fusion, config.message_channels, config.features, config.flow)
+        net = cls(fusion, config.message_channels, config.features, config.flow)
+        net.config = config
+        return net
 
     def message(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return what A agents send: values (A, C, h, w), and how sure they are of each cell (A, h, w) in [0, 1].

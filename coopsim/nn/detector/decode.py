@@ -9,7 +9,6 @@ from torch.nn import functional
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.nms import nms_bev
-from coopsim.nn.detector.anchor_head import AnchorDecoding, AnchorHead
 from coopsim.nn.detector.box_code import LOG_VARIANCE, covariances, decode_boxes
 from coopsim.nn.detector.centre_head import CentreHead, at_cells
 from coopsim.types import BevGrid, Detections
@@ -27,10 +26,9 @@ DUPLICATE_IOU = 0.15
 
 
 def decode(
-    head: CentreHead | AnchorHead, features: Tensor, grid: BevGrid, *, least_score: float = 0.1, most: int = 300
+    head: CentreHead, features: Tensor, grid: BevGrid, *, least_score: float = 0.1, most: int = 300
 ) -> list[Detections]:
-    """Return the detections of each map of a batch, in the frame of the grid, without gradients; with covariances
-    if the head has them.
+    """Return the detections of each map of a batch, with covariances, in the frame of the grid, without gradients.
 
     Args:
         head: the head.
@@ -39,8 +37,6 @@ def decode(
         least_score: smallest score of a detection, in [0, 1].
         most: the most peaks of a map that are looked at.
     """
-    if isinstance(head, AnchorHead):
-        return head.decode(features, grid, AnchorDecoding(least_score, most))
     with torch.no_grad():
         shared, logits = head.heat(features)
         batch, cell, label, score = _peaks(logits, least_score, most)

@@ -21,9 +21,8 @@ COARSEST = 8
 MOST_CHANNELS, _MOST_LAYERS = 1024, 32
 """Files of weights say how large their network is: none takes more memory than this allows."""
 
-HEADS = ("centre", "anchor", "anchor_direction")
-"""The centre head for all classes; or anchors for vehicles as one class, as OpenCOOD has them, which know headings but
-for half a turn, or as HEAL has them, with a classifier of direction."""
+HEADS = ("centre",)
+"""Kinds of heads: files of weights name theirs."""
 
 
 @dataclass(frozen=True, slots=True)

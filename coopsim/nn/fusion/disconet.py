@@ -2,7 +2,7 @@
 Perception", NeurIPS 2021).
 
 The other half of the method, a teacher that sees the points of all agents, is a loss in training: `teacher: early` in a
-recipe, see `coopsim.learn.losses.teacher_loss`.
+recipe, see `coopsim.learn.losses.fused_losses`.
 """
 
 from __future__ import annotations

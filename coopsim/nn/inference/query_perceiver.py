@@ -62,7 +62,6 @@ class QueryPerceiver:
     """
 
     def __init__(self, net: QueryNet, detector: DetectorNet, space: int, backend: Backend = PROCESSOR) -> None:
-        assert detector.config.head == "centre"
         cell_m = detector.config.cell_m
         self._reach_m = cell_m * COARSEST * round(REACH_M / cell_m / COARSEST)
         self._net, self._head = backend.place(net), backend.place(folded(detector.head))

@@ -17,7 +17,7 @@ from coopsim.comms.uplinks.uplink import ContentUplink
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, SE3Batch
-from coopsim.learn.weights import load_covariance, make_covariance, save_weights
+from coopsim.learn.weights import load_covariance, make_network, save_weights
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 from coopsim.types import AgentSpec, Detections
 from coopsim.types.groups import DetectionGroups
@@ -27,7 +27,7 @@ KNOWN = np.array([True, True])
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
-    net = make_covariance({"codes": 4, "widths": [8]})
+    net = make_network("covariance", {"codes": 4, "widths": [8]})
     assert net.last is not None
     torch.nn.init.normal_(net.last.weight, std=2.0, generator=torch.Generator().manual_seed(0))
     path = tmp_path_factory.mktemp("weights") / "mine.safetensors"

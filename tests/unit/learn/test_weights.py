@@ -29,8 +29,7 @@ from coopsim.learn.weights import (
     load_point_identity,
     load_points_and_pictures,
     load_queries,
-    make_cooperative,
-    make_detector,
+    make_network,
     read_texts,
     save_weights,
     shipped_weights,
@@ -43,22 +42,22 @@ FUSION = {"fusion": "attfuse", "message_channels": 4, "features": 8}
 
 @pytest.fixture
 def detector(tmp_path: Path) -> Path:
-    net = make_detector(TINY, seed=3)
+    net = make_network("detector", TINY, seed=3)
     path = tmp_path / "tiny.safetensors"
     save_weights(path, net, {"kind": "detector", "config": asdict(net.config)})
     return path
 
 
 def cooperative(folder: Path, detector: Path) -> Path:
-    net, config = make_cooperative(FUSION, seed=4)
+    net = make_network("cooperative", FUSION, seed=4)
     path = folder / "fused.safetensors"
     known = encoder_digest(load_detector(detector))
-    save_weights(path, net, {"kind": "cooperative", "config": asdict(config), "encoder_digest": known})
+    save_weights(path, net, {"kind": "cooperative", "config": asdict(net.config), "encoder_digest": known})
     return path
 
 
 def test_weights_are_the_same_to_half_precision_and_loaded_once(detector: Path) -> None:
-    net, loaded = make_detector(TINY, seed=3), load_detector(detector)
+    net, loaded = make_network("detector", TINY, seed=3), load_detector(detector)
     for name, value in net.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], value.half().to(value.dtype))
     assert load_detector(str(detector)) is loaded
@@ -69,20 +68,20 @@ def test_a_fusion_is_loaded_for_its_encoder_alone(detector: Path, tmp_path: Path
     path = cooperative(tmp_path, detector)
     assert load_cooperative(path, load_detector(detector)).expand is not None
     with pytest.raises(InvalidValueError, match="trained on another encoder"):
-        load_cooperative(path, make_detector(TINY, seed=5))
+        load_cooperative(path, make_network("detector", TINY, seed=5))
     with pytest.raises(InvalidValueError, match="must be weights of the kind 'detector', is 'cooperative'"):
         load_detector(path)
 
 
 def test_first_weights_depend_on_the_seed_and_leave_the_global_generator(detector: Path) -> None:
     before = torch.random.get_rng_state()
-    same, other = make_detector(TINY, seed=3), make_detector(TINY, seed=4)
+    same, other = make_network("detector", TINY, seed=3), make_network("detector", TINY, seed=4)
     assert torch.equal(torch.random.get_rng_state(), before)
     assert encoder_digest(same) == encoder_digest(load_detector(detector)) != encoder_digest(other)
 
 
 def test_the_digest_is_of_weights_and_network_not_of_the_rest(detector: Path, tmp_path: Path) -> None:
-    net = make_detector(TINY, seed=3)
+    net = make_network("detector", TINY, seed=3)
     again, other = tmp_path / "again.safetensors", tmp_path / "other.safetensors"
     save_weights(again, net, {"kind": "detector", "config": asdict(net.config), "recipe": "of another name"})
     with torch.no_grad():
@@ -113,7 +112,7 @@ Change = Callable[[dict[str, Tensor], dict[str, str]], Any]
 )  # fmt: skip
 def test_broken_files_are_refused(change: Change, message: str, detector: Path, tmp_path: Path) -> None:
     tensors = {name: value.half() if value.is_floating_point() else value
-               for name, value in make_detector(TINY, seed=3).state_dict().items()}  # fmt: skip
+               for name, value in make_network("detector", TINY, seed=3).state_dict().items()}  # fmt: skip
     texts = read_header(detector)[1]
     change(tensors, texts)
     path = tmp_path / "broken.safetensors"
@@ -123,7 +122,7 @@ def test_broken_files_are_refused(change: Change, message: str, detector: Path, 
 
 
 def test_weights_that_do_not_fit_into_half_precision_are_refused(tmp_path: Path) -> None:
-    net = make_detector(TINY)
+    net = make_network("detector", TINY)
     with torch.no_grad():
         net.encoder.points.weight.fill_(1e9)
     with pytest.raises(InvalidValueError, match=r"encoder.points.weight must be finite and fit"):
@@ -180,7 +179,7 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
 @pytest.mark.parametrize("size", [{"features": 10**6}, {"channels": [8, 8, 10**6]}, {"layers": [0, 0, 10**6]}])
 def test_a_file_cannot_ask_for_a_network_without_measure(tmp_path: Path, size: dict[str, Any]) -> None:
     path = tmp_path / "huge.safetensors"
-    save_weights(path, make_detector(TINY), {"kind": "detector", "config": TINY | size})
+    save_weights(path, make_network("detector", TINY), {"kind": "detector", "config": TINY | size})
     with pytest.raises(InvalidValueError, match=next(iter(size))):
         load_detector(path)
 
@@ -191,7 +190,7 @@ def test_a_small_file_takes_no_memory_for_the_huge_network_that_it_describes(
     """1,024 channels and 32 layers of three scales are accepted sizes: 3.7 GB of random weights."""
     path = tmp_path / "huge.safetensors"
     size = {"channels": [1024] * 3, "layers": [32] * 3, "features": 1024, "pillar_features": 1024}
-    save_weights(path, make_detector(TINY), {"kind": "detector", "config": TINY | size})
+    save_weights(path, make_network("detector", TINY), {"kind": "detector", "config": TINY | size})
     made: list[int] = []
     empty = torch.Tensor.uniform_  # first weights of convolutions are drawn by it
 

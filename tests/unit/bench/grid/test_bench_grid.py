@@ -19,7 +19,7 @@ from coopsim.bench.grid.grid_file import PRESETS, find_grid
 from coopsim.bench.policy_spec import PolicySpec
 from coopsim.comms.channel.channel_config import channel_config
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError, WeightsNotShippedError
-from coopsim.learn.rollout.world_recipe import WorldRecipe
+from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.support.checks import require_count
 from coopsim.types import Observation, Tracks
 from coopsim.world.towns.place_seeds import PlaceSeeds

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.clips import require_same, seeing_clip, small_clip
 
-from coopsim.learn.clips.clip_arrays import arrays_of, clip_of
+from coopsim.learn.clips.arrays import arrays_of, clip_of
 
 
 def test_steps_between_points_wrap_around() -> None:

@@ -9,7 +9,7 @@ from helpers.clips import require_same, seeing_clip, small_clip
 
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.learn.clips.clip import Clip, Scene
-from coopsim.learn.clips.clip_file import clip_bytes, load_clip, save_clip
+from coopsim.learn.clips.store import clip_bytes, load_clip, save_clip
 
 
 def test_a_clip_reads_back_bit_by_bit(tmp_path: Path) -> None:

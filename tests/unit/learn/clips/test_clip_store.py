@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 from helpers.clips import require_same, small_clip
 
-from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.clips.clip_file import save_clip
-from coopsim.learn.clips.clip_store import CachedClips, StoredClips
+from coopsim.learn.clips.store import CachedClips
 
 
 @dataclass
@@ -42,14 +41,3 @@ def test_a_folder_keeps_the_clips_of_one_source(tmp_path: Path) -> None:
     CachedClips(CountedClips(), tmp_path)
     with pytest.raises(InvalidValueError, match="another source, counted, not else"):
         CachedClips(CountedClips("else"), tmp_path)
-
-
-def test_stored_clips_go_round_in_the_order_of_names(tmp_path: Path) -> None:
-    for name in ("b", "a"):
-        save_clip(tmp_path / f"{name}.npz", replace(small_clip(), key=name))
-    stored = StoredClips(tmp_path)
-    assert len(stored) == 2 and [stored.clip(k).key for k in range(3)] == ["a", "b", "a"]
-    with pytest.raises(InvalidValueError, match="index"):
-        stored.clip(-1)
-    with pytest.raises(RecordingError, match="must be a folder with clips"):
-        StoredClips(tmp_path / "empty")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clips.compact_points import pack_points, round_points, unpack_points
+from coopsim.learn.clips.arrays import pack_points, round_points, unpack_points
 
 
 def test_points_are_rounded_to_a_centimetre_once() -> None:

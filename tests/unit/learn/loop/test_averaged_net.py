@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from coopsim.learn.loop.averaged_net import AveragedNet
+from coopsim.learn.loop.train_loop import AveragedNet
 
 
 def test_it_follows_slowly_and_counts_along() -> None:

@@ -9,8 +9,8 @@ import torch
 from torch import nn
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.loop.averaged_net import AveragedNet
 from coopsim.learn.loop.checkpoint import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
+from coopsim.learn.loop.train_loop import AveragedNet
 from coopsim.learn.samples.sample_order import Position
 from coopsim.learn.tensor_file import write_tensors
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from coopsim.errors import TrainingError
-from coopsim.learn.loop.loss_watch import LossWatch
+from coopsim.learn.loop.train_loop import LossWatch
 
 
 @pytest.mark.parametrize(

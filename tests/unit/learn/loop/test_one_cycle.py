@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from coopsim.learn.loop.one_cycle import one_cycle
+from coopsim.learn.loop.train_loop import one_cycle
 
 
 def test_it_is_that_of_torch() -> None:

@@ -5,8 +5,7 @@ import shlex
 import torch
 
 from coopsim.cli.entry import make_parser
-from coopsim.learn.loop.ranks import Ranks
-from coopsim.learn.loop.training_card import command_of, make_card
+from coopsim.learn.loop.training_log import command_of, make_card
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
 
 
@@ -24,5 +23,5 @@ def test_a_card_has_mean_losses_and_the_last_look() -> None:
     for line in log[150::2]:
         line["rare"] = 2.0  # not every step has every loss
     log += [{"step": k, "kind": "validation", "AP@0.5": k / 1000} for k in (100, 200)]
-    card = make_card(TrainingRecipe("x"), 0, Ranks(0, 1, torch.device("cpu")), 10, log)
+    card = make_card(TrainingRecipe("x"), 0, torch.device("cpu"), 10, log)
     assert card["losses"] == {"loss": 150.5, "rare": 2.0} and card["held_out"] == {"AP@0.5": 0.2}

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.loop.training_curves import write_curves
-from coopsim.learn.loop.training_log import LOG, TrainingLog, read_log
+from coopsim.learn.loop.training_log import LOG, TrainingLog, read_log, write_curves
 
 
 def test_lines_after_the_checkpoint_come_again(tmp_path: Path) -> None:

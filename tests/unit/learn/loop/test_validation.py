@@ -15,7 +15,7 @@ from torch import nn
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.loop.validation import HeldOut
-from coopsim.learn.losses.targets import Targets, make_targets
+from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.learn.tasks.training_task import FoundMap
 from coopsim.types import BevGrid, Detections
 

@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from coopsim.learn.losses.losses import code_losses, heat_loss
-from coopsim.learn.losses.targets import join_targets, make_targets
+from coopsim.learn.losses.head_losses import code_losses, heat_loss
+from coopsim.learn.samples.targets import join_targets, make_targets
 from coopsim.types import BevGrid
 
 GRID = BevGrid((-24.0, 24.0), (-12.0, 12.0), 1.2)

@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch")
 
 from coopsim.geometry.box_similarity import xiou  # noqa: E402
 from coopsim.geometry.iou import giou_3d  # noqa: E402
-from coopsim.learn.losses.overlap_losses import giou_of_pairs, xiou_of_pairs  # noqa: E402
+from coopsim.learn.losses.instance_losses import giou_of_pairs, xiou_of_pairs  # noqa: E402
 
 torch.set_num_threads(1)
 BOTH = pytest.mark.parametrize(("of_pairs", "of_all"), [(giou_of_pairs, giou_3d), (xiou_of_pairs, xiou)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from coopsim.learn.losses.picture_losses import alike_loss, depth_loss, label_loss
+from coopsim.learn.losses.head_losses import alike_loss, depth_loss, label_loss
 from coopsim.nn.camera.depth_bins import DepthBins
 
 BINS = DepthBins(2.0, 30.0, 4)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.losses.teacher_loss import require_fitting, teacher_loss
+from coopsim.learn.losses.fused_losses import require_fitting, teacher_loss
 from coopsim.nn.detector.encoder import EncoderConfig
 
 torch.set_num_threads(1)

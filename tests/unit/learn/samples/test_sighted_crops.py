@@ -12,8 +12,7 @@ from synthetic_clips import SyntheticClips
 pytest.importorskip("torch")
 
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.samples.sighted_crops import changed, sighted_crops
-from coopsim.learn.samples.sightings import Sightings, SightingSettings, sightings_of
+from coopsim.learn.samples.sightings import Sightings, SightingSettings, changed, sighted_crops, sightings_of
 
 SEEN = SightingSettings(least_returns=0, least_pixels=40)
 COLOURS = np.random.default_rng(0).integers(100, 256, (5, 3))

@@ -9,9 +9,9 @@ from synthetic_clips import SyntheticClips
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, wrap_angle
-from coopsim.learn.samples.compared_sightings import compare_sightings
 from coopsim.learn.samples.sightings import (
     SightingSettings,
+    compare_sightings,
     draw_groups,
     jittered,
     join_sightings,

@@ -14,11 +14,10 @@ from moving_agents import clip_of_moving_agents  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import InvalidValueError  # noqa: E402
+from coopsim.learn.losses.fused_losses import flow_losses, late_changes  # noqa: E402
 from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
 from coopsim.learn.samples.flow_samples import FlowSample, LateMaps  # noqa: E402
-from coopsim.learn.tasks.cooperative_task import CooperativeTask  # noqa: E402
-from coopsim.learn.tasks.flow_loss import flow_losses, late_changes  # noqa: E402
-from coopsim.learn.tasks.flow_task import FlowTask  # noqa: E402
+from coopsim.learn.tasks.cooperative_task import CooperativeTask, FlowTask  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, save_weights  # noqa: E402
 from coopsim.nn.cooperative.feature_flow import FeatureFlow  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402

@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from coopsim.learn.tasks.fused_loss import copy_loss, surest  # noqa: E402
+from coopsim.learn.losses.fused_losses import copy_loss, surest  # noqa: E402
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.5, 1.0])

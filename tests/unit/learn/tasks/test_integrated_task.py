@@ -14,9 +14,9 @@ from synthetic_clips import SyntheticClips  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import CoopsimError  # noqa: E402
-from coopsim.learn.losses.integrated_losses import frame_losses  # noqa: E402
+from coopsim.learn.losses.instance_losses import frame_losses  # noqa: E402
 from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
-from coopsim.learn.samples.fused_views import fused_view  # noqa: E402
+from coopsim.learn.samples.query_streams import fused_view  # noqa: E402
 from coopsim.learn.tasks.integrated_task import IntegratedTask, same_objects, taught_frames  # noqa: E402
 from coopsim.learn.train import train  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, load_integrated  # noqa: E402
@@ -91,12 +91,12 @@ def test_a_receiver_is_shown_the_middle_of_its_map_with_what_others_sent() -> No
     task = IntegratedTask(recipe_of(), 0)
     (sample,) = task.cut(CLIPS.clip(0), np.random.default_rng(0))
     net = load_cooperative(recipe_of().start or "", load_detector(recipe_of().detector))
-    whole, part = (fused_view(net, sample, 3, 0, cells) for cells in (None, 8))
-    assert part.features.shape[1:] == part.grid.shape == (8, 8)
-    assert torch.allclose(part.features, whole.features[:, 4:12, 4:12], atol=1e-4)
-    alone = fused_view(net, replace(sample, members=(0,)), 3, 0, None)
-    assert torch.equal(alone.features, sample.clip.scenes[3].seen[0].features.float())
-    assert not torch.allclose(alone.features, whole.features, atol=1e-3)
+    (whole, _), (part, grid) = (fused_view(net, sample, 3, 0, cells) for cells in (None, 8))
+    assert part.shape[1:] == grid.shape == (8, 8)
+    assert torch.allclose(part, whole[:, 4:12, 4:12], atol=1e-4)
+    alone, _ = fused_view(net, replace(sample, members=(0,)), 3, 0, None)
+    assert torch.equal(alone, sample.clip.scenes[3].seen[0].features.float())
+    assert not torch.allclose(alone, whole, atol=1e-3)
 
 
 def test_it_goes_on_after_an_interruption_and_keeps_the_cooperative_network(tmp_path: Path) -> None:

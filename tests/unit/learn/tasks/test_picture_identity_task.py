@@ -12,8 +12,8 @@ from synthetic_clips import SyntheticClips
 
 from coopsim.detection.embedder import make_embedder
 from coopsim.errors import CoopsimError
+from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.recipe import TrainingRecipe, find_recipe
-from coopsim.learn.rollout.world_recipe import WorldRecipe
 from coopsim.learn.train import train
 from coopsim.learn.weights import load_picture_identity
 

@@ -14,16 +14,19 @@ from synthetic_clips import SyntheticClips  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import CoopsimError  # noqa: E402
-from coopsim.learn.losses.query_losses import (  # noqa: E402
-    TrueObjects,
+from coopsim.learn.losses.instance_losses import (  # noqa: E402
     association_loss,
     focal_loss,
     instance_losses,
     labelled,
 )
 from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
-from coopsim.learn.tasks.query_look import QueryLook  # noqa: E402
-from coopsim.learn.tasks.query_task import QueryTask, taught_steps  # noqa: E402
+from coopsim.learn.samples.query_streams import TrueObjects  # noqa: E402
+from coopsim.learn.tasks.query_task import (  # noqa: E402
+    QueryEvaluation,
+    QueryTask,
+    taught_steps,
+)
 from coopsim.learn.train import train  # noqa: E402
 from coopsim.learn.weights import encoder_digest, load_detector, load_queries  # noqa: E402
 from coopsim.nn.queries.cooptrack_fusion import ComparedInstances  # noqa: E402
@@ -58,7 +61,7 @@ def found(places: list[list[float]]) -> Instances:
 
 @pytest.mark.parametrize(("score", "precision"), [(0.3, 1 / 2), (np.nextafter(np.float32(0.3), np.float32(0)), 1.0)])
 def test_instances_count_as_found_from_a_score_of_three_tenths(score: float, precision: float) -> None:
-    look, known = QueryLook(), found([[0.0, 0.0], [30.0, 0.0]])
+    look, known = QueryEvaluation(), found([[0.0, 0.0], [30.0, 0.0]])
     known = replace(known, score=torch.tensor([0.9, float(score)]))
     look.add(QueryStep(known, torch.zeros(2, 9), []), objects([[0.0, 0.0]]))
     assert look.values()["precision"] == precision and look.values()["recall"] == 1.0

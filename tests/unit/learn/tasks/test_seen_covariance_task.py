@@ -14,8 +14,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.recipe import TrainingRecipe
-from coopsim.learn.tasks.seen_covariance_task import SeenCovarianceTask
-from coopsim.learn.weights import load_covariance, load_detector, make_detector, save_weights
+from coopsim.learn.tasks.covariance_task import SeenCovarianceTask
+from coopsim.learn.weights import load_covariance, load_detector, make_network, save_weights
 from coopsim.nn.inference.cloud_detector import CloudDetector
 from coopsim.types import Detections
 
@@ -81,7 +81,7 @@ def test_its_weights_judge_the_boxes_of_the_detector_that_it_was_trained_on(tmp_
     assert not np.allclose(stated.covariance, found.covariance)
     assert patches.shape == (len(found), 9 * detector.config.features)
     with pytest.raises(InvalidValueError, match="another encoder"):
-        load_covariance(tmp_path / "mine.safetensors", make_detector({}, seed=3))
+        load_covariance(tmp_path / "mine.safetensors", make_network("detector", {}, seed=3))
 
 
 def test_without_features_it_is_told_places_alone() -> None:

@@ -11,7 +11,7 @@ from small_cameras import AHEAD, BENT_CAMERA, PARTIAL, ROLLED, SIDEWAYS
 from tiny_pictures import TINY_PICTURES, shake, tiny_view
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.weights import make_pictures
+from coopsim.learn.weights import make_network
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
 from coopsim.types import BevGrid
@@ -20,7 +20,7 @@ torch.set_num_threads(1)
 
 
 def encoder(**changes: Any) -> LiftSplatEncoder:
-    net = make_pictures(TINY_PICTURES | changes).eval()
+    net = make_network("pictures", TINY_PICTURES | changes).eval()
     shake(net)
     return net.encoder
 

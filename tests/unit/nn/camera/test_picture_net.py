@@ -11,7 +11,7 @@ from tiny_pictures import TINY_PICTURES, tiny_view
 from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.learn.weights import make_pictures
+from coopsim.learn.weights import make_network
 from coopsim.nn.camera.depth_bins import DepthBins
 from coopsim.nn.camera.picture_batch import CameraViews, collate_pictures
 from coopsim.nn.camera.picture_net import BACKBONES, PictureNet
@@ -78,7 +78,7 @@ class Mean(nn.Module):
 def test_a_backbone_of_ones_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(BACKBONES, "_entries", dict(BACKBONES._entries))
     BACKBONES.register("mean")(Mean)
-    net = make_pictures(TINY_PICTURES | {"backbone": "mean"})
+    net = make_network("pictures", TINY_PICTURES | {"backbone": "mean"})
     backbone = net.encoder.pictures.net.backbone
     assert isinstance(backbone, Mean) and backbone.width == 4
     features = net.eval().encoder(collate_pictures([tiny_view(AHEAD, PARTIAL)]))
@@ -101,4 +101,4 @@ def test_cells_keep_their_places_where_a_picture_is_filled_up(monkeypatch: pytes
 
 def test_unknown_backbones_are_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown network backbone 'smal'\. Did you mean 'small'"):
-        make_pictures(TINY_PICTURES | {"backbone": "smal"})
+        make_network("pictures", TINY_PICTURES | {"backbone": "smal"})

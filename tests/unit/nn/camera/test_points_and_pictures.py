@@ -9,7 +9,7 @@ from small_cameras import AHEAD, SIDEWAYS
 from tiny_pictures import GRID, TINY_BOTH, shake, tiny_view
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.weights import make_points_and_pictures
+from coopsim.learn.weights import make_network
 from coopsim.nn.camera.depth_bins import DepthBins
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
 from coopsim.nn.camera.picture_net import PictureFeatures
@@ -28,7 +28,7 @@ BINS = DepthBins(farthest_m=30.0, count=4)
 
 
 def encoder(shaken: bool = False) -> PointsAndPicturesEncoder:
-    net = make_points_and_pictures(TINY_BOTH).eval()
+    net = make_network("points_and_pictures", TINY_BOTH).eval()
     if shaken:
         shake(net)
     return net.encoder

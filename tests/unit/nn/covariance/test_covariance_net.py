@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from coopsim.errors import CoopsimError
-from coopsim.learn.weights import load_covariance, load_detector, make_covariance, save_weights
+from coopsim.learn.weights import load_covariance, load_detector, make_network, save_weights
 from coopsim.nn.covariance.covariance_net import LEAST_VARIANCE, MOST_VARIANCE
 
 NUMBERS = np.random.default_rng(0).normal(scale=50.0, size=(40, 19))
@@ -18,7 +18,7 @@ NUMBERS = np.random.default_rng(0).normal(scale=50.0, size=(40, 19))
 
 def excited(**config: Any) -> Any:
     """A network whose last layer does something."""
-    net = make_covariance(config, seed=3)
+    net = make_network("covariance", config, seed=3)
     assert net.last is not None
     torch.nn.init.normal_(net.last.weight, std=3.0, generator=torch.Generator().manual_seed(0))
     return net
@@ -37,18 +37,18 @@ def test_a_box_has_the_same_bits_among_any_others() -> None:
 
 
 def test_an_untrained_network_says_the_same_of_all_boxes() -> None:
-    found = make_covariance({}).variances(NUMBERS)
+    found = make_network("covariance", {}).variances(NUMBERS)
     np.testing.assert_allclose(found, 0.1, rtol=1e-5)
 
 
 def test_the_constant_one_has_nothing_that_looks_at_a_box() -> None:
-    net = make_covariance({"constant": True})
+    net = make_network("covariance", {"constant": True})
     assert {name for name, _ in net.named_parameters()} == {"base", "log_growth", "log_speed"}
     np.testing.assert_array_equal(net.variances(NUMBERS)[0], net.variances(NUMBERS * 2)[1])
 
 
 def test_the_motion_has_the_noise_of_the_filter() -> None:
-    net = make_covariance({})
+    net = make_network("covariance", {})
     with torch.no_grad():
         net.log_growth.add_(torch.arange(7) / 7)
     motion, made = net.motion(), net.box_filter()
@@ -72,7 +72,7 @@ def test_the_motion_has_the_noise_of_the_filter() -> None:
 )
 def test_wrong_sizes_are_refused(config: dict[str, Any], match: str) -> None:
     with pytest.raises(CoopsimError, match=match):
-        make_covariance(config)
+        make_network("covariance", config)
 
 
 def test_files_are_read_again_and_others_refused(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from coopsim.learn.losses.targets import make_targets
+from coopsim.learn.samples.targets import make_targets
 from coopsim.nn.detector.box_code import MEAN_SIZE_M
 from coopsim.nn.detector.centre_head import CentreHead
 from coopsim.nn.detector.decode import decode

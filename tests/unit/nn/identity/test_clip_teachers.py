@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +70,7 @@ def test_pictures_and_words_become_vectors_of_length_one(folder: Path) -> None:
 def test_points_learn_from_pictures_and_words(folder: Path) -> None:
     recipe = TrainingRecipe(
         "x", "point_identity", teacher=str(folder), network={"widths": [4, 4, 4, 4, 8], "dim": 6, "points": 16},
-        world=SEEING.as_mapping(),
+        world=asdict(SEEING),
     )  # fmt: skip
     task = make_task(recipe, 0)
     batch = task.collate(task.cut(seeing_clip(), np.random.default_rng(0)))

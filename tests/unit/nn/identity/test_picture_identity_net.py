@@ -11,14 +11,14 @@ pytest.importorskip("torch")
 import torch
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.weights import make_picture_identity
+from coopsim.learn.weights import make_network
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig
 
 TINY = {"edge_px": 16, "channels": [4, 4, 8, 8], "dim": 6}
 
 
 def test_a_vector_of_length_one_for_each_crop_by_itself() -> None:
-    net = make_picture_identity(TINY, 1).eval()
+    net = make_network("picture_identity", TINY, 1).eval()
     crops = torch.randint(0, 256, (5, 3, 16, 16), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
     vectors = net(crops)
     assert vectors.shape == (5, net.dim) == (5, 6)
@@ -28,7 +28,7 @@ def test_a_vector_of_length_one_for_each_crop_by_itself() -> None:
 
 
 def test_the_default_fits_into_a_small_file() -> None:
-    net = make_picture_identity({})
+    net = make_network("picture_identity", {})
     assert net.dim == 64 and 2 * sum(each.numel() for each in net.parameters()) < 1_000_000
     assert asdict(net.config) == asdict(PictureIdentityConfig())
 
@@ -46,4 +46,4 @@ def test_the_default_fits_into_a_small_file() -> None:
 )
 def test_bad_sizes(options: dict[str, object], match: str) -> None:
     with pytest.raises(InvalidValueError, match=match):
-        make_picture_identity(options)
+        make_network("picture_identity", options)

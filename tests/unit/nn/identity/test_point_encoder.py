@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from coopsim.errors import CoopsimError
-from coopsim.learn.weights import make_point_identity
+from coopsim.learn.weights import make_network
 from coopsim.nn.identity.object_points import join_points
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 
@@ -22,7 +22,7 @@ def _objects(*counts: int) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def net() -> PointIdentityNet:
-    net = make_point_identity(TINY, 1).eval().requires_grad_(False)
+    net = make_network("point_identity", TINY, 1).eval().requires_grad_(False)
     net.local_scale.normal_()  # as trained ones: neither part is only added
     net.global_scale.normal_()
     return net
@@ -57,12 +57,12 @@ def test_the_size_of_the_box_matters_only_where_it_is_asked_for() -> None:
     (points,) = _objects(8)
     longer = points + np.array([0, 0, 0, 0, 1, 0, 0], np.float32)
     for box in (True, False):
-        net = make_point_identity(TINY | {"box": box}, 1).eval().requires_grad_(False)
+        net = make_network("point_identity", TINY | {"box": box}, 1).eval().requires_grad_(False)
         assert torch.allclose(net(join_points([points])), net(join_points([longer])), atol=1e-6) is not box
 
 
 def test_all_parts_learn() -> None:
-    net = make_point_identity(TINY)
+    net = make_network("point_identity", TINY)
     (net(join_points(_objects(9, 3, 12))) * torch.arange(3)).sum().backward()
     assert all(each.grad is not None and each.grad.any() for each in net.parameters())
 

@@ -11,14 +11,14 @@ torch = pytest.importorskip("torch")
 
 from tiny_pictures import TINY_BOTH, shake  # noqa: E402
 
-from coopsim.learn.weights import make_points_and_pictures  # noqa: E402
+from coopsim.learn.weights import make_network  # noqa: E402
 from coopsim.nn.inference.cloud_detector import CloudAndPicturesDetector, CloudDetector  # noqa: E402
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.4])
 def test_without_pictures_it_finds_what_points_alone_show(heading_rad: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COOPSIM_PRECISION", "float32")
-    net = make_points_and_pictures(TINY_BOTH).eval()
+    net = make_network("points_and_pictures", TINY_BOTH).eval()
     shake(net)
     alone = SimpleNamespace(
         encoder=net.encoder.points,

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from coopsim.errors import InvalidValueError  # noqa: E402
-from coopsim.learn.weights import make_detector  # noqa: E402
+from coopsim.learn.weights import make_network  # noqa: E402
 from coopsim.nn.detector.pillars import collate, pillarize  # noqa: E402
 from coopsim.nn.inference.backend import Backend  # noqa: E402
 from coopsim.nn.inference.quick import QuickEncoder, folded  # noqa: E402
@@ -20,7 +20,7 @@ GRID = BevGrid((-19.2, 19.2), (-19.2, 19.2), 1.2)
 
 def network() -> torch.nn.Module:
     """A network whose normalisations are not trivial."""
-    net, draw = make_detector(TINY).eval(), torch.Generator().manual_seed(1)
+    net, draw = make_network("detector", TINY).eval(), torch.Generator().manual_seed(1)
     for name, value in net.state_dict().items():
         if "running_mean" in name:
             value.normal_(0, 0.1, generator=draw)

@@ -1,1 +1,0 @@
-"""Clips from the simulator: worlds drawn from a recipe, and what their agents sense."""
