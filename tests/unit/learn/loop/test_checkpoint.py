@@ -33,7 +33,7 @@ def make(steps: int) -> tuple[nn.Module, nn.Module, torch.optim.AdamW]:
 
 
 def test_all_comes_back_in_the_same_layout(tmp_path: Path) -> None:
-    state = Checkpoint(3, (Position(1, 0, 2), Position(1, 1, 0)), RUN)
+    state = Checkpoint(3, Position(1, 1, 2), RUN)
     saved, empty = make(3), make(0)
     assert load_checkpoint(tmp_path, RUN, *empty) is None
     save_checkpoint(tmp_path, state, *saved)
@@ -48,7 +48,7 @@ def test_all_comes_back_in_the_same_layout(tmp_path: Path) -> None:
 
 
 def test_another_training_and_broken_files_are_refused(tmp_path: Path) -> None:
-    save_checkpoint(tmp_path, Checkpoint(3, (Position(),), RUN), *make(1))
+    save_checkpoint(tmp_path, Checkpoint(3, Position(), RUN), *make(1))
     with pytest.raises(InvalidValueError, match=r"another training \(seed: 1 there, 2 here\)"):
         load_checkpoint(tmp_path, {**RUN, "seed": 2}, *make(0))
     write_tensors(tmp_path / CHECKPOINT, {}, {"training": "{}"})

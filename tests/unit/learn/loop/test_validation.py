@@ -36,7 +36,7 @@ class PerfectTask:
     def collate(self, samples: Sequence[Any]) -> Any:
         return samples[0]
 
-    def look(self, net: nn.Module, batches: Sequence[Any]) -> None:
+    def evaluate(self, net: nn.Module, batches: Sequence[Any]) -> None:
         return None
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:

@@ -89,12 +89,12 @@ def test_what_is_learned_is_seen_in_losses_and_looks() -> None:
         task.net.encoder.table.weight[:] = 1.0
     alike = {name: float(value.detach()) for name, value in task(batch).items()}
     assert alike["triplet"] == pytest.approx(0.3) and set(alike) == {"loss", "positive", "triplet"}
-    assert task.look(task.net, held_out) == {"AUC within": 0.5, "AUC across": 0.5}
+    assert task.evaluate(task.net, held_out) == {"AUC within": 0.5, "AUC across": 0.5}
     with torch.no_grad():
         task.net.encoder.table.weight.normal_()
     apart = {name: float(value.detach()) for name, value in task(batch).items()}
     assert apart["positive"] < alike["positive"]
-    assert task.look(task.net, held_out) == {"AUC within": 1.0, "AUC across": 1.0}
+    assert task.evaluate(task.net, held_out) == {"AUC within": 1.0, "AUC across": 1.0}
 
 
 def test_teachers_add_their_part_through_a_layer_of_their_own() -> None:
@@ -115,7 +115,7 @@ def test_nothing_seen_is_no_sample() -> None:
     task = _task(least_returns=1000)
     assert task.cut(CLIPS.clip(0), np.random.default_rng(0)) == []
     assert task.cut_held_out(CLIPS.clip(0), np.random.default_rng(0)) == []
-    assert task.look(task.net, []) == {}
+    assert task.evaluate(task.net, []) == {}
 
 
 def test_unknown_settings_are_refused() -> None:

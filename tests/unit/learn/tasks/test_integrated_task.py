@@ -48,7 +48,7 @@ def test_it_learns_and_looks() -> None:
         adam.step()
     assert losses[-1] < 0.85 * losses[0], losses
     assert set(parts) == {"loss", "detection class", "prediction class", "xiou", "giou", "speed", "turn"}
-    values = task.look(task.net, [[sample]])
+    values = task.evaluate(task.net, [[sample]])
     assert 0 < values["predicted XIOU"] <= 1 and 0 < values["recall"] <= 1
 
 

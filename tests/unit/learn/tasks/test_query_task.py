@@ -114,7 +114,7 @@ def test_it_learns(fusion: str) -> None:
         adam.step()
     assert losses[-1] < 0.85 * losses[0]
     assert ("association" in parts) == (fusion == "cooptrack")
-    values = task.look(task.net, [[sample]])
+    values = task.evaluate(task.net, [[sample]])
     assert 0 <= values["recall"] <= 1 and ("pairs recall" in values) == (fusion == "cooptrack")
 
 

@@ -58,7 +58,7 @@ def test_it_learns_from_features_which_boxes_err() -> None:
     assert losses[-1] < losses[0] - 1.0
     assert window.patches is not None
     variance = task.net.variances(window.numbers, window.patches)[:, :2].mean(axis=1)
-    assert set(task.look(task.net, [[window]])) == {"updated", "innovation", "mahalanobis"}
+    assert set(task.evaluate(task.net, [[window]])) == {"updated", "innovation", "mahalanobis"}
     blurred = window.patches[:, 0] > 0
     assert np.median(variance[blurred]) > 4 * np.median(variance[~blurred])
 
