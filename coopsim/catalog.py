@@ -69,7 +69,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
             scenario file (`.yaml`), or that of a folder of recordings.
         **options: of every environment (`coopsim.envs.options`), of simulated ones (`coopsim.envs.simulated.
             simulation_options`), of the population (`coopsim.world.population`), and of drawn towns
-            (`coopsim.world.towns`: `place_seeds`, `town_options`).
+            (`coopsim.world.towns.options`).
 
     Raises:
         UnknownNameError: no such environment or option; the message lists the close ones.

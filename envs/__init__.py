@@ -30,10 +30,8 @@ from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import played_scenarios
 from coopsim.world.scenario import NUMBERS, Place
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.scenario_choice import choose_scenarios, scenario_names
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios, scenario_names
 
 __all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
 

@@ -22,7 +22,7 @@ from coopsim.sensors.camera.picture import FramePainter
 from coopsim.sensors.camera.renderers.raycast_renderer import RaycastRenderer
 from coopsim.sensors.scene import static_triangles
 from coopsim.viz.portrait import contact_sheet
-from coopsim.world.furniture.furnishing import furnishing_parts
+from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import make_scenario

@@ -25,9 +25,8 @@ from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.viz.overhead import draw_overhead
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_scenarios import TownScenarios
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.world import World
 
 Picture = NDArray[np.uint8]

@@ -5,7 +5,7 @@
 
 What is finished is kept in a file of JSON lines (--out), so that the same command goes on where it was stopped
 (Ctrl-C); lines of other options are left alone. Delete the file after a change of the code. The measures are defined in
-coopsim/world/towns/survey.py and validity.py. Town k is driven with seed k.
+scripts/town_survey.py. Town k is driven with seed k.
 """
 
 from __future__ import annotations
@@ -27,14 +27,12 @@ from typing import Any
 
 import numpy as np
 from tabulate import tabulate
+from town_survey import JAM_S, Standstill, find_faults, fingerprint, survey_traffic
 from tqdm import tqdm
 
-from coopsim.world.towns.drawn_place import draw_place
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.survey import JAM_S, Standstill, survey_traffic
-from coopsim.world.towns.town_scenarios import TownScenarios
-from coopsim.world.towns.validity import find_faults, fingerprint
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import TownScenarios
+from coopsim.world.towns.town import draw_place
 
 Row = dict[str, Any]
 QUANTILES = (0.5, 0.9, 0.99, 1.0)

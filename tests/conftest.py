@@ -15,7 +15,7 @@ import coopsim
 from coopsim.comms.channel import channel
 from coopsim.comms.envelope import encode_message
 from coopsim.types import Message
-from coopsim.world.towns.scenario_choice import scenario_names
+from coopsim.world.towns.scenarios import scenario_names
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])

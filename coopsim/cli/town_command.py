@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command. Return the exit status."""
     from coopsim.viz.town_picture import require_picture, write_picture
-    from coopsim.world.towns.streets.town_options import TownOptions
-    from coopsim.world.towns.town_file import draw_town, write_town
+    from coopsim.world.towns.options import TownOptions
+    from coopsim.world.towns.scenarios import draw_town, write_town
 
     if options.picture is not None:
         require_picture(options.picture)

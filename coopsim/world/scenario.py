@@ -12,7 +12,7 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
-from coopsim.world.furniture.furnished import furnished_for
+from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.junctions import make_crossing, make_roundabout, make_t_junction

@@ -9,7 +9,7 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import Place
-from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
+from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS
 
 
 def as_recorded(episode: Episode, scenario: str | Place, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from coopsim.errors import CoopsimError
 from coopsim.world.population import drop_overridden
 from coopsim.world.recording import recorded_world
 from coopsim.world.scenario import NUMBERS, Place
-from coopsim.world.towns.town_scenarios import TOWN_KEYS
+from coopsim.world.towns.scenarios import TOWN_KEYS
 
 _OF_THE_WORLD = {"seed", "dt_s", "detail", *NUMBERS, *TOWN_KEYS}
 

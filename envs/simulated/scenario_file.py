@@ -31,9 +31,8 @@ from coopsim.support.checks import require_choice
 from coopsim.world.custom.place import read_place, write_place_file
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.scenario_choice import scenario_names
-from coopsim.world.towns.streets.town_options import TownOptions
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import scenario_names
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Folder of the shipped files, which are found by their names, too."""

@@ -20,7 +20,7 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.world.scenario import SameScenario, Scenario, make_scenario
 from coopsim.world.snapshot import StaticPart
-from coopsim.world.towns.drawn_place import draw_place
+from coopsim.world.towns.town import draw_place
 from coopsim.world.world import World
 
 NUMBERS = {"vehicles": 30, "truck_share": 0.1, "pedestrians": 8, "connected_cars": 4, "rsus": 0} | dict.fromkeys(

@@ -27,8 +27,7 @@ from coopsim.envs.perception_options import PerceptionOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import GridFileError, InvalidValueError, ScenarioFileError
 from coopsim.world.population import Population
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.streets.town_options import TownOptions
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
 
 OPTIONS = {"lidar": None, "vehicles": 4}
 

@@ -17,8 +17,8 @@ from coopsim.errors import InvalidValueError, RecordingError, ScenarioFileError,
 from coopsim.viz.town_picture import write_picture
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import make_scenario
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_file import draw_town, write_town
+from coopsim.world.towns.options import TownOptions
+from coopsim.world.towns.scenarios import draw_town, write_town
 
 SMALL_TOWN: dict[str, Any] = {"junctions": 1, "lanes": 1}
 
@@ -82,7 +82,7 @@ def test_a_recording_carries_its_place(make_small: Make, tmp_path: Path, monkeyp
     assert (header.scenario, header.detail, header.place_seed) == ("town", "full", 2)
     sensed = {"lidar": "VLP-16", "lidar_columns": 64, "max_cycles": 3}
     live = history(coopsim.parallel_env("town", place_seed=2, junctions=1, **sensed), 4)
-    monkeypatch.delattr("coopsim.world.towns.town_scenarios.draw_place")
+    monkeypatch.delattr("coopsim.world.towns.scenarios.draw_place")
     for a, b in zip(live, history(coopsim.parallel_env("town", playback=path, **sensed), 4), strict=True):
         assert_same(a, b)
     with pytest.raises(InvalidValueError, match="junctions must be left out with playback"):

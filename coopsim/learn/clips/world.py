@@ -21,8 +21,7 @@ from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
 from coopsim.world.population import drop_overridden
 from coopsim.world.scenario import NUMBERS, Scenario
-from coopsim.world.towns.scenario_choice import choose_scenarios
-from coopsim.world.towns.town_scenarios import TOWN, TOWN_KEYS
+from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios
 
 _LONGEST_SEED = 2**62
 _STEP_S = 0.1  # to which starts are rounded: traffic is stepped in tenths

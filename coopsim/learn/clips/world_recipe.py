@@ -23,8 +23,8 @@ from coopsim.support.checks import (
     require_probability,
 )
 from coopsim.world.scenario import SCENARIOS
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_scenarios import TOWN
+from coopsim.world.towns.options import TownOptions
+from coopsim.world.towns.scenarios import TOWN
 
 _COUNTS = ("cars", "masts", "drones", "buses")
 _RANGES = {

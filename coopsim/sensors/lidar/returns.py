@@ -15,7 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Singles
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.relief.wet_albedo import WATER_INDEX, wet_albedo
+from coopsim.world.relief.surfaces import WATER_INDEX, wet_albedo
 
 CLUTTER_ID = -1
 """Instance of a return from rain or fog."""

@@ -28,7 +28,7 @@ from coopsim.world.custom.groundworks import Groundworks
 from coopsim.world.custom.roads import Roads
 from coopsim.world.places.layout import flat_part
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork
-from coopsim.world.relief.humps import HEIGHTS_M, LENGTHS_M, USUAL_HEIGHT_M, USUAL_LENGTH_M, Hump
+from coopsim.world.relief.surfaces import HEIGHTS_M, LENGTHS_M, USUAL_HEIGHT_M, USUAL_LENGTH_M, Hump
 from coopsim.world.snapshot import StaticPart
 
 GROUND_KEYS = ("kerb_m", "crown", "humps", "wet")

@@ -15,12 +15,9 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
-from coopsim.world.relief.crown import crown_triangles, normals_of
-from coopsim.world.relief.draping import drape, laid_on
-from coopsim.world.relief.humps import Hump
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
-from coopsim.world.relief.relief import Relief
-from coopsim.world.relief.wet_albedo import wet_albedo
+from coopsim.world.relief.relief import Relief, drape, laid_on
+from coopsim.world.relief.surfaces import Hump, crown_triangles, normals_of, wet_albedo
 from coopsim.world.snapshot import StaticPart
 
 _ROAD_REFLECTIVITY, _PAVEMENT_REFLECTIVITY = 0.18, 0.35

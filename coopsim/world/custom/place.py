@@ -55,7 +55,7 @@ from coopsim.world.custom.roads import Roads, read_roads
 from coopsim.world.custom.scenery import read_building, read_furniture, read_tree, read_wall
 from coopsim.world.custom.starts import read_bay, read_speeds, read_starts, read_unit
 from coopsim.world.custom.ways import Ways, read_ways
-from coopsim.world.furniture.furnished import with_furniture
+from coopsim.world.furniture.furnish import with_furniture
 from coopsim.world.places.layout import Layout, flights_around, lane_outline, rectangle
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import lane_lines, town_parts

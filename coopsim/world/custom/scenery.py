@@ -16,7 +16,7 @@ from coopsim.support.checks import require_between, require_finite_number, requi
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.custom.clearance import Kerbs, along_outline, read_convex
-from coopsim.world.furniture.furnishing import line_pieces
+from coopsim.world.furniture.furnish import line_pieces
 from coopsim.world.furniture.kinds import KINDS, Kind
 from coopsim.world.places.scenery import PAINTS
 from coopsim.world.snapshot import StaticPart

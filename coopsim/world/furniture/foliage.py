@@ -22,8 +22,10 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
-from coopsim.world.furniture.materials import LEAVES
-from coopsim.world.furniture.piece import Shape
+from coopsim.world.furniture.solids import Material, Piece, Shape, bar, shape
+
+BARK = Material((92, 70, 52), 0.3)
+LEAVES = (Material((70, 104, 58), 0.45), Material((86, 116, 62), 0.45), Material((58, 92, 60), 0.45))
 
 CROWN_K_PER_M, BUSH_K_PER_M, HEDGE_K_PER_M = 0.6, 2.4, 2.4
 """Share of rays that is stopped per metre, at short paths."""
@@ -59,17 +61,11 @@ def _plates(variant: int, count: int) -> tuple[Floats, Floats, Floats]:
 def ball_of_leaves(
     size_m: tuple[float, float, float], k_per_m: float, count: int, variant: int
 ) -> tuple[Floats, Floats]:
-    """Fill an ellipsoid with plates.
-
-    Args:
-        size_m: lengths of its axes; nearly all plates are inside.
-        k_per_m: share of rays stopped per metre.
-        count: number of plates, which decides their size.
-        variant: arrangement of the plates.
+    """Fill an ellipsoid with plates; nearly all are inside, and their number decides their size.
 
     Returns:
         Corners (N, 3, 3) m around the ellipsoid's middle, and the axes (3,) m of the ellipsoid that the plates' middles
-        fill: it is there that the law holds.
+        fill, in which the law holds.
     """
     _, middles, plates = _plates(variant % VARIANTS, count)
     outer, radius = np.array(size_m), 0.0
@@ -83,10 +79,9 @@ def ball_of_leaves(
 def block_of_leaves(
     size_m: tuple[float, float, float], k_per_m: float, count: int, variant: int
 ) -> tuple[Floats, Floats]:
-    """Fill an upright block, which goes on beyond its ends along x, with plates; as `ball_of_leaves`.
+    """Fill an upright block, which goes on beyond its ends along x, with plates, like `ball_of_leaves`.
 
-    The law holds for the whole thickness along y: what rays cross of a layer does not depend on how deep in it plates
-    are. So only their heights decide on the volume.
+    The law holds for the whole thickness along y, wherever in it plates are: only their heights decide on the volume.
     """
     middles, _, plates = _plates(variant % VARIANTS, count)
     outer, radius = np.array(size_m), 0.0
@@ -99,10 +94,7 @@ def block_of_leaves(
 
 
 def leaves(corners: Floats, middle_m: tuple[float, float, float], opacity: float, variant: int) -> Shape:
-    """Make a shape of plates (N, 3, 3) m around a middle (3,) m; none is lower than the ground.
-
-    `opacity` is the share of rays through it that return.
-    """
+    """Make a shape from plates (N, 3, 3) m around a middle (3,) m, none below the ground."""
     vertices = corners.reshape(-1, 3) + middle_m
     vertices[:, 2] = np.maximum(vertices[:, 2], 0.02)
     faces = np.arange(len(vertices)).reshape(-1, 3)
@@ -114,3 +106,44 @@ def leaves(corners: Floats, middle_m: tuple[float, float, float], opacity: float
 def mean_opacity(size_m: Floats, k_per_m: float) -> float:
     """Return the share of rays stopped over the mean chord of an ellipsoid with axes (3,) m, 2/3 of its mean axis."""
     return float(exact.settled(-np.expm1(-k_per_m * 2 / 3 * np.mean(size_m))))
+
+
+CROWN_PLATES, BUSH_PLATES, HEDGE_PLATES_PER_M = 64, 18, 14
+"""Numbers of plates: with fewer, these are larger, and as much light passes."""
+
+
+def tree(height_m: float, crown_m: float, stem_m: float, variant: int) -> Piece:
+    """Build a tree: a stem up to `stem_m`, where a crown `crown_m` wide begins, and two branches in it."""
+    middle = (height_m + stem_m) / 2
+    plates, body = ball_of_leaves((crown_m, crown_m, height_m - stem_m), CROWN_K_PER_M, CROWN_PLATES, variant)
+    crown = leaves(plates, (0.0, 0.0, middle), mean_opacity(body, CROWN_K_PER_M), variant)
+    return _wood(height_m, crown_m, stem_m), crown
+
+
+@lru_cache(1024)
+def _wood(height_m: float, crown_m: float, stem_m: float) -> Shape:
+    """Build the stem and the branches of a tree, the same in all variants."""
+    middle = (height_m + stem_m) / 2
+    radius = 0.012 * height_m + 0.04
+    fork = stem_m + 0.15 * (height_m - stem_m)
+    spread = 0.25 * crown_m
+    branches = [
+        bar((0.0, 0.0, 0.9 * fork), (spread * exact.cos(a), spread * exact.sin(a), middle), 0.5 * radius, 0.03, sides=3)
+        for a in (0.4, 3.3)
+    ]
+    return shape(BARK, bar((0.0, 0.0, 0.0), (0.0, 0.0, middle), radius, 0.3 * radius, sides=5), *branches)
+
+
+def bush(height_m: float, width_m: float, variant: int) -> Piece:
+    """Build a bush, leaves down to the ground."""
+    plates, body = ball_of_leaves((width_m, width_m, height_m), BUSH_K_PER_M, BUSH_PLATES, variant)
+    middle = (0.0, 0.0, 0.42 * height_m)  # its lowest leaves lie on the ground
+    return (leaves(plates, middle, mean_opacity(body, BUSH_K_PER_M), variant),)
+
+
+def hedge(length_m: float, height_m: float, thickness_m: float, variant: int) -> Piece:
+    """Build a piece of a hedge along x; its leaves reach into the next piece."""
+    count = max(8, round(HEDGE_PLATES_PER_M * length_m))
+    plates, _ = block_of_leaves((length_m, thickness_m, height_m), HEDGE_K_PER_M, count, variant)
+    opacity = float(exact.settled(-np.expm1(-HEDGE_K_PER_M * thickness_m)))
+    return (leaves(plates, (0.0, 0.0, height_m / 2), opacity, variant),)

@@ -1,18 +1,36 @@
-"""Puts furniture and plants into any layout, as many as real streets have (see `densities`)."""
+"""Furniture, plants and painted lines for any layout: entries as in files, and their meshes."""
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.furniture.densities import BACK, BACK_LINES, KERB, KERB_LINES, VERGE, VERGE_LINES
-from coopsim.world.furniture.kept_free import lanes_of, obstacles_of
-from coopsim.world.furniture.lining import Lining
-from coopsim.world.furniture.plot import Plot
-from coopsim.world.furniture.stations import fronts, street_sides, way_sides
-from coopsim.world.places.layout import Layout
+from coopsim.types import Ints
+from coopsim.world.furniture.free_ground import lanes_of, obstacles_of
+from coopsim.world.furniture.kinds import (
+    BACK,
+    BACK_LINES,
+    KERB,
+    KERB_LINES,
+    KINDS,
+    VERGE,
+    VERGE_LINES,
+    YARD_STEM_M,
+    model,
+)
+from coopsim.world.furniture.placement import Placer, Plot
+from coopsim.world.furniture.sides import fronts, street_sides, way_sides
+from coopsim.world.furniture.solids import Shape
+from coopsim.world.places.layout import MARKING, Layout, flat_part
+from coopsim.world.relief.relief import laid_on
+from coopsim.world.snapshot import StaticPart
 
 _AROUND_M = 60.0  # beyond the ends of lanes and ways
 _AHEAD_M = 1_500.0  # where traffic is kept up around cars that go on and on along x
@@ -21,28 +39,24 @@ _AHEAD_M = 1_500.0  # where traffic is kept up around cars that go on and on alo
 def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
     """Return furniture and plants for a layout, as entries of the key `furniture` of a place.
 
-    What stands where depends on the layout and the seed alone. Nothing stands on roads or where long vehicles sweep
-    over their edges, near the lines along which people walk and ride (`kept_free.WALK_M`), on crosswalks, in bays, in
-    buildings or in another piece. Numbers are rounded to millimetres.
+    Places depend on the layout and the seed alone. Nothing stands on roads or where long vehicles sweep over their
+    edges, near the lines along which people walk and ride (`free_ground.WALK_M`), on crosswalks, in bays, in buildings
+    or in another piece. Numbers are rounded to millimetres.
     """
     area = _area(layout)
     lanes, plot = lanes_of(layout, area), Plot(obstacles_of(layout, area))
     kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
-    lining = Lining(seed, plot)
-    lining.crosswalks(kerbs, layout.road_map.crosswalks)
-    walked = layout.footways is not None
-    lining.rows("kerb", [row for row in (KERB if walked else VERGE) if not row.fills], kerbs)
-    lining.lines("kerb", KERB_LINES if walked else VERGE_LINES, kerbs)
-    lining.rows("kerb", [row for row in (KERB if walked else VERGE) if row.fills], kerbs)
-    lining.fronts(*fronts(layout))
-    lining.rows("back", [row for row in BACK if not row.fills], backs)
-    lining.lines("back", BACK_LINES, backs)
-    lining.rows("back", [row for row in BACK if row.fills], backs)
+    placer = Placer(seed, plot)
+    placer.crosswalks(kerbs, layout.road_map.crosswalks)
+    rows, lines = (VERGE, VERGE_LINES) if layout.footways is None else (KERB, KERB_LINES)
+    placer.zone("kerb", rows, lines, kerbs)
+    placer.fronts(*fronts(layout))
+    placer.zone("back", BACK, BACK_LINES, backs)
     return plot.entries
 
 
 def _area(layout: Layout) -> Floats:
-    """Return the least and greatest x and y (2, 2) m of what is furnished: everything, but not all of endless roads."""
+    """Return the least and greatest x and y (2, 2) m of the furnished area: all but parts of endless roads."""
     ends = [lane.position(along, 0.0) for lane in layout.network.lanes.values() for along in (0.0, lane.length)]
     if layout.window_m is not None:
         ends = [layout.network.get_lane(slot.lane).position(slot.along_m, 0.0) for slot in layout.slots]
@@ -52,3 +66,150 @@ def _area(layout: Layout) -> Floats:
     if layout.window_m is not None:
         area[:, 0] = area[0, 0] - layout.window_m, area[1, 0] + _AHEAD_M
     return area
+
+
+FurnitureEntry = Mapping[str, Any]
+"""Entry with `kind`, `at` and `heading_deg`, or `along` for kinds that stand along a line; and sizes of the kind."""
+
+_VARIANTS = 12
+_ROUNDED_M = 0.05  # of lengths along lines, so that most pieces share a mesh
+
+_Key = tuple[str, tuple[float, ...], int]
+_Stand = tuple[float, float, float]
+"""Place x, y (m) and heading (rad)."""
+_Placed = tuple[str, Shape, int]
+"""Kind, a shape of its model, and number of the place where it stands."""
+
+
+def furnishing_parts(
+    entries: Sequence[FurnitureEntry], relief_heights: Callable[[Floats], Floats] | None = None
+) -> tuple[StaticPart, ...]:
+    """Build the meshes of furniture; the variant of an entry depends on its number in the list.
+
+    `relief_heights` gives heights (N,) m of the ground at points (N, 2) m; None: 0 everywhere.
+    """
+    stands: dict[_Key, list[_Stand]] = {}
+    for number, entry in enumerate(entries):
+        for key, stand in _pieces(entry, 7 * number):
+            stands.setdefault(key, []).append(stand)
+    poses = [np.array(each) for each in stands.values()]
+    spots = np.concatenate([np.zeros((0, 3)), *poses])
+    ground = np.zeros(len(spots)) if relief_heights is None else relief_heights(spots[:, :2])
+    placed, first = list[_Placed](), 0
+    for (kind, sizes, variant), pose in zip(stands, poses, strict=True):
+        numbers = range(first, first + len(pose))
+        placed += [(kind, shape, number) for shape in model(kind, sizes, variant) for number in numbers]
+        first += len(pose)
+    return _parts(placed, spots, ground)
+
+
+def line_pieces(points: Floats, step_m: float) -> tuple[Floats, Floats, Floats]:
+    """Divide a line through points (K, 2) m into pieces at most `step_m` long.
+
+    Returns:
+        Middles (N, 2) m, headings (N,) rad and lengths (N,) m.
+    """
+    middles, headings, lengths = [], [], []
+    for start, end in pairwise(points):
+        length = float(exact.hypot(*(end - start)))
+        count = max(1, int(np.ceil(length / step_m - 1e-3)))
+        share = (np.arange(count) + 0.5) / count
+        middles.append(start + share[:, None] * (end - start))
+        headings.append(np.full(count, exact.arctan2(end[1] - start[1], end[0] - start[0])))
+        lengths.append(np.full(count, length / count))
+    return np.concatenate(middles), np.concatenate(headings), np.concatenate(lengths)
+
+
+def _pieces(entry: FurnitureEntry, variant: int) -> list[tuple[_Key, _Stand]]:
+    """Return keys of the models of an entry, and their poses."""
+    name = entry["kind"]
+    kind = KINDS[name]
+    sizes = tuple(float(entry.get(size, given.usual)) for size, given in kind.sizes.items())
+    if not kind.along:
+        x, y = entry["at"]
+        return [((name, sizes, variant % _VARIANTS), (x, y, np.radians(entry["heading_deg"])))]
+    middles, headings, lengths = line_pieces(np.array(entry["along"], dtype=np.float64), kind.step_m)
+    rounded = np.maximum(np.round(lengths / _ROUNDED_M), 1.0) * _ROUNDED_M
+    # Steps of three keep the colour, which goes by thirds, and change the leaves.
+    return [
+        ((name, (float(length), *sizes), (variant + 3 * k) % _VARIANTS), (x, y, heading))
+        for k, ((x, y), heading, length) in enumerate(
+            zip(middles.tolist(), headings.tolist(), rounded.tolist(), strict=True)
+        )
+    ]
+
+
+def _parts(placed: Sequence[_Placed], poses: Floats, ground_m: Floats) -> tuple[StaticPart, ...]:
+    """Return shapes at poses (M, 3), on ground of heights (M,) m, all at once: a town has a thousand."""
+    where = np.array([number for _, _, number in placed], dtype=np.int64)
+    points, first = _moved([shape.vertices for _, shape, _ in placed], where, poses, ground_m)
+    middles, first_box = _moved([shape.boxes[:, :3] for _, shape, _ in placed], where, poses, ground_m)
+    boxes = np.concatenate([np.zeros((0, 7)), *(shape.boxes for _, shape, _ in placed)])
+    boxes[:, :3] = middles
+    boxes[:, 6] += np.repeat(poses[where, 2], np.diff(first_box))
+    return tuple(
+        StaticPart(kind, points[a:b], shape.faces, *shape.material, shape.closed, boxes[c:d], shape.opacity)
+        for (kind, shape, _), (a, b), (c, d) in zip(
+            placed, pairwise(first.tolist()), pairwise(first_box.tolist()), strict=True
+        )
+    )
+
+
+def _moved(parts: Sequence[Floats], where: Ints, poses: Floats, ground_m: Floats) -> tuple[Floats, Ints]:
+    """Return all points of parts (K, 3) m that stand at poses `where` (P,), and the first point (P + 1,) of each."""
+    counts = np.array([len(part) for part in parts], dtype=np.int64)
+    points = np.concatenate([np.zeros((0, 3)), *parts])
+    x, y = points[:, 0].copy(), points[:, 1].copy()
+    cos, sin = exact.cos(poses[:, 2]), exact.sin(poses[:, 2])
+    own = np.repeat(where, counts)
+    points[:, 0] = x * cos[own] - y * sin[own] + poses[own, 0]
+    points[:, 1] = x * sin[own] + y * cos[own] + poses[own, 1]
+    points[:, 2] += ground_m[own]
+    return points, np.cumsum([0, *counts])
+
+
+_STEM = 0.3  # share of a tree's height without leaves, of trees that stand by themselves
+
+
+def with_furniture(layout: Layout, entries: Sequence[FurnitureEntry]) -> Layout:
+    """Return a layout with furniture and painted lines, on its own ground, instead of what it had."""
+    heights = None if layout.relief is None else layout.relief.heights
+    return replace(layout, furnishing=(*lane_paint(layout), *furnishing_parts(entries, heights)))
+
+
+def furnished(layout: Layout, description: Mapping[str, Any], seed: int) -> tuple[Layout, dict[str, Any]]:
+    """Add furniture to a layout and to its description, from which the same layout can be read."""
+    entries = [*description.get("furniture", ()), *furnish(layout, seed)]
+    return with_furniture(layout, entries), {**description, "furniture": entries}
+
+
+def furnished_for(identity: str, layout: Layout) -> Layout:
+    """Return a layout with furniture that depends on its identity: a name, or all of a description as text."""
+    return with_furniture(layout, furnish(layout, zlib.crc32(identity.encode())))
+
+
+def leafy(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a description with its plain trees (key `trees`) as furniture, through which some rays pass."""
+    trees = [_leafy(tree, number) for number, tree in enumerate(description.get("trees", ()))]
+    rest = {key: value for key, value in description.items() if key != "trees"}
+    return {**rest, "furniture": [*rest.get("furniture", ()), *trees]} if trees else rest
+
+
+def _leafy(tree: Mapping[str, Any], number: int) -> dict[str, Any]:
+    sizes = {name: round(2 * float(tree[name])) / 2 for name in ("height_m", "crown_m") if name in tree}
+    height_m = sizes.get("height_m", KINDS["tree"].sizes["height_m"].usual)
+    stem_m = round(min(max(_STEM * height_m, 0.5), YARD_STEM_M), 1)
+    # Trees have no front: their branches lead in all directions.
+    return {"kind": "tree", "at": list(tree["at"]), "heading_deg": 77.0 * number % 360.0, **sizes, "stem_m": stem_m}
+
+
+_PAINT_M = 0.012  # over the road, more than water and stripes
+_REFLECTIVITY = 0.8  # as of crosswalks; road paint has glass beads
+
+
+def lane_paint(layout: Layout) -> tuple[StaticPart, ...]:
+    """Build the lines that a place's map has between its lanes, on its own ground; none where it has none."""
+    if not layout.road_map.markings:
+        return ()
+    flat = flat_part("marking", list(layout.road_map.markings), 2 * _PAINT_M, MARKING, _REFLECTIVITY)
+    return (flat,) if layout.relief is None else (laid_on(flat, layout.relief.grid, _PAINT_M),)

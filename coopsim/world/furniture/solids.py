@@ -1,4 +1,4 @@
-"""Closed solids that furniture is built from: blocks, bars, round posts, mounds; and open sheets.
+"""Materials, closed solids and pieces that furniture is built from.
 
 Frame of a model: x ahead (where its front looks), y to the left, z up from the ground, metres.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,14 +18,16 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
 
+class Material(NamedTuple):
+    """Surface: RGB colour, and reflectivity at 905 nm."""
+
+    color: tuple[int, int, int]
+    reflectivity: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """A mesh.
-
-    Attributes:
-        vertices: (V, 3) m.
-        faces: (F, 3) int, counter-clockwise from outside.
-    """
+    """Mesh of vertices (V, 3) m and faces (F, 3), counter-clockwise from outside."""
 
     vertices: Floats
     faces: Ints
@@ -107,10 +110,51 @@ def joined(solids: Sequence[Solid]) -> Solid:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the product of two vectors (3,), ten times as fast as numpy's, which takes any shapes."""
+    """Return the cross product of two vectors (3,), ten times as fast as numpy, which takes any shapes."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _at(outline: Floats, z: float) -> Floats:
     return np.column_stack([outline, np.full(len(outline), z)])
+
+
+_HIDING_M = 0.3
+"""Narrower and lower solids hide too little of a person to count where no rays are cast."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """Part of a piece, made of one material.
+
+    Attributes:
+        vertices: (V, 3) m; x ahead, y to the left, z up from the ground.
+        faces: (F, 3) int.
+        material: surface.
+        closed: True if the faces enclose a volume; else both of their sides are seen.
+        boxes: (K, 7) upright boxes that hide objects behind them, where no rays are cast.
+        opacity: share of the light through a box that is stopped.
+    """
+
+    vertices: Floats
+    faces: Ints
+    material: Material
+    closed: bool
+    boxes: Floats
+    opacity: float = 1.0
+
+
+Piece = tuple[Shape, ...]
+
+
+def shape(material: Material, *solids: Solid) -> Shape:
+    """Join closed solids of one material; each that is large enough hides objects behind it."""
+    mesh = joined(solids)
+    boxes = [box for box in (box_around(solid.vertices) for solid in solids) if box[3:5].max() >= _HIDING_M <= box[5]]
+    return Shape(mesh.vertices, mesh.faces, material, True, np.array(boxes).reshape(-1, 7))
+
+
+def box_around(points: Floats) -> Floats:
+    """Return the upright box (7,) around points (N, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array([*(low + high) / 2, *(high - low), 0.0])

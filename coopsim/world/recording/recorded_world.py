@@ -19,7 +19,7 @@ from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.world.scenario import EpisodeScenarios, Place, SameScenario, Scenario, make_scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart, WorldSource
-from coopsim.world.towns.scenario_choice import choose_scenarios
+from coopsim.world.towns.scenarios import choose_scenarios
 from coopsim.world.world import World
 
 

@@ -32,9 +32,7 @@ def pavement_tops(outlines: Sequence[Floats], height_m: float) -> Floats:
 def kerb_faces(outlines: Sequence[Floats], height_m: float) -> Floats:
     """Return upright triangles (T, 3, 3) m around pavements, from below the road up, facing outward.
 
-    Args:
-        outlines: (K, 2) m each, convex, counter-clockwise; they may overlap: inside of others there is no kerb.
-        height_m: of the pavements.
+    Outlines (K, 2) m are convex and counter-clockwise. They may overlap: inside of others there is no kerb.
     """
     counts = [len(outline) for outline in outlines]
     corners = np.concatenate([np.zeros((0, 2)), *outlines])
@@ -48,7 +46,7 @@ class _Outlines(NamedTuple):
     """Outlines in the order of their least x.
 
     Attributes:
-        corners: (C, 2) of all outlines, one after the other.
+        corners: (C, 2), corners of all outlines, one after the other.
         start: (P,) first corner of each outline.
         end: (P,) first corner behind it.
         bounds: (P, 4) least and greatest x, least and greatest y.
@@ -63,7 +61,7 @@ class _Outlines(NamedTuple):
 
 
 def _sorted(corners: Floats, start: Ints) -> _Outlines:
-    """Sort outlines, of which corners (C, 2) and the first corner (P + 1,) are given, by their least x."""
+    """Sort outlines, given by corners (C, 2) and their first corners (P + 1,), by their least x."""
     if len(start) < 2:
         return _Outlines(corners, start[:0], start[:0], np.zeros((0, 4)), 0.0)
     low, high = (reach.reduceat(corners, start[:-1], axis=0) for reach in (np.minimum, np.maximum))
@@ -90,17 +88,14 @@ def _exposed(outlines: _Outlines) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _pieces(outlines: _Outlines, following: Ints, candidates: Ints, edge: Ints, share: Floats) -> int:
-    """Find the pieces of all outlines' edges that are inside no other outline.
+    """Find the pieces of all outlines' edges that are inside no other outline; return their number.
 
     Args:
-        outlines: P outlines of C corners.
-        following: (C,) the corner after each.
-        candidates: (C,) of the edge that begins at each corner, the first outline that may hide it.
-        edge: filled with the first corners of the edges, as far as it reaches.
+        outlines: P outlines with C corners.
+        following: (C,) corner after each.
+        candidates: (C,) first outline that may hide the edge that begins at each corner.
+        edge: (N,) filled with the first corners of the edges, as far as it reaches.
         share: (N, 2), filled with the shares of the edges at which pieces begin and end.
-
-    Returns:
-        The number of pieces.
     """
     corners, count = outlines.corners, 0
     hidden = np.empty((len(outlines.start), 2))
@@ -125,7 +120,7 @@ def _pieces(outlines: _Outlines, following: Ints, candidates: Ints, edge: Ints, 
 def _hide(a: Floats, b: Floats, own: int, candidate: int, outlines: _Outlines, hidden: Floats) -> int:
     """Fill `hidden` (P, 2) with first and last share of an edge of one outline within others; return their number.
 
-    They are in the order of the first shares. Outlines before `candidate` end before the edge begins.
+    First shares ascend. Outlines before `candidate` end before the edge begins.
     """
     found, bounds = 0, outlines.bounds
     low_x, high_x, low_y, high_y = min(a[0], b[0]), max(a[0], b[0]), min(a[1], b[1]), max(a[1], b[1])

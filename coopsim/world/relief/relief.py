@@ -1,24 +1,127 @@
-"""The height of the ground, read off the very triangles that sensors see."""
+"""Triangles of the ground by cells of a grid: heights of points, and flat parts laid on them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.kernels import njit
-from coopsim.world.relief.relief_grid import CELL_M, ReliefGrid, grid_of, height_at, is_over
+from coopsim.types import Ints
+from coopsim.world.snapshot import StaticPart
+
+CELL_M = 4.0
+_TOUCH_M = 1e-6  # a point this far outside a triangle is on its edge
+
+
+class ReliefGrid(NamedTuple):
+    """Triangles by cell.
+
+    Attributes:
+        triangles: (T, 3, 3) m, counter-clockwise from above, none of them upright.
+        low: (2,) m, lower corner of the first cell.
+        cells: (2,) number of cells along x and y.
+        start: (C + 1,) first entry in `found` of each cell, rows of equal x one after the other.
+        found: (F,) indices of the triangles over the cells.
+    """
+
+    triangles: Floats
+    low: Floats
+    cells: Ints
+    start: Ints
+    found: Ints
+
+
+def grid_of(triangles: Floats) -> ReliefGrid:
+    """Sort triangles (T, 3, 3) m, counter-clockwise from above, into cells."""
+    triangles = np.ascontiguousarray(triangles, dtype=np.float64).reshape(-1, 3, 3)
+    corners = triangles.reshape(-1, 3)[:, :2] if len(triangles) else np.zeros((1, 2))
+    low = corners.min(axis=0)
+    cells = np.floor((corners.max(axis=0) - low) / CELL_M).astype(np.int64) + 1
+    return ReliefGrid(triangles, low, cells, *_sort(triangles, low, cells))
+
+
+@njit(cache=True, nogil=True)
+def span_of(triangle: Floats, low: Floats, cells: Ints) -> tuple[int, int, int, int]:
+    """Return the cells around the corners (3, 2 or 3) of a triangle: first and last along x, first and last along y."""
+    i = int(np.floor((triangle[:, 0].min() - _TOUCH_M - low[0]) / CELL_M))
+    j = int(np.floor((triangle[:, 1].min() - _TOUCH_M - low[1]) / CELL_M))
+    last_i = int(np.floor((triangle[:, 0].max() + _TOUCH_M - low[0]) / CELL_M))
+    last_j = int(np.floor((triangle[:, 1].max() + _TOUCH_M - low[1]) / CELL_M))
+    return max(i, 0), min(last_i, cells[0] - 1), max(j, 0), min(last_j, cells[1] - 1)
+
+
+@njit(cache=True, nogil=True)
+def is_over(triangle: Floats, x: float, y: float) -> bool:
+    """Return whether a triangle is over a place, its edges included."""
+    for k in range(3):  # noqa: SIM110  (numba takes no generators)
+        if _left_of(triangle, k, x, y) < 0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def height_at(triangle: Floats, x: float, y: float) -> float:
+    """Return the height at a place of the plane through a triangle."""
+    ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
+    vx, vy = triangle[2, 0] - triangle[0, 0], triangle[2, 1] - triangle[0, 1]
+    px, py = x - triangle[0, 0], y - triangle[0, 1]
+    u, v = (px * vy - py * vx) / (ux * vy - uy * vx), (ux * py - uy * px) / (ux * vy - uy * vx)
+    along_u, along_v = triangle[1, 2] - triangle[0, 2], triangle[2, 2] - triangle[0, 2]
+    return float(triangle[0, 2] + u * along_u + v * along_v)
+
+
+@njit(cache=True, nogil=True)
+def _sort(triangles: Floats, low: Floats, cells: Ints) -> tuple[Ints, Ints]:
+    """Return the first entry (C + 1,) of each cell, and the entries: first they are counted, then filled in."""
+    filled = np.zeros(cells[0] * cells[1] + 1, np.int64)
+    found = np.empty(0, np.int64)
+    for filling in (False, True):
+        for t in range(len(triangles)):
+            first_i, last_i, first_j, last_j = span_of(triangles[t], low, cells)
+            for i in range(first_i, last_i + 1):
+                for j in range(first_j, last_j + 1):
+                    if not _meets(triangles[t], low[0] + i * CELL_M, low[1] + j * CELL_M):
+                        continue
+                    cell = i * cells[1] + j
+                    if filling:
+                        found[filled[cell]] = t
+                    filled[cell + (not filling)] += 1
+        if not filling:
+            for cell in range(len(filled) - 1):
+                filled[cell + 1] += filled[cell]
+            start, found = filled.copy(), np.empty(filled[-1], np.int64)
+    return start, found
+
+
+@njit(cache=True, nogil=True)
+def _meets(triangle: Floats, x: float, y: float) -> bool:
+    """Return whether a cell with its lower corner at x, y is at least partly on the inner side of each edge."""
+    for k in range(3):
+        after = (k + 1) % 3
+        # The cell's corner that is farthest to the left of the edge.
+        left_x = x if triangle[after, 1] > triangle[k, 1] else x + CELL_M
+        left_y = y + CELL_M if triangle[after, 0] > triangle[k, 0] else y
+        if _left_of(triangle, k, left_x, left_y) < 0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _left_of(triangle: Floats, k: int, x: float, y: float) -> float:
+    """Return a number that is negative where a place is clearly to the right of a triangle's edge k."""
+    ex, ey = triangle[(k + 1) % 3, 0] - triangle[k, 0], triangle[(k + 1) % 3, 1] - triangle[k, 1]
+    left = ex * (y - triangle[k, 1]) - ey * (x - triangle[k, 0])
+    return float(left + _TOUCH_M * (abs(ex) + abs(ey)))
 
 
 class Relief:
-    """Ground that is flat, at 0, but for raised surfaces.
+    """Ground that is flat, at 0, except for raised surfaces.
 
-    Where surfaces lie over each other the highest one counts, as for a ray from above.
-
-    Args:
-        triangles: (T, 3, 3) m, world frame, counter-clockwise from above and none of them upright.
-
-    Attributes:
-        grid: the triangles, by place.
+    Where surfaces lie over each other the highest one counts, as for a ray from above. The triangles (T, 3, 3) m, world
+    frame, are counter-clockwise from above, none of them upright; `grid` has them by place.
     """
 
     def __init__(self, triangles: Floats) -> None:
@@ -30,7 +133,7 @@ class Relief:
         return heights
 
     def raised(self, pose: SE3) -> SE3:
-        """Return a pose over flat ground as it is over this ground."""
+        """Return a pose over flat ground raised by the height of this ground."""
         x, y, z = pose.translation.tolist()
         return SE3(pose.rotation, np.array([x, y, z + self.heights(np.array([[x, y]]))[0]]))
 
@@ -50,3 +153,103 @@ def _heights(points: Floats, grid: ReliefGrid) -> Floats:
             if is_over(triangle, x, y):
                 heights[n] = max(heights[n], height_at(triangle, x, y))
     return heights
+
+
+_MOST_CORNERS = 9
+_LEAST_M2 = 1e-6  # of a piece
+
+
+def laid_on(part: StaticPart, grid: ReliefGrid, up_m: float) -> StaticPart:
+    """Lay a flat part on the ground, `up_m` over it."""
+    laid = drape(np.ascontiguousarray(part.vertices[part.faces][..., :2]), grid)
+    vertices = laid.reshape(-1, 3) + np.array([0.0, 0.0, up_m])
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return replace(part, vertices=vertices, faces=faces, closed=False)
+
+
+def drape(flat: Floats, grid: ReliefGrid) -> Floats:
+    """Return flat triangles (N, 3, 2) m and, for each surface below them, the piece that lies on it: (M, 3, 3) m.
+
+    Triangles are counter-clockwise from above. The flat ones stay, at height 0: they are seen where nothing is raised.
+    """
+    pieces = np.zeros((64 + 8 * len(flat), 3, 3))
+    pieces[: len(flat), :, :2] = flat
+    while (count := _laid(flat, grid, pieces)) > len(pieces):
+        pieces = np.concatenate([pieces[: len(flat)], np.zeros((count - len(flat), 3, 3))])
+    return pieces[:count]
+
+
+@njit(cache=True, nogil=True)
+def _laid(flat: Floats, grid: ReliefGrid, pieces: Floats) -> int:
+    """Fill `pieces` (P, 3, 3), behind the flat ones, as far as it reaches; return the number of all."""
+    count = len(flat)
+    seen = np.full(len(grid.triangles), -1, np.int64)
+    cut, spare = np.empty((_MOST_CORNERS, 2)), np.empty((_MOST_CORNERS, 2))
+    for n in range(len(flat)):
+        first_i, last_i, first_j, last_j = span_of(flat[n], grid.low, grid.cells)
+        for i in range(first_i, last_i + 1):
+            for j in range(first_j, last_j + 1):
+                cell = i * grid.cells[1] + j
+                for k in range(grid.start[cell], grid.start[cell + 1]):
+                    below = grid.found[k]
+                    if seen[below] == n:
+                        continue
+                    seen[below] = n
+                    corners = _cut(flat[n], grid.triangles[below], cut, spare)
+                    count = _add_fan(pieces, count, cut, corners, grid.triangles[below])
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _add_fan(pieces: Floats, count: int, corners: Floats, number: int, surface: Floats) -> int:
+    """Append the triangles of a convex polygon at the heights of a surface (3, 3); return the new number of pieces.
+
+    Where there is no room for them they are only counted.
+    """
+    for k in range(2, number):
+        for row in range(3 if count < len(pieces) else 0):
+            corner = 0 if row == 0 else k - 2 + row
+            x, y = corners[corner, 0], corners[corner, 1]
+            pieces[count, row, 0], pieces[count, row, 1] = x, y
+            pieces[count, row, 2] = height_at(surface, x, y)
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _cut(flat: Floats, surface: Floats, cut: Floats, spare: Floats) -> int:
+    """Fill `cut` with the corners of the intersection of two triangles; return their number.
+
+    The method is Sutherland's and Hodgman's (1974).
+    """
+    cut[:3] = flat
+    corners = 3
+    for k in range(3):
+        after, kept = (k + 1) % 3, 0
+        ex, ey = surface[after, 0] - surface[k, 0], surface[after, 1] - surface[k, 1]
+        for c in range(corners):
+            here, there = cut[c], cut[(c + 1) % corners]
+            p = ex * (here[1] - surface[k, 1]) - ey * (here[0] - surface[k, 0])
+            q = ex * (there[1] - surface[k, 1]) - ey * (there[0] - surface[k, 0])
+            if p >= 0:
+                spare[kept] = here
+                kept += 1
+            if (p > 0 and q < 0) or (p < 0 and q > 0):
+                share = p / (p - q)
+                spare[kept, 0] = here[0] + share * (there[0] - here[0])
+                spare[kept, 1] = here[1] + share * (there[1] - here[1])
+                kept += 1
+        corners = kept
+        for c in range(corners):
+            cut[c] = spare[c]
+    return corners if _area(cut, corners) > _LEAST_M2 else 0
+
+
+@njit(cache=True, nogil=True)
+def _area(corners: Floats, number: int) -> float:
+    """Return the area within the first `number` corners of a polygon, counter-clockwise."""
+    area = 0.0
+    for k in range(number):
+        here, there = corners[k], corners[(k + 1) % number]
+        area += here[0] * there[1] - here[1] * there[0]
+    return area / 2

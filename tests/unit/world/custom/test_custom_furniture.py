@@ -6,7 +6,7 @@ import pytest
 
 from coopsim.errors import InvalidValueError
 from coopsim.world.custom.place import place_from
-from coopsim.world.furniture.furnished import furnished, leafy
+from coopsim.world.furniture.furnish import furnished, leafy
 
 STREET: dict[str, Any] = {
     "nodes": {"a": [-100, -2], "b": [100, -2], "c": [100, 2], "d": [-100, 2]},

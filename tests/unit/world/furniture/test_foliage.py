@@ -11,7 +11,7 @@ from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import Triangles
 from coopsim.support.rng import stream
 from coopsim.world.furniture import foliage
-from coopsim.world.furniture.plants import CROWN_PLATES, HEDGE_PLATES_PER_M
+from coopsim.world.furniture.foliage import CROWN_PLATES, HEDGE_PLATES_PER_M
 
 ARRANGEMENTS, RAYS, FAR_M = 80, 500, 50.0
 

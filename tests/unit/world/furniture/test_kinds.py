@@ -5,7 +5,7 @@ import pytest
 
 from coopsim.sensors.scene import is_closed
 from coopsim.world.furniture.kinds import KINDS, Kind, model
-from coopsim.world.furniture.piece import Piece
+from coopsim.world.furniture.solids import Piece
 
 LEAFY = ("tree", "bush", "hedge", "planter")
 

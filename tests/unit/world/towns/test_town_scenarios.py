@@ -1,17 +1,20 @@
 """The agents are the same in all towns; all else fits its town."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Any
 
 import pytest
 
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
+from coopsim.world.places.highway import make_highway
+from coopsim.world.places.junctions import make_crossing
 from coopsim.world.population import Population
 from coopsim.world.scenario import rooms
-from coopsim.world.towns.place_seeds import PlaceSeeds
-from coopsim.world.towns.streets.town_options import TownOptions
-from coopsim.world.towns.town_population import FEWEST, FEWEST_STARTS, MOST
-from coopsim.world.towns.town_scenarios import TownScenarios
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import TownScenarios
+from coopsim.world.towns.town import FEWEST, FEWEST_STARTS, MOST, count_junctions, usual_population
 
 SMALL = TownOptions(junctions=1, lanes=1)
 PLACES = 4
@@ -104,3 +107,14 @@ def test_what_not_all_towns_can_have_is_refused(numbers: dict[str, Any], message
 def test_the_usual_population_is_the_towns_own() -> None:
     assert isinstance(towns().of(1).population, Population)
     assert len({towns(TownOptions()).of(seed).population.vehicles for seed in range(3)}) > 1
+
+
+def test_a_crossing_is_one_junction_and_a_highway_none() -> None:
+    assert count_junctions(make_crossing()) == 1
+    assert count_junctions(make_highway()) == 0
+
+
+def test_the_usual_population_is_between_fewest_and_most() -> None:
+    population = usual_population(make_crossing())
+    assert FEWEST.vehicles <= population.vehicles <= MOST.vehicles
+    assert population.connected_cars == 3

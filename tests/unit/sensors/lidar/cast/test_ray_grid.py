@@ -20,7 +20,7 @@ from coopsim.sensors.raycast import RayScene
 from coopsim.sensors.scene import SceneGeometry, Triangles, is_closed
 from coopsim.world.models import make_models
 from coopsim.world.scenario import make_scenario
-from coopsim.world.towns.drawn_place import draw_place
+from coopsim.world.towns.town import draw_place
 from coopsim.world.world import World
 
 COLUMNS = 200

@@ -1,0 +1,233 @@
+"""Distances, simplified lines, convex pieces and taken ground, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
+from coopsim.types import Ints, Mask
+
+_SAME_M2 = 1e-9
+"""Points are equally far from a line if squares of their distances differ by less, m^2: processors round differently,
+and no two of them may choose different points."""
+
+
+@njit(cache=True, nogil=True)
+def distances_to_lines(points: Floats, starts: Floats, ends: Floats, width_m: Floats) -> Floats:
+    """Return the distances (N,) of points (N, 2) m from the nearest of straight lines (M, 2), less its width (M,)."""
+    found = np.full(len(points), np.inf)
+    for n in range(len(points)):
+        x, y = points[n]
+        for m in range(len(starts)):
+            from_x, from_y = x - starts[m, 0], y - starts[m, 1]
+            # Most lines are far: their distance is at least that of their start, less their length (chords are short).
+            along_x, along_y = ends[m, 0] - starts[m, 0], ends[m, 1] - starts[m, 1]
+            length2 = along_x * along_x + along_y * along_y
+            share = (from_x * along_x + from_y * along_y) / max(length2, 1e-12)
+            share = min(max(share, 0.0), 1.0)
+            off_x, off_y = from_x - share * along_x, from_y - share * along_y
+            reach = found[n] + width_m[m]
+            squared = off_x * off_x + off_y * off_y
+            if reach == np.inf or (reach > 0 and squared < reach * reach):
+                found[n] = np.sqrt(squared) - width_m[m]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def keep_corners(points: Floats, most_m: float) -> Mask:
+    """Return the mask (N,) of points (N, D) that a line through fewer points needs to stay within `most_m` of all.
+
+    The first and last are kept. The method is Ramer's (1972) and Douglas and Peucker's (1973).
+    """
+    kept = np.zeros(len(points), np.bool_)
+    kept[0] = kept[-1] = True
+    stack, waiting = np.empty((len(points), 2), np.int64), 1
+    stack[0, 0], stack[0, 1] = 0, len(points) - 1
+    while waiting > 0:
+        waiting -= 1
+        first, last = stack[waiting, 0], stack[waiting, 1]
+        where = _farthest(points, first, last, most_m)
+        if where >= 0:
+            kept[where] = True
+            stack[waiting, 0], stack[waiting, 1] = first, where
+            stack[waiting + 1, 0], stack[waiting + 1, 1] = where, last
+            waiting += 2
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _farthest(points: Floats, first: int, last: int, most_m: float) -> int:
+    """Return the point between two that is farthest from the line between them; -1: none is farther than `most_m`."""
+    length2, worst, where = 0.0, most_m * most_m, -1
+    for axis in range(points.shape[1]):
+        length2 += np.square(points[last, axis] - points[first, axis])
+    length2 = max(length2, 1e-12)
+    for k in range(first + 1, last):
+        share, squared = 0.0, 0.0
+        for axis in range(points.shape[1]):
+            share += (points[k, axis] - points[first, axis]) * (points[last, axis] - points[first, axis])
+        share = min(max(share / length2, 0.0), 1.0)
+        for axis in range(points.shape[1]):
+            along = points[last, axis] - points[first, axis]
+            squared += np.square(points[k, axis] - points[first, axis] - share * along)
+        if squared > worst + _SAME_M2:
+            worst, where = squared, k
+    return where
+
+
+_LEAST_M, _LEAST_M2 = 0.03, 0.01  # of an edge, and twice that of a triangle of three corners in a row
+
+
+@njit(cache=True, nogil=True)
+def convex_pieces(surfaces: Floats) -> tuple[Floats, Ints]:
+    """Return surfaces without double corners: whole if they are convex, else their triangles; none that are slits.
+
+    Args:
+        surfaces: (N, K, 2) m, with K = 3 or 4 corners each.
+
+    Returns:
+        Corners (M, K, 2) m, and the number (M,) of them that are used.
+    """
+    most = surfaces.shape[1]
+    pieces, count, size = np.zeros((2 * len(surfaces), most, 2)), np.zeros(2 * len(surfaces), np.int64), 0
+    corners = np.empty((most, 2))
+    for n in range(len(surfaces)):
+        kept = 0
+        for k in range(most):
+            before = surfaces[n, k - 1 if k else most - 1]
+            here = surfaces[n, k]
+            if max(abs(here[0] - before[0]), abs(here[1] - before[1])) > _LEAST_M:
+                corners[kept] = here
+                kept += 1
+        if kept < 3:
+            continue
+        left, right = 0, 0
+        for k in range(kept):
+            turn = _turn(corners[k - 1 if k else kept - 1], corners[k], corners[(k + 1) % kept])
+            left, right = left + (turn > _LEAST_M2), right + (turn < -_LEAST_M2)
+        if kept in (left, right):
+            for k in range(kept):
+                pieces[size, k] = corners[k]
+            count[size] = kept
+            size += 1
+        elif kept == 4:
+            for second in (1, 2):
+                if abs(_turn(corners[0], corners[second], corners[second + 1])) > _LEAST_M2:
+                    pieces[size, 0], pieces[size, 1], pieces[size, 2] = corners[0], corners[second], corners[second + 1]
+                    count[size] = 3
+                    size += 1
+    return pieces[:size], count[:size]
+
+
+@njit(cache=True, nogil=True)
+def _turn(before: Floats, corner: Floats, after: Floats) -> float:
+    """Return twice the area of the triangle of three corners (2,), m2; positive if they turn to the left."""
+    along_x, along_y = corner[0] - before[0], corner[1] - before[1]
+    return float(along_x * (after[1] - corner[1]) - along_y * (after[0] - corner[0]))
+
+
+_MOST_CORNERS = 16
+
+
+class TakenGround:
+    """Convex outlines and lines, each with a distance that others keep from it."""
+
+    def __init__(self) -> None:
+        self._corners = np.zeros((256, _MOST_CORNERS, 2))
+        self._count = np.zeros(256, np.int64)
+        self._keep_m = np.zeros(256)
+        self._bounds = np.zeros((256, 4))
+        self._size = 0
+
+    def take(self, outline: Floats, keep_m: float = 0.0) -> None:
+        """Take a convex outline (K, 2) m, or a straight line between two points, and `keep_m` around it."""
+        if self._size == len(self._count):
+            self._grow()
+        row, count = self._size, len(outline)
+        self._corners[row, :count], self._count[row], self._keep_m[row] = outline, count, keep_m
+        self._bounds[row, :2], self._bounds[row, 2:] = outline.min(axis=0) - keep_m, outline.max(axis=0) + keep_m
+        self._size += 1
+
+    def take_lines(self, starts: Floats, ends: Floats, keep_m: Floats) -> None:
+        """Take straight lines from `starts` to `ends` (N, 2) m, and `keep_m` (N,) around each."""
+        while self._size + len(starts) > len(self._count):
+            self._grow()
+        rows = slice(self._size, self._size + len(starts))
+        self._corners[rows, 0], self._corners[rows, 1] = starts, ends
+        self._count[rows], self._keep_m[rows] = 2, keep_m
+        self._bounds[rows, :2] = np.minimum(starts, ends) - keep_m[:, None]
+        self._bounds[rows, 2:] = np.maximum(starts, ends) + keep_m[:, None]
+        self._size += len(starts)
+
+    def is_free(self, outline: Floats, gap_m: float = 0.0) -> bool:
+        """Return whether a convex outline (K, 2) m, or a line, lies apart from all that is taken, by `gap_m` more."""
+        taken = (self._corners, self._count, self._keep_m, self._bounds)
+        return bool(is_apart(np.ascontiguousarray(outline), gap_m, *taken, self._size))
+
+    def try_take(self, outlines: list[Floats], gap_m: float = 0.0) -> bool:
+        """Take all convex outlines if all of them are free; return whether they are."""
+        free = all(self.is_free(outline, gap_m) for outline in outlines)
+        for outline in outlines if free else ():
+            self.take(outline)
+        return free
+
+    def _grow(self) -> None:
+        for name in ("_corners", "_count", "_keep_m", "_bounds"):
+            rows = getattr(self, name)
+            setattr(self, name, np.concatenate([rows, np.zeros_like(rows)]))
+
+
+@njit(cache=True, nogil=True)
+def is_apart(
+    outline: Floats, gap_m: float, corners: Floats, count: Ints, keep_m: Floats, bounds: Floats, size: int
+) -> bool:
+    """Return whether a convex outline or line (K, 2) m is apart from the first `size` of N others, by separating axes.
+
+    Args:
+        outline: (K, 2) m.
+        gap_m: distance needed from all.
+        corners: (N, M, 2) m, of which `count` (N,) are used.
+        count: (N,) numbers of corners.
+        keep_m: (N,) distance needed from each, besides `gap_m`.
+        bounds: (N, 4) m, least and greatest x and y of each, with its `keep_m`.
+        size: number of rows in use.
+    """
+    low_x, low_y = outline[:, 0].min() - gap_m, outline[:, 1].min() - gap_m
+    high_x, high_y = outline[:, 0].max() + gap_m, outline[:, 1].max() + gap_m
+    for n in range(size):
+        if bounds[n, 0] >= high_x or bounds[n, 2] <= low_x or bounds[n, 1] >= high_y or bounds[n, 3] <= low_y:
+            continue
+        other, need_m = corners[n, : count[n]], gap_m + keep_m[n]
+        if _widest_gap(outline, other, need_m) < need_m and _widest_gap(other, outline, need_m) < need_m:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _widest_gap(outline: Floats, other: Floats, enough_m: float) -> float:
+    """Return the widest gap between two convex outlines on the axes across one's edges (and along a line's), m.
+
+    It is at most their distance, and less where two corners face each other; the search ends at `enough_m`.
+    """
+    widest, count = -np.inf, len(outline)
+    for k in range(count):
+        there = (k + 1) % count
+        along_x, along_y = outline[there, 0] - outline[k, 0], outline[there, 1] - outline[k, 1]
+        length = np.sqrt(along_x * along_x + along_y * along_y)
+        if length < 1e-9:
+            continue
+        for axis in range(2 if count == 2 else 1):
+            x, y = (along_y / length, -along_x / length) if axis == 0 else (along_x / length, along_y / length)
+            low, high = np.inf, -np.inf
+            for n in range(count):
+                place = outline[n, 0] * x + outline[n, 1] * y
+                low, high = min(low, place), max(high, place)
+            other_low, other_high = np.inf, -np.inf
+            for n in range(len(other)):
+                place = other[n, 0] * x + other[n, 1] * y
+                other_low, other_high = min(other_low, place), max(other_high, place)
+            widest = max(widest, other_low - high, low - other_high)
+            if widest >= enough_m:
+                return widest
+    return widest

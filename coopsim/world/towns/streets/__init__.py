@@ -1,1 +1,0 @@
-"""The streets of a town: where junctions lie, what roads join them, their lanes and kerbs, and where agents start."""
