@@ -27,7 +27,7 @@ from coopsim.world.towns.plan import (
     StreetEnd,
     rounded,
 )
-from coopsim.world.towns.sketch import LEAST_ANGLE_RAD, Link, Measures, Sketch, draw_sketch
+from coopsim.world.towns.sketch import LEAST_ANGLE_RAD, Link, Measures, draw_sketch
 
 MERGE_M = 28.0
 """Length over which a lane splits off or joins; its kinks have 8 degrees."""
@@ -82,21 +82,9 @@ class _StreetDraw:
         return _StreetDraw(speed, (left, right))
 
 
-@dataclass(slots=True)
-class _Node:
-    """Junction that is being planned; see `Junction`."""
-
-    arms: list[tuple[float, int, bool]]
-    lanes: int
-    kind: str = "equal"
-    main: tuple[int, int] | None = None
-    ring: tuple[float, float] = (0.0, 0.0)
-    stop_m: float = 0.0
-
-
-def _gaps(arms: list[tuple[float, int, bool]]) -> list[float]:
+def _gaps(arms: tuple[Arm, ...]) -> list[float]:
     """Return the angles between arms and the next ones, counter-clockwise."""
-    headings = [heading for heading, _, _ in arms]
+    headings = [arm.heading_rad for arm in arms]
     return [(b - a) % (2 * math.pi) for a, b in zip(headings, headings[1:] + headings[:1], strict=True)]
 
 
@@ -146,76 +134,68 @@ def _attempt(rng: np.random.Generator, count: int, most: int, freedom: float) ->
         arms = [sketch.arms(number) for number in range(count)]
         if min(min(_gaps(each)) for each in arms) < LEAST_ANGLE_RAD or min(_gaps(arms[meeting])) < _LEAST_RAD[most]:
             return None
-        nodes = [_node(each, drawn) for each, drawn in zip(arms, draws, strict=True)]
+        junctions = [_junction(k, sketch.centres[k], arms[k], drawn) for k, drawn in enumerate(draws)]
         streets, failed = list[Street](), None
         for number, link in enumerate(sketch.links):
-            street = _street(number, link, nodes, street_draws[number])
+            street = _street(number, link, junctions, street_draws[number])
             if street is None:
                 failed = link
                 break
             streets.append(street)
         if failed is None:
-            plan = Plan(tuple(streets), tuple(_junction(k, node, sketch) for k, node in enumerate(nodes)), meeting)
+            plan = Plan(tuple(streets), tuple(junctions), meeting)
             return plan if are_apart(plan) else None
-        if not _repair(failed, nodes, draws, meeting):
+        if not _repair(failed, junctions, draws, meeting):
             return None
     return None
 
 
-def _repair(link: Link, nodes: list[_Node], draws: list[_JunctionDraw], meeting: int) -> bool:
+def _repair(link: Link, junctions: list[Junction], draws: list[_JunctionDraw], meeting: int) -> bool:
     """Ask less of a street that has no space for its bends and changes of lanes; return whether that is possible."""
     ends = [end for end in (link.begin, link.end) if end is not None]
     if len(link.points) > 2 and link.end is not None:
         link.points = link.points[[0, -1]]
         return True
     for end in ends:
-        if nodes[end].kind == "roundabout":
+        if junctions[end].kind == "roundabout":
             draws[end].round_about = False
             return True
-    if len({nodes[end].lanes for end in ends}) > 1:
-        less, more = sorted(ends, key=lambda end: nodes[end].lanes)
+    if len({junctions[end].lanes for end in ends}) > 1:
+        less, more = sorted(ends, key=lambda end: junctions[end].lanes)
         if more != meeting:
-            draws[more].lanes = nodes[more].lanes - 1
+            draws[more].lanes = junctions[more].lanes - 1
             return True
-        asked, draws[less].lanes = draws[less].lanes, nodes[less].lanes + 1
-        return asked <= nodes[less].lanes  # else its arms are too close for more lanes
+        asked, draws[less].lanes = draws[less].lanes, junctions[less].lanes + 1
+        return asked <= junctions[less].lanes  # else its arms are too close for more lanes
     return False
 
 
-def _node(arms: list[tuple[float, int, bool]], drawn: _JunctionDraw) -> _Node:
+def _junction(number: int, centre: Floats, arms: tuple[Arm, ...], drawn: _JunctionDraw) -> Junction:
     """Decide a junction's kind, its lanes and its stop lines: as drawn where that is possible."""
-    node = _Node(arms, drawn.lanes)
-    least = min(_gaps(arms))
-    while node.lanes > 1 and least < _LEAST_RAD[node.lanes]:
-        node.lanes -= 1
-    if drawn.round_about and len(arms) <= 4 and node.lanes == 1:
+    lanes, least = drawn.lanes, min(_gaps(arms))
+    while lanes > 1 and least < _LEAST_RAD[lanes]:
+        lanes -= 1
+    if drawn.round_about and len(arms) <= 4 and lanes == 1:
         for ring_m, entry_m in _RINGS:
             aside_m = entry_m + INNER_M + ROUNDABOUT_MEDIAN_M / 2
             if least - 2 * exact.arcsin(aside_m / (ring_m + entry_m)) > _RING_PIECE_M / ring_m:
-                node.kind, node.ring = "roundabout", (ring_m, entry_m)
-                node.stop_m = math.sqrt(np.square(ring_m + entry_m) - np.square(aside_m))
-                return node
-    pairs = combinations(range(len(arms)), 2)
-    bend, main = min((abs(math.remainder(arms[j][0] - arms[i][0] - math.pi, 2 * math.pi)), (i, j)) for i, j in pairs)
-    if drawn.priority and bend < _STRAIGHT_ON_RAD:
-        node.kind, node.main = "priority", main
-    outer_m = (node.lanes - 0.5) * LANE_M
-    node.stop_m = max(_LEAST_STOP_M, *((drawn.turn_m + outer_m) / exact.tan(min(gap, 3.0) / 2) for gap in _gaps(arms)))
-    return node
-
-
-def _junction(number: int, node: _Node, sketch: Sketch) -> Junction:
-    arms = tuple(Arm(heading, link, outwards) for heading, link, outwards in node.arms)
-    ring_m, entry_m = node.ring
-    return Junction(
-        number, sketch.centres[number], node.kind, arms, node.stop_m, node.lanes, node.main, ring_m, entry_m
+                stop_m = math.sqrt(np.square(ring_m + entry_m) - np.square(aside_m))
+                return Junction(number, centre, "roundabout", arms, stop_m, lanes, None, ring_m, entry_m)
+    bend, main = min(
+        (abs(math.remainder(arms[j].heading_rad - arms[i].heading_rad - math.pi, 2 * math.pi)), (i, j))
+        for i, j in combinations(range(len(arms)), 2)
     )
+    outer_m = (lanes - 0.5) * LANE_M
+    stop_m = max(_LEAST_STOP_M, *((drawn.turn_m + outer_m) / exact.tan(min(gap, 3.0) / 2) for gap in _gaps(arms)))
+    if drawn.priority and bend < _STRAIGHT_ON_RAD:
+        return Junction(number, centre, "priority", arms, stop_m, lanes, main)
+    return Junction(number, centre, "equal", arms, stop_m, lanes)
 
 
-def _street(number: int, link: Link, nodes: list[_Node], drawn: _StreetDraw) -> Street | None:
+def _street(number: int, link: Link, junctions: list[Junction], drawn: _StreetDraw) -> Street | None:
     """Return the street of a link, or None where it has no space for its bends and changes of lanes."""
-    ends = [nodes[link.begin], None if link.end is None else nodes[link.end]]
-    lanes = [node.lanes if node else 1 for node in ends]
+    ends = [junctions[link.begin], None if link.end is None else junctions[link.end]]
+    lanes = [end.lanes if end else 1 for end in ends]
     core = min(lanes)
     straight_m = (_straight_m(ends[0], core), _straight_m(ends[1], core))
     points = link.points if link.end is not None else _long_enough(link, straight_m[0])
@@ -230,9 +210,9 @@ def _street(number: int, link: Link, nodes: list[_Node], drawn: _StreetDraw) -> 
         return None
     begin, end = (
         StreetEnd(None)
-        if node is None
-        else StreetEnd(junction, [k for _, k, _ in node.arms].index(number), node.stop_m)
-        for node, junction in zip(ends, (link.begin, link.end), strict=True)
+        if end is None
+        else StreetEnd(end.number, [arm.street for arm in end.arms].index(number), end.stop_m)
+        for end in ends
     )
     speed = _MAIN_SPEED_M_S if core > 1 else drawn.speed_m_s
     return Street(number, line, begin, end, stations, speed, *drawn.parking)
@@ -251,33 +231,32 @@ def _can_stop(stations: tuple[Station, ...], *, loops: bool) -> bool:
     return free_m > _BRAKING_M
 
 
-def _straight_m(node: _Node | None, core: int) -> float:
+def _straight_m(junction: Junction | None, core: int) -> float:
     """Return the length from a street's end where it must be straight, for changes of its cross-section."""
-    if node is None:
+    if junction is None:
         return 0.0
-    changes = _changes(node, core)
-    return node.stop_m + _MARGIN_M + (changes[-1].along_m if changes else 0.0)
+    changes = _changes(junction, core)
+    return junction.stop_m + _MARGIN_M + (changes[-1].along_m if changes else 0.0)
 
 
-def _changes(node: _Node, core: int) -> list[Station]:
+def _changes(junction: Junction, core: int) -> list[Station]:
     """Return the cross-sections of a street behind a stop line, by the distance from it, until it has `core` lanes."""
-    if node.kind == "roundabout":
+    if junction.kind == "roundabout":
         return [Station(_MEDIAN_END_M, core)]
     found, along_m = list[Station](), _STORAGE_M
-    for lanes in range(node.lanes, core, -1):
+    for lanes in range(junction.lanes, core, -1):
         found += [Station(along_m, lanes), Station(along_m + MERGE_M, lanes - 1)]
         along_m += MERGE_M + _BETWEEN_M
     return found
 
 
-def _stations(node: _Node | None, core: int, from_m: float, sign: int) -> tuple[Station, ...]:
+def _stations(junction: Junction | None, core: int, from_m: float, sign: int) -> tuple[Station, ...]:
     """Return the cross-sections from one end of a street inwards."""
-    if node is None:
+    if junction is None:
         return (Station(from_m, core),)
-    inner_m = INNER_M + (ROUNDABOUT_MEDIAN_M / 2 if node.kind == "roundabout" else 0.0)
-    first = Station(from_m + sign * node.stop_m, node.lanes, inner_m)
-    changes = _changes(node, core)
-    return (first, *(replace(each, along_m=from_m + sign * (node.stop_m + each.along_m)) for each in changes))
+    first = Station(from_m + sign * junction.stop_m, junction.lanes, junction.inner_m)
+    changes = _changes(junction, core)
+    return (first, *(replace(each, along_m=from_m + sign * (junction.stop_m + each.along_m)) for each in changes))
 
 
 def _long_enough(link: Link, straight_m: float) -> Floats:

@@ -14,6 +14,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.world.towns.plan import Arm
 
 LEAST_ANGLE_RAD = math.radians(62.0)
 """Between two arms of a junction."""
@@ -46,15 +47,15 @@ class Sketch:
     centres: Floats
     links: list[Link] = field(default_factory=list)
 
-    def arms(self, junction: int) -> list[tuple[float, int, bool]]:
-        """Return the heading (rad, in [0, 2 pi)), link and whether it begins here of each arm, counter-clockwise."""
+    def arms(self, junction: int) -> tuple[Arm, ...]:
+        """Return the arms of a junction, counter-clockwise, with headings in [0, 2 pi)."""
         found = []
         for number, link in enumerate(self.links):
             if link.begin == junction:
                 found.append((_heading(link.points[0], link.points[1]), number, True))
             if link.end == junction:
                 found.append((_heading(link.points[-1], link.points[-2]), number, False))
-        return sorted(found)
+        return tuple(Arm(*each) for each in sorted(found))
 
 
 def _heading(start: Floats, end: Floats) -> float:
@@ -168,7 +169,7 @@ def _lead_out(rng: np.random.Generator, sketch: Sketch, number: int, measures: M
     """Add streets that lead out of a junction, so that it has three arms or more, where there is room."""
     wanted = int(rng.choice([3, 4, 5], p=[0.5, 0.42, 0.08]))
     for trial in range(_TRIALS):
-        headings = [heading for heading, _, _ in sketch.arms(number)]
+        headings = [arm.heading_rad for arm in sketch.arms(number)]
         if len(headings) >= (wanted if trial < _TRIALS // 2 else 3):
             return
         onward = rng.random() < 0.6  # straight on from another arm
