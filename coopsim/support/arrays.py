@@ -110,3 +110,9 @@ def look_up(rising: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArr
     there = place < len(rising)
     there[there] = rising[place[there]] == wanted[there]
     return place, there
+
+
+def numbered(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the group (N,), and the place (N,) within it, of each member of groups of `counts` members."""
+    group = np.repeat(np.arange(len(counts)), counts)
+    return group, np.arange(len(group)) - np.repeat(np.cumsum(counts) - counts, counts)

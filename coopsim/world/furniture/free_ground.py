@@ -8,6 +8,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
@@ -90,12 +91,6 @@ def make_obstacles(outlines: list[Floats], margin_m: list[float], layers: list[i
     cell_starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(shape.prod())))])
     near = which[np.argsort(cell, kind="stable")]
     return Obstacles(corners, starts, margins, np.array(layers, dtype=np.int64), cell_starts, near, origin, shape)
-
-
-def numbered(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the group (N,), and the place (N,) within it, of each member of groups of `counts` members."""
-    group = np.repeat(np.arange(len(counts)), counts)
-    return group, np.arange(len(group)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import numbered
 from coopsim.support.rng import stream
 from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import (
@@ -20,7 +21,6 @@ from coopsim.world.furniture.free_ground import (
     Discs,
     Obstacles,
     are_free,
-    numbered,
     settle,
 )
 from coopsim.world.furniture.kinds import (

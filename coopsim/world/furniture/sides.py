@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import (
     GROUND,
@@ -18,7 +19,6 @@ from coopsim.world.furniture.free_ground import (
     lines_of,
     make_obstacles,
     middle_of,
-    numbered,
 )
 from coopsim.world.places.layout import Footways, Layout
 from coopsim.world.places.road_network import CircularLane, Lane, StraightLane

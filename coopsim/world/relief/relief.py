@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.snapshot import StaticPart
@@ -35,12 +36,28 @@ class ReliefGrid(NamedTuple):
 
 
 def grid_of(triangles: Floats) -> ReliefGrid:
-    """Sort triangles (T, 3, 3) m, counter-clockwise from above, into cells."""
+    """Sort triangles (T, 3, 3) m, counter-clockwise from above, into the cells that are partly inside of all edges."""
     triangles = np.ascontiguousarray(triangles, dtype=np.float64).reshape(-1, 3, 3)
-    corners = triangles.reshape(-1, 3)[:, :2] if len(triangles) else np.zeros((1, 2))
-    low = corners.min(axis=0)
-    cells = np.floor((corners.max(axis=0) - low) / CELL_M).astype(np.int64) + 1
-    return ReliefGrid(triangles, low, cells, *_sort(triangles, low, cells))
+    corners = triangles[..., :2].copy()
+    low, high = (corners.min(axis=(0, 1)), corners.max(axis=(0, 1))) if len(corners) else np.zeros((2, 2))
+    cells = np.floor((high - low) / CELL_M).astype(np.int64) + 1
+    first = np.maximum(np.floor((corners.min(axis=1) - _TOUCH_M - low) / CELL_M).astype(np.int64), 0)
+    last = np.minimum(np.floor((corners.max(axis=1) + _TOUCH_M - low) / CELL_M).astype(np.int64), cells - 1)
+    rows, columns = (last - first + 1).T
+    found, place = numbered(rows * columns)
+    cell = first[found] + np.column_stack([place // columns[found], place % columns[found]])
+    at, meets = low + cell * CELL_M, np.ones(len(found), np.bool_)
+    for k in range(3):
+        here, there = corners[found, k], corners[found, (k + 1) % 3]
+        (ex, ey), ahead = (there - here).T, there > here
+        # The cell's corner that is farthest to the left of the edge.
+        left_x = np.where(ahead[:, 1], at[:, 0], at[:, 0] + CELL_M)
+        left_y = np.where(ahead[:, 0], at[:, 1] + CELL_M, at[:, 1])
+        left = ex * (left_y - here[:, 1]) - ey * (left_x - here[:, 0])
+        meets &= left + _TOUCH_M * (np.abs(ex) + np.abs(ey)) >= 0
+    number = cell[meets, 0] * cells[1] + cell[meets, 1]
+    start = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=int(cells.prod())))])
+    return ReliefGrid(triangles, low, cells, start, found[meets][np.argsort(number, kind="stable")])
 
 
 @njit(cache=True, nogil=True)
@@ -56,8 +73,10 @@ def span_of(triangle: Floats, low: Floats, cells: Ints) -> tuple[int, int, int, 
 @njit(cache=True, nogil=True)
 def is_over(triangle: Floats, x: float, y: float) -> bool:
     """Return whether a triangle is over a place, its edges included."""
-    for k in range(3):  # noqa: SIM110  (numba takes no generators)
-        if _left_of(triangle, k, x, y) < 0:
+    for k in range(3):
+        ex, ey = triangle[(k + 1) % 3, 0] - triangle[k, 0], triangle[(k + 1) % 3, 1] - triangle[k, 1]
+        left = ex * (y - triangle[k, 1]) - ey * (x - triangle[k, 0])
+        if left + _TOUCH_M * (abs(ex) + abs(ey)) < 0:
             return False
     return True
 
@@ -71,50 +90,6 @@ def height_at(triangle: Floats, x: float, y: float) -> float:
     u, v = (px * vy - py * vx) / (ux * vy - uy * vx), (ux * py - uy * px) / (ux * vy - uy * vx)
     along_u, along_v = triangle[1, 2] - triangle[0, 2], triangle[2, 2] - triangle[0, 2]
     return float(triangle[0, 2] + u * along_u + v * along_v)
-
-
-@njit(cache=True, nogil=True)
-def _sort(triangles: Floats, low: Floats, cells: Ints) -> tuple[Ints, Ints]:
-    """Return the first entry (C + 1,) of each cell, and the entries: first they are counted, then filled in."""
-    filled = np.zeros(cells[0] * cells[1] + 1, np.int64)
-    found = np.empty(0, np.int64)
-    for filling in (False, True):
-        for t in range(len(triangles)):
-            first_i, last_i, first_j, last_j = span_of(triangles[t], low, cells)
-            for i in range(first_i, last_i + 1):
-                for j in range(first_j, last_j + 1):
-                    if not _meets(triangles[t], low[0] + i * CELL_M, low[1] + j * CELL_M):
-                        continue
-                    cell = i * cells[1] + j
-                    if filling:
-                        found[filled[cell]] = t
-                    filled[cell + (not filling)] += 1
-        if not filling:
-            for cell in range(len(filled) - 1):
-                filled[cell + 1] += filled[cell]
-            start, found = filled.copy(), np.empty(filled[-1], np.int64)
-    return start, found
-
-
-@njit(cache=True, nogil=True)
-def _meets(triangle: Floats, x: float, y: float) -> bool:
-    """Return whether a cell with its lower corner at x, y is at least partly on the inner side of each edge."""
-    for k in range(3):
-        after = (k + 1) % 3
-        # The cell's corner that is farthest to the left of the edge.
-        left_x = x if triangle[after, 1] > triangle[k, 1] else x + CELL_M
-        left_y = y + CELL_M if triangle[after, 0] > triangle[k, 0] else y
-        if _left_of(triangle, k, left_x, left_y) < 0:
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def _left_of(triangle: Floats, k: int, x: float, y: float) -> float:
-    """Return a number that is negative where a place is clearly to the right of a triangle's edge k."""
-    ex, ey = triangle[(k + 1) % 3, 0] - triangle[k, 0], triangle[(k + 1) % 3, 1] - triangle[k, 1]
-    left = ex * (y - triangle[k, 1]) - ey * (x - triangle[k, 0])
-    return float(left + _TOUCH_M * (abs(ex) + abs(ey)))
 
 
 class Relief:
