@@ -13,18 +13,8 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
+from coopsim.world.furniture import kinds
 from coopsim.world.furniture.free_ground import lanes_of, obstacles_of
-from coopsim.world.furniture.kinds import (
-    BACK,
-    BACK_LINES,
-    KERB,
-    KERB_LINES,
-    KINDS,
-    VERGE,
-    VERGE_LINES,
-    YARD_STEM_M,
-    model,
-)
 from coopsim.world.furniture.placement import Placer, Plot
 from coopsim.world.furniture.sides import fronts, street_sides, way_sides
 from coopsim.world.furniture.solids import Shape
@@ -48,10 +38,10 @@ def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
     kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
     placer = Placer(seed, plot)
     placer.crosswalks(kerbs, layout.road_map.crosswalks)
-    rows, lines = (VERGE, VERGE_LINES) if layout.footways is None else (KERB, KERB_LINES)
+    rows, lines = (kinds.VERGE, kinds.VERGE_LINES) if layout.footways is None else (kinds.KERB, kinds.KERB_LINES)
     placer.zone("kerb", rows, lines, kerbs)
     placer.fronts(*fronts(layout))
-    placer.zone("back", BACK, BACK_LINES, backs)
+    placer.zone("back", kinds.BACK, kinds.BACK_LINES, backs)
     return plot.entries
 
 
@@ -98,7 +88,7 @@ def furnishing_parts(
     placed, first = list[_Placed](), 0
     for (kind, sizes, variant), pose in zip(stands, poses, strict=True):
         numbers = range(first, first + len(pose))
-        placed += [(kind, shape, number) for shape in model(kind, sizes, variant) for number in numbers]
+        placed += [(kind, shape, number) for shape in kinds.model(kind, sizes, variant) for number in numbers]
         first += len(pose)
     return _parts(placed, spots, ground)
 
@@ -123,7 +113,7 @@ def line_pieces(points: Floats, step_m: float) -> tuple[Floats, Floats, Floats]:
 def _pieces(entry: FurnitureEntry, variant: int) -> list[tuple[_Key, _Stand]]:
     """Return keys of the models of an entry, and their poses."""
     name = entry["kind"]
-    kind = KINDS[name]
+    kind = kinds.KINDS[name]
     sizes = tuple(float(entry.get(size, given.usual)) for size, given in kind.sizes.items())
     if not kind.along:
         x, y = entry["at"]
@@ -197,8 +187,8 @@ def leafy(description: Mapping[str, Any]) -> dict[str, Any]:
 
 def _leafy(tree: Mapping[str, Any], number: int) -> dict[str, Any]:
     sizes = {name: round(2 * float(tree[name])) / 2 for name in ("height_m", "crown_m") if name in tree}
-    height_m = sizes.get("height_m", KINDS["tree"].sizes["height_m"].usual)
-    stem_m = round(min(max(_STEM * height_m, 0.5), YARD_STEM_M), 1)
+    height_m = sizes.get("height_m", kinds.KINDS["tree"].sizes["height_m"].usual)
+    stem_m = round(min(max(_STEM * height_m, 0.5), kinds.YARD_STEM_M), 1)
     # Trees have no front: their branches lead in all directions.
     return {"kind": "tree", "at": list(tree["at"]), "heading_deg": 77.0 * number % 360.0, **sizes, "stem_m": stem_m}
 

@@ -12,6 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import numbered
 from coopsim.support.rng import stream
 from coopsim.types import Ints, Mask
+from coopsim.world.furniture import kinds
 from coopsim.world.furniture.free_ground import (
     BULKY,
     CROWN,
@@ -22,17 +23,6 @@ from coopsim.world.furniture.free_ground import (
     Obstacles,
     are_free,
     settle,
-)
-from coopsim.world.furniture.kinds import (
-    CAFES,
-    CROSSING_LIGHTS,
-    KINDS,
-    SCAFFOLDS,
-    STREET_STEM_M,
-    TREE_SIZES_M,
-    YARD_STEM_M,
-    Row,
-    Run,
 )
 from coopsim.world.furniture.sides import Sides
 
@@ -52,13 +42,13 @@ class Placer:
     def __init__(self, seed: int, plot: Plot) -> None:
         self._seed, self._plot = seed, plot
 
-    def zone(self, zone: str, rows: Sequence[Row], lines: Sequence[Run], sides: Sides) -> None:
+    def zone(self, zone: str, rows: Sequence[kinds.Row], lines: Sequence[kinds.Run], sides: Sides) -> None:
         """Put up the rows and runs of a zone, "kerb" or "back", those that fill gaps last."""
         self._rows(zone, [row for row in rows if not row.fills], sides)
         self._lines(zone, lines, sides)
         self._rows(zone, [row for row in rows if row.fills], sides)
 
-    def _rows(self, zone: str, rows: Sequence[Row], sides: Sides) -> None:
+    def _rows(self, zone: str, rows: Sequence[kinds.Row], sides: Sides) -> None:
         """Put up rows along the sides of a zone; pieces of "back" look back at the way."""
         for row in rows:
             draws = stream(self._seed, "furnish", zone, row.kind)
@@ -72,13 +62,13 @@ class Placer:
             sizes = _tree_sizes(zone, len(edge), draws) if row.kind == "tree" else None
             self._put_outward(row, edge, outward, facing, sizes)
 
-    def _lines(self, zone: str, lines: Sequence[Run], sides: Sides) -> None:
+    def _lines(self, zone: str, lines: Sequence[kinds.Run], sides: Sides) -> None:
         """Put up runs along the sides of a zone, each at the distance where most of it fits."""
         for line in lines:
             draws = stream(self._seed, "furnish", zone, line.kind)
             start, side = _series(line.every_m, line.share, sides, draws)
             length = draws.uniform(*line.run_m, len(start))
-            count = np.minimum(length, sides.first_m[side + 1] - start) // KINDS[line.kind].step_m
+            count = np.minimum(length, sides.first_m[side + 1] - start) // kinds.KINDS[line.kind].step_m
             kept = count >= 1
             if kept.any():
                 pieces, run = self._runs(line, sides, start[kept], count[kept].astype(np.int64))
@@ -87,7 +77,7 @@ class Placer:
     def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats]) -> None:
         """Put up signs or traffic lights where streets come to crosswalks."""
         draws = stream(self._seed, "furnish", "crosswalks")
-        lit = draws.uniform(size=len(crosswalks)) < CROSSING_LIGHTS
+        lit = draws.uniform(size=len(crosswalks)) < kinds.CROSSING_LIGHTS
         grid, side = sides.grid(1.0)
         if not len(grid) or not len(crosswalks):
             return
@@ -108,18 +98,18 @@ class Placer:
             along = np.array(places)[np.array(lights, dtype=np.bool_) == light]
             if len(along):
                 spot, outward, direction = sides.stands(along)
-                self._put_outward(Row(kind, 0.0, 0.6), spot, outward, direction + np.pi, None)
+                self._put_outward(kinds.Row(kind, 0.0, 0.6), spot, outward, direction + np.pi, None)
 
     def fronts(self, ends: Floats, out: Floats) -> None:
         """Put up scaffolds and tables of cafés before some fronts, of ends (N, 2, 2) m and unit vectors (N, 2)."""
         draws = stream(self._seed, "furnish", "fronts").uniform(size=(len(ends), 3))
-        for number in np.flatnonzero(draws[:, 0] < SCAFFOLDS + CAFES).tolist():
+        for number in np.flatnonzero(draws[:, 0] < kinds.SCAFFOLDS + kinds.CAFES).tolist():
             kind, long, place = draws[number].tolist()
             start, out_here = ends[number, 0], out[number]
             length = float(exact.hypot(*(ends[number, 1] - start)))
             along = (ends[number, 1] - start) / length
-            if kind < SCAFFOLDS:
-                step = KINDS["scaffold"].step_m
+            if kind < kinds.SCAFFOLDS:
+                step = kinds.KINDS["scaffold"].step_m
                 run = min(_SCAFFOLD_RUN_M[0] + long * (_SCAFFOLD_RUN_M[1] - _SCAFFOLD_RUN_M[0]), length - 0.5)
                 steps = np.arange(int(run // step), -1, -1) * step  # its rails are outward, on the left
                 points = start + _SCAFFOLD_OUT_M * out_here + (place * (length - run) + steps)[:, None] * along
@@ -130,7 +120,7 @@ class Placer:
                 heading = np.full(len(points), exact.arctan2(along[1], along[0]))
                 self._plot.put("cafe_table", np.column_stack([points, heading]))
 
-    def _put_outward(self, row: Row, edge: Floats, outward: Floats, facing: Floats, sizes: Floats | None) -> None:
+    def _put_outward(self, row: kinds.Row, edge: Floats, outward: Floats, facing: Floats, sizes: Floats | None) -> None:
         """Put up pieces at the first place outward from their edge where they fit, if any."""
         steps = len(_STEPS_M)
         places = edge[:, None] + (row.first_m + _STEPS_M)[:, None] * outward[:, None]
@@ -139,13 +129,13 @@ class Placer:
         each = None if sizes is None else np.repeat(sizes, steps, axis=0)
         self._plot.put(row.kind, wished.reshape(-1, 3), choice, bulky=row.bulky, sizes=each)
 
-    def _runs(self, line: Run, sides: Sides, start_m: Floats, count: Ints) -> tuple[Floats, Ints]:
+    def _runs(self, line: kinds.Run, sides: Sides, start_m: Floats, count: Ints) -> tuple[Floats, Ints]:
         """Return pieces (N, 2, 2) m of R runs, and their run (N,), each moved outward to where most of it is free.
 
         Runs begin at distances `start_m` (R,) along the sides and have `count` (R,) pieces.
         """
         run, place = numbered(count)
-        step_m = KINDS[line.kind].step_m
+        step_m = kinds.KINDS[line.kind].step_m
         ends = [sides.stands(start_m[run] + step_m * (place + more)) for more in (0, 1)]
         (edge, outward, _), (edge_after, outward_after, _) = ends
         out_m = line.first_m + _LINE_STEPS_M[:, None, None]
@@ -166,7 +156,7 @@ def _series(every_m: float, share: float, sides: Sides, draws: np.random.Generat
     return sides.first_m[side] + (phase[side] + place) * every_m, side
 
 
-def _along(row: Row, sides: Sides, draws: np.random.Generator) -> Floats:
+def _along(row: kinds.Row, sides: Sides, draws: np.random.Generator) -> Floats:
     """Return distances (N,) of a row's pieces on all sides."""
     along, side = _series(row.every_m, row.share, sides, draws)
     along = along + row.jitter * row.every_m * draws.uniform(-1.0, 1.0, len(along))
@@ -178,8 +168,8 @@ def _along(row: Row, sides: Sides, draws: np.random.Generator) -> Floats:
 
 def _tree_sizes(zone: str, count: int, draws: np.random.Generator) -> Floats:
     """Draw heights, widths of crowns and heights of stems (N, 3) m."""
-    sizes = np.array(TREE_SIZES_M)[draws.integers(len(TREE_SIZES_M), size=count)]
-    return np.column_stack([sizes, np.full(count, STREET_STEM_M if zone == "kerb" else YARD_STEM_M)])
+    sizes = np.array(kinds.TREE_SIZES_M)[draws.integers(len(kinds.TREE_SIZES_M), size=count)]
+    return np.column_stack([sizes, np.full(count, kinds.STREET_STEM_M if zone == "kerb" else kinds.YARD_STEM_M)])
 
 
 def _pairs(points: Floats) -> Floats:
@@ -223,7 +213,7 @@ class Plot:
         for n in np.flatnonzero(fits).tolist():
             entry = {"kind": kind, "at": _rounded(stands[n, :2]), "heading_deg": float(degrees[n])}
             if sizes is not None:
-                entry |= {name: float(size) for name, size in zip(KINDS[kind].sizes, sizes[n], strict=True)}
+                entry |= {name: float(size) for name, size in zip(kinds.KINDS[kind].sizes, sizes[n], strict=True)}
             self.entries.append(entry)
 
     def are_free(self, kind: str, ends: Floats, *, bulky: bool) -> Mask:
@@ -257,7 +247,7 @@ class Plot:
 
     def _discs(self, kind: str, stands: Floats, *, bulky: bool, sizes: Floats | None) -> tuple[Discs, Ints]:
         """Return the discs that pieces cover, and their number (N,) for each."""
-        length, width = KINDS[kind].ground_m
+        length, width = kinds.KINDS[kind].ground_m
         longest, shortest = max(length, width), min(length, width)
         count = int(np.ceil(longest / shortest - 1e-6))
         radius = exact.hypot(shortest, longest / count) / 2
@@ -284,7 +274,7 @@ def _layers(kind: str, *, bulky: bool) -> int:
 
 def _half_m(kind: str) -> float:
     """Return half the thickness of a kind along a line, or a little more of thin ones."""
-    return max(KINDS[kind].ground_m[1] / 2, 0.2)
+    return max(kinds.KINDS[kind].ground_m[1] / 2, 0.2)
 
 
 def _rounded(point: Floats) -> list[float]:

@@ -19,6 +19,7 @@ from coopsim.world.furniture.furnish import furnished, leafy
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
+from coopsim.world.towns import roadside
 from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import corner_kerb, kerb_lines_of, trace_rounds
 from coopsim.world.towns.lots import build_corners, build_frontages
@@ -27,16 +28,6 @@ from coopsim.world.towns.pavements import PeopleWays, cross_at_junctions, cross_
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.roads import lay_roads
-from coopsim.world.towns.roadside import (
-    add_humps,
-    add_puddles,
-    line_streets,
-    mark_bays,
-    pave_junctions,
-    pave_sides,
-    place_roadside_units,
-    plant_behind,
-)
 from coopsim.world.towns.site import Site
 from coopsim.world.towns.starts import FIRST, bring_near, off_roads, place_starts
 
@@ -111,16 +102,16 @@ def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[
     drawn = stream(seed, "openness").uniform() if openness is None else openness
     site = Site(plan, seed, drawn, rounds, kerbs, ways, borders)
     _take_streets(site)
-    pave_junctions(site)
-    pave_sides(site)
-    place_roadside_units(site)
+    roadside.pave_junctions(site)
+    roadside.pave_sides(site)
+    roadside.place_roadside_units(site)
     build_corners(site)
     build_frontages(site)
-    line_streets(site)
-    plant_behind(site)
-    mark_bays(site)
-    add_humps(site)
-    add_puddles(site)
+    roadside.line_streets(site)
+    roadside.plant_behind(site)
+    roadside.mark_bays(site)
+    roadside.add_humps(site)
+    roadside.add_puddles(site)
     return {
         "walks": describe_ways(ways),
         **site.items,
