@@ -34,6 +34,7 @@ from coopsim.world.towns.starts import FIRST, bring_near, off_roads, place_start
 _ANY = TownOptions()
 _KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew
 _DECIMALS = 3  # of lengths in m and angles in degrees: a description in a file gives the same bits
+_SCALE = 1000.0  # 10 to the power of these
 _POINTS = ("at", "look_at", "centre", "drones_around")
 _LINES = ("via", "along", "outline")
 
@@ -143,12 +144,11 @@ def _take_streets(site: Site) -> None:
 def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
     """Return a description turned about the origin, counter-clockwise; lengths and angles are rounded."""
     cos, sin, angle_deg = float(exact.cos(angle_rad)), float(exact.sin(angle_rad)), float(np.degrees(angle_rad))
-    scale = 10.0**_DECIMALS
 
     def point(at: Any) -> list[float]:
         x, y = at
         # As numpy rounds; adding 0.0 makes a zero of a negative one, which a file would keep.
-        return [round(each * scale) / scale + 0.0 for each in (cos * x - sin * y, sin * x + cos * y)]
+        return [round(each * _SCALE) / _SCALE + 0.0 for each in (cos * x - sin * y, sin * x + cos * y)]
 
     def part(key: str, content: Any) -> Any:
         if key in _POINTS:
