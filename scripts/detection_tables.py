@@ -8,7 +8,7 @@ from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.detect.detect_rows import EVERYWHERE
+from coopsim.bench.detect.detect import EVERYWHERE
 from coopsim.bench.report.formats import line_look, to_svg
 
 CLEAN = "clean"

@@ -21,9 +21,8 @@ from measure_detection import PLACES, TimeIsUpError
 from tabulate import tabulate
 
 from coopsim.bench.benchmark import Engine
-from coopsim.bench.detect.detect import DetectProgress, measure_detection
+from coopsim.bench.detect.detect import EVERYWHERE, DetectProgress, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.detect.detect_rows import EVERYWHERE
 from coopsim.cli.arguments import as_json, names, seeds
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import write_whole

@@ -20,9 +20,8 @@ from tabulate import tabulate
 
 import coopsim
 from coopsim.bench.benchmark import Engine
-from coopsim.bench.detect.detect import measure_detection
+from coopsim.bench.detect.detect import EVERYWHERE, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.detect.detect_rows import EVERYWHERE
 from coopsim.cli.arguments import names, seeds
 from coopsim.support.files import write_whole
 

@@ -2,79 +2,28 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Generator, Iterable, Iterator
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coopsim.bench.engine.job import Job, Outcome
-from coopsim.bench.engine.jobs_on_ray import run_on_ray
-from coopsim.bench.engine.local import run_locally
-from coopsim.bench.engine.schedule import Schedule
-from coopsim.bench.engine.work import DoneT, Work
+from coopsim.bench.engine.engine import Engine
+from coopsim.bench.engine.job import Job, MetricSpec, Outcome
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.grid.conditions import environment_options, scenario_options
+from coopsim.bench.grid.cell import Cell, CellResult, environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.metric_spec import MetricSpec
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
-from coopsim.catalog import NAMESPACE, newest
+from coopsim.catalog import NAMESPACE, PolicySpec, newest
 from coopsim.errors import InvalidValueError, StoreError
-from coopsim.support.checks import require_choice, require_count
-from coopsim.support.processes import cores
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
-
-ENGINES = ("local", "ray")
-
-
-@dataclass(frozen=True, slots=True)
-class Engine:
-    """The engine that runs cells.
-
-    Attributes:
-        name: "local" (processes of this machine) or "ray".
-        workers: cells at once; None: as many as there are cores.
-        address: of a Ray cluster; None: `RAY_ADDRESS`, or else a Ray of this machine alone.
-
-    Raises:
-        UnknownNameError: there is no such engine.
-        InvalidValueError: a value is not accepted, or "local" is asked for on a system without POSIX processes.
-    """
-
-    name: str = "local"
-    workers: int | None = None
-    address: str | None = None
-
-    def __post_init__(self) -> None:
-        require_choice("engine", self.name, ENGINES)
-        if self.name == "local" and os.name != "posix":
-            raise InvalidValueError(f"engine must be 'ray' here: 'local' needs Linux or macOS, this is {sys.platform}")
-        if self.workers is not None:
-            require_count(1, workers=self.workers)
-        if self.address is not None and self.name != "ray":
-            raise InvalidValueError(
-                f"address is of a Ray cluster and needs engine 'ray', got {self.address!r} for {self.name!r}"
-            )
-
-    @property
-    def at_once(self) -> int:
-        """Cells at once on this machine."""
-        return self.workers or cores()
-
-    def run(self, jobs: Iterator[Work[DoneT]]) -> Generator[DoneT]:
-        """Run jobs, and yield outcomes as they come; closing the generator ends the running ones."""
-        if self.name == "ray":
-            return run_on_ray(jobs, self.workers, self.address)
-        return run_locally(jobs, self.at_once)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,3 +166,53 @@ def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError],
         if result is not None:
             found[job.cell] = result
     return found
+
+
+_Kind = tuple[str, str]
+"""Policy and scenario, which decide the duration of a cell of a given number of frames."""
+
+
+class Schedule(Iterator[Job]):
+    """Hands out jobs, and learns from outcomes how long the remaining ones take."""
+
+    def __init__(self, jobs: Iterable[Job]) -> None:
+        self._left: defaultdict[_Kind, deque[Job]] = defaultdict(deque)
+        for job in jobs:
+            self._left[_kind(job)].append(job)
+        self._seconds: defaultdict[_Kind, list[float]] = defaultdict(list)
+        self._running: defaultdict[_Kind, int] = defaultdict(int)
+
+    def __next__(self) -> Job:
+        """Return a job of a kind that was not begun yet, else one of the kind that takes longest."""
+        waiting = [kind for kind, jobs in self._left.items() if jobs]
+        if not waiting:
+            raise StopIteration
+        kind = max(waiting, key=lambda each: self._expected_s(each, unknown_s=0.0 if self._running[each] else math.inf))
+        self._running[kind] += 1
+        return self._left[kind].popleft()
+
+    def learn(self, outcome: Outcome) -> None:
+        """Note the duration of a job."""
+        kind = _kind(outcome.job)
+        self._running[kind] -= 1
+        self._seconds[kind].append(outcome.seconds)
+
+    def left_s(self) -> float | None:
+        """Estimate the remaining work for one worker, s; None before the first outcome."""
+        known = [second for seconds in self._seconds.values() for second in seconds]
+        if not known:
+            return None
+        mean_s = sum(known) / len(known)
+        # Half of each running job is done.
+        return sum(
+            (len(self._left[kind]) + self._running[kind] / 2) * self._expected_s(kind, unknown_s=mean_s)
+            for kind in list(self._left)
+        )
+
+    def _expected_s(self, kind: _Kind, *, unknown_s: float) -> float:
+        seconds = self._seconds[kind]
+        return sum(seconds) / len(seconds) if seconds else unknown_s
+
+
+def _kind(job: Job) -> _Kind:
+    return job.cell.policy, job.cell.condition.scenario

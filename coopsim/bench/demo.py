@@ -11,11 +11,10 @@ import coopsim
 from coopsim.bench.engine.job import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.report.bench_report import About, write_bench_report
-from coopsim.bench.report.bev_data import thinned
-from coopsim.bench.report.demo_scene import Scene, SceneRun
+from coopsim.bench.report.scene import Scene, SceneRun, thinned
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.catalog import PolicySpec
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 from coopsim.viz.bev import BevFrame

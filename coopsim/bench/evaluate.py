@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import parallel_env, usual_seed
+from coopsim.catalog import PolicySpec, parallel_env, usual_seed
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D

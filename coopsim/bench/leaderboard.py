@@ -13,9 +13,9 @@ from tabulate import tabulate
 
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.report.bench_text import columns, format_value, score_row
 from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
-from coopsim.bench.report.table import columns, format_value, score_row
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS
 from coopsim.metrics.metric import PRIMARY_METRIC

@@ -7,9 +7,9 @@ import difflib
 import itertools
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import yaml
 
@@ -30,6 +30,14 @@ INTERRUPTED = 130
 
 POPULATION = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
 """Options of a scenario that have a flag."""
+
+
+class Command(NamedTuple):
+    """A command: its line of help, its arguments, and the function that runs it and returns the exit status."""
+
+    help: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
@@ -67,45 +75,6 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in POPULATION if (value := getattr(options, name)) is not None}
 
 
-def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """Declare a folder of recordings, what is detected in them, and the latency of messages."""
-    add = parser.add_argument
-    add("path", type=Path, help="folder: of OPV2V, V2XSet, V2V4Real, V2X-Seq-SPD or KITTI, or with labels/*.txt")
-    add(
-        "--detections",
-        type=names,
-        metavar="A,B",
-        help="of text files: each name is one agent; boxes are in the frame of the first",
-    )
-    add("--detector", metavar="NAME", help="of recordings with sweeps (default: pillars)")
-    add("--sequences", type=names, metavar="A,B", help="names of sequences (default: all)")
-    add("--frames", type=count, help="of each sequence with sweeps (default: all)")
-    add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
-    add("--match-iou", type=float, default=0.25, help="3D IoU of a match (default: %(default)s)")
-    add("--odometry", metavar="NAME", help="auto, poses, estimated or none (default: auto)")
-    add("--axes", metavar="NAME", help="of text files: kitti or v2v4real (default: kitti)")
-    add_options(parser, "of the environment, as region_x_m=140 or format=opv2v")
-
-
-def replay_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what `add_recordings` declares, but path and detections, as keywords of `evaluate_recordings`."""
-    flags = {"detector": "--detector", "max_cycles": "--frames", "latency_s": "--latency-ms"}
-    flags |= {name: f"--{name.replace('_', '-')}" for name in ("path", "detections", "sequences", "match_iou")}
-    given = {
-        "detector": options.detector,
-        "sequences": options.sequences,
-        "max_cycles": options.frames,
-        "odometry": options.odometry,
-        "axes": options.axes,
-    }
-    return {
-        "latency_s": options.latency_ms / 1000,
-        "match_iou": options.match_iou,
-        **{name: value for name, value in given.items() if value is not None},
-        **named_options(options, flags),
-    }
-
-
 def names(text: str) -> tuple[str, ...]:
     """Parse distinct names with commas between them."""
     named = tuple(name.strip() for name in text.split(","))
@@ -116,7 +85,7 @@ def names(text: str) -> tuple[str, ...]:
 
 def policy(text: str) -> str:
     """Parse a policy. Return its one spelling."""
-    from coopsim.bench.policy_spec import PolicySpec
+    from coopsim.catalog import PolicySpec
 
     try:
         return PolicySpec.parse(text).text

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from coopsim.cli.arguments import (
     INTERRUPTED,
+    Command,
     add_options,
     add_population,
     as_json,
@@ -27,11 +28,9 @@ from coopsim.support.files import require_writable, write_whole
 if TYPE_CHECKING:
     from coopsim.bench.demo import DemoConfig
 
-HELP = "compare policies in simulated traffic, with a report"
-
 _POLICIES = ("no_fusion", "late_fusion")
 _UNLESS = ", unless an option or the scenario file sets it"
-_FLAGS = {
+_FLAGS_OF_DEMO = {
     "latency_s": "--latencies-ms",
     "loss": "--loss",
     "position_noise_m": "--position-noise-m",
@@ -44,8 +43,7 @@ _FLAGS = {
 """Options that must be given by a flag, and the flag."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+def _add_demo(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
@@ -62,12 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+def _run_demo(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.demo import Demo
-    from coopsim.bench.report.table import evaluation_row, format_table, format_visibility
+    from coopsim.bench.report.bench_text import evaluation_row, format_table, format_visibility
     from coopsim.metrics.score import without_nan
 
     demo = Demo(_config(options))
@@ -106,7 +103,7 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     usual = usual_seed(options.environment) if played is None else played.header.seed
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
-    given = named_options(options, _FLAGS)
+    given = named_options(options, _FLAGS_OF_DEMO)
     explicit = {*given, *_options_of_file(options.environment)}
     given = {**world, **population(options), **_degradation(options, explicit), **given}
     return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)
@@ -136,3 +133,6 @@ def _latencies_s(options: argparse.Namespace, explicit: Collection[str]) -> tupl
             raise InvalidValueError("--latencies-ms must be left out where a channel is given, which sets the latency")
         return tuple(latency_ms / 1000 for latency_ms in options.latencies_ms)
     return (None,) if {"channel", "latency_s"} & set(explicit) else (0.0, 0.3)
+
+
+DEMO = Command("compare policies in simulated traffic, with a report", _add_demo, _run_demo)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    Command,
     add_options,
     as_json,
     count,
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
     from coopsim.bench.detect.detect import DetectProgress
     from coopsim.bench.detect.detect_plan import DetectPlan
 
-HELP = "measure what policies detect: average precision by distance, class and who saw it, under noise and delay"
-
-_FLAGS = {
+_FLAGS_OF_DETECT = {
     "latency_s": "--delays-ms",
     "position_noise_m": "--noise",
     "heading_noise_rad": "--noise",
@@ -42,8 +41,7 @@ _FLAGS = {
 """Options that must be given by a flag, and the flag."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+def _add_detect(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--policies", type=policies, default=("no_fusion", "late_fusion"), metavar="A,B(x=1)", help="as in `bench`")
     add(
@@ -83,13 +81,11 @@ def noises(text: str) -> tuple[tuple[float, float], ...]:
     return tuple((pair[0], pair[1]) for pair in pairs)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+def _run_detect(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import Engine
-    from coopsim.bench.detect.detect import measure_detection
-    from coopsim.bench.detect.detect_table import markdown_table
+    from coopsim.bench.detect.detect import markdown_table, measure_detection
 
     plan, out = _plan(options), options.json
     if out is not None:
@@ -138,7 +134,7 @@ def _plan(options: argparse.Namespace) -> DetectPlan:
         options.boxes,
         options.protocol,
         options.within_m,
-        named_options(options, _FLAGS),
+        named_options(options, _FLAGS_OF_DETECT),
         options.device,
     )
 
@@ -157,3 +153,10 @@ def _conclude(failed: int, interrupted: bool, rows: Sequence[Mapping[str, Any]],
         print(f"coopsim: {failed} episodes failed, and their rows are missing", file=sys.stderr)
         return FAILED
     return 0
+
+
+DETECT = Command(
+    "measure what policies detect: average precision by distance, class and who saw it, under noise and delay",
+    _add_detect,
+    _run_detect,
+)

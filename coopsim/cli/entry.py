@@ -9,43 +9,34 @@ import warnings
 from collections.abc import Sequence
 
 import coopsim
-from coopsim.cli import (
-    bench_command,
-    check_export_command,
-    compare_command,
-    demo_command,
-    detect_command,
-    export_command,
-    export_results_command,
-    leaderboard_command,
-    list_command,
-    record_command,
-    replay_command,
-    report_command,
-    town_command,
-    train_command,
-)
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
+from coopsim.cli.bench_commands import BENCH, COMPARE, REPORT
+from coopsim.cli.demo_command import DEMO
+from coopsim.cli.detect_command import DETECT
+from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
+from coopsim.cli.list_command import LIST
+from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
+from coopsim.cli.train_command import TRAIN
+from coopsim.cli.world_commands import RECORD, TOWN
 from coopsim.errors import CoopsimError
 from coopsim.support.interrupts import repeated_interrupts
 
 _COMMANDS = {
-    "demo": demo_command,
-    "bench": bench_command,
-    "detect": detect_command,
-    "report": report_command,
-    "compare": compare_command,
-    "record": record_command,
-    "town": town_command,
-    "export": export_command,
-    "check-export": check_export_command,
-    "export-results": export_results_command,
-    "train": train_command,
-    "replay": replay_command,
-    "leaderboard": leaderboard_command,
-    "list": list_command,
+    "demo": DEMO,
+    "bench": BENCH,
+    "detect": DETECT,
+    "report": REPORT,
+    "compare": COMPARE,
+    "record": RECORD,
+    "town": TOWN,
+    "export": EXPORT,
+    "check-export": CHECK_EXPORT,
+    "export-results": EXPORT_RESULTS,
+    "train": TRAIN,
+    "replay": REPLAY,
+    "leaderboard": LEADERBOARD,
+    "list": LIST,
 }
-"""Modules with `HELP`, `add_arguments` and `run`."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,7 +72,7 @@ def make_parser() -> Parser:
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, command in _COMMANDS.items():
-        subparser = commands.add_parser(name, help=command.HELP)
+        subparser = commands.add_parser(name, help=command.help)
         command.add_arguments(subparser)
         subparser.set_defaults(command=command.run)
     return parser

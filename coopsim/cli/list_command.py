@@ -7,19 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
+from coopsim.cli.arguments import Command
 
 if TYPE_CHECKING:
     from coopsim.support.registry import Registry
 
-HELP = "list the names of all that is registered or shipped: policies, environments, detectors, uplinks, codecs, ..."
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_list(parser: argparse.ArgumentParser) -> None:
     """Declare no arguments."""
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+def _run_list(options: argparse.Namespace) -> int:
     from coopsim.bench.grid.grid_file import PRESETS
     from coopsim.catalog import scenario_files
     from coopsim.comms.codecs.codec import CODECS
@@ -60,3 +58,10 @@ def _weights() -> list[str]:
     import coopsim.weights
 
     return sorted(path.stem for path in Path(coopsim.weights.__path__[0]).glob("*.safetensors"))
+
+
+LIST = Command(
+    "list the names of all that is registered or shipped: policies, environments, detectors, uplinks, codecs, ...",
+    _add_list,
+    _run_list,
+)

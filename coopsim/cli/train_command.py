@@ -7,18 +7,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import INTERRUPTED, add_options, count, count_or_zero, named_options
+from coopsim.cli.arguments import INTERRUPTED, Command, add_options, count, count_or_zero, named_options
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from coopsim.learn.loop.train_loop import TrainingProgress
 
-HELP = "train a network on what the simulator shows; the same command goes on after an interruption"
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+def _add_train(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recipe", metavar="RECIPE", help="name of a shipped recipe (pillars, attfuse, ...), or path of a YAML file")
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
@@ -30,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+def _run_train(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.learn.recipe import find_recipe
@@ -79,3 +75,10 @@ def _show(bar: tqdm[Any], progress: TrainingProgress) -> None:
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s)
     bar.set_postfix_str(f"{shown}, about {left} left", refresh=False)
     bar.update(progress.step - bar.n)
+
+
+TRAIN = Command(
+    "train a network on what the simulator shows; the same command goes on after an interruption",
+    _add_train,
+    _run_train,
+)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from coopsim.agents.policy import Policy
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import PolicySpec
 from coopsim.errors import CoopsimError, InvalidValueError
 
 PolicyLike = str | Policy | None

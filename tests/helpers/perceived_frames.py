@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.bench.detect.perceived.perceived import Perceived
-from coopsim.bench.detect.protocols.protocol import PROTOCOLS
-from coopsim.bench.detect.ranking.overlaps import Overlaps
-from coopsim.bench.detect.ranking.ranking import Ranking
+from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.detect.protocols import PROTOCOLS
+from coopsim.bench.detect.ranking import Overlaps, Ranking
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections, GroundTruth
 

@@ -21,8 +21,8 @@ import coopsim
 from coopsim.bench.benchmark import Engine, Progress, benchmark
 from coopsim.bench.engine.job import Job, Outcome, run_job
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.store import Store
+from coopsim.catalog import PolicySpec
 from coopsim.cli import INTERRUPTED, main
 from coopsim.errors import MissingDependencyError, StoreError
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
-from coopsim.bench.detect.detect_rows import EVERYWHERE
+from coopsim.bench.detect.detect import EVERYWHERE
+from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome
 from coopsim.cli import main
 
 QUICK = ["--option", "lidar=null", "--detector", "simulated", "--frames", "2"]

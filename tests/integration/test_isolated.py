@@ -16,8 +16,8 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.store import Store
+from coopsim.catalog import PolicySpec
 from coopsim.cli import main
 from coopsim.errors import InvalidValueError, IsolatedPolicyError
 

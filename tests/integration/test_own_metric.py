@@ -133,7 +133,7 @@ def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:
             "from coopsim.bench.benchmark import check\n"
             "from coopsim.bench.engine.job import Job\n"
             "from coopsim.bench.grid.grid import Grid\n"
-            "from coopsim.bench.metric_spec import MetricSpec\n"
+            "from coopsim.bench.engine.job import MetricSpec\n"
             "grid = Grid(('no_fusion', 'mine.py:Mine'), frames=5)\n"
             "policies = check(grid)\n"
             "print(Job.of(grid.cells()[0], {}, policies['no_fusion'], MetricSpec.all()).key)\n"

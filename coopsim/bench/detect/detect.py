@@ -1,21 +1,165 @@
-"""A detection measurement from the plan to the rows: finished episodes are read from files, the others are run."""
+"""Rows of the table: what was measured, pooled over episodes, as plain data for JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tabulate import tabulate
+
 from coopsim.bench.benchmark import Engine
-from coopsim.bench.detect.detect_job import DetectJob, DetectOutcome
-from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
-from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.perceived.perceived import Perceived
-from coopsim.bench.detect.perceived.perceived_files import PerceivedFiles
+from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome, DetectPlan, Disturbance
+from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
+from coopsim.bench.detect.protocols import PROTOCOLS, Protocol
+from coopsim.bench.detect.ranking import Overlaps, Ranking, area_interval
 from coopsim.errors import StoreError
+
+_MAIN = "APBEV@0.5"
+
+WITH_INTERVALS = (_MAIN, "APBEV@0.7", "AP3D@0.5", "AP3D@0.7", "APBEV@0.3 people", "APBEV@0.5 others_only")
+"""Metrics for which rows have intervals."""
+
+EVERYWHERE = "all"
+"""The environment of a row that pools all environments."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """An episode, matched.
+
+    Attributes:
+        perceived: the episode.
+        rankings: by metric, as the protocol makes them.
+    """
+
+    perceived: Perceived
+    rankings: Mapping[str, Ranking]
+
+    @classmethod
+    def of(cls, perceived: Perceived, protocol: str, within_m: float | None = None) -> Measured:
+        """Match an episode by a protocol, up to a distance of the receivers; None: everywhere."""
+        looked_at = perceived if within_m is None else perceived.within(within_m)
+        return cls(perceived, PROTOCOLS.get(protocol)().rankings(Overlaps.of(looked_at)))
+
+
+def row_of(
+    plan: DetectPlan, place: tuple[str, str, Disturbance], options: Mapping[str, Any], measured: Sequence[Measured]
+) -> dict[str, Any]:
+    """Return the row of a policy, an environment and a disturbance, pooled over its episodes.
+
+    Args:
+        plan: the plan.
+        place: policy, environment (or `EVERYWHERE`) and disturbance.
+        options: of the environment.
+        measured: at least one episode.
+    """
+    policy, environment, disturbance = place
+    protocol = PROTOCOLS.get(plan.protocol)()
+    episodes, rankings = [each.perceived for each in measured], [each.rankings for each in measured]
+    messages, sent_bytes = sum(each.messages for each in episodes), sum(each.sent_bytes for each in episodes)
+    return {
+        "policy": policy,
+        "environment": environment,
+        "protocol": plan.protocol,
+        "noise": disturbance.noise,
+        "delay_ms": disturbance.delay_ms,
+        "options": dict(options),
+        "seeds": list(plan.seeds),
+        "receivers": plan.receivers,
+        "boxes": plan.boxes,
+        "within_m": plan.within_m,
+        "arithmetic": plan.arithmetic(policy),
+        "frames": sum(each.frames for each in episodes),
+        "receiver_frames": sum(each.receiver_frames for each in episodes),
+        "messages": messages,
+        "bytes_per_message": round(sent_bytes / messages, 1) if messages else 0.0,
+        **_ms(episodes),
+        **metrics_of(protocol, rankings),
+        "objects": sum(part[_MAIN].objects for part in rankings),
+        "intervals": intervals_of(protocol, rankings),
+    }
+
+
+def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, float | None]:
+    """Return the metrics of episodes together, by name; None where there was nothing to be found.
+
+    Args:
+        protocol: of the metrics.
+        parts: rankings of each episode, by name.
+    """
+    joined = {name: Ranking.joined([part[name] for part in parts]) for name in parts[0]}
+    return {name: None if math.isnan(value) else round(value, 6) for name, value in protocol.values(joined).items()}
+
+
+def intervals_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, list[float]]:
+    """Return the 95 % intervals of the main areas, by name; empty for too few episodes. Arguments: `metrics_of`."""
+    pooled = protocol.ranks_frames_together
+    found = {
+        name: area_interval([part[name] for part in parts], pooled=pooled)
+        for name in WITH_INTERVALS
+        if name in parts[0]
+    }
+    return {name: [round(end, 6) for end in ends] for name, ends in found.items() if ends is not None}
+
+
+def _ms(episodes: Sequence[Perceived]) -> dict[str, float]:
+    """Return milliseconds a frame of the environment, by part."""
+    frames = sum(each.frames for each in episodes)
+    names = list(dict.fromkeys(name for each in episodes for name in each.ms))
+    return {
+        f"ms_{name}": round(sum(each.ms.get(name, 0.0) * each.frames for each in episodes) / max(frames, 1), 3)
+        for name in names
+    }
+
+
+_ABOUT = ("policy", "environment", "noise", "delay_ms")
+_NUMBERS: dict[str, tuple[str, ...]] = {
+    "coopsim": (
+        "APBEV@0.3", "APBEV@0.5", "APBEV@0.7", "AP3D@0.5", "AP3D@0.7", "APBEV@0.3 people", "APBEV@0.5 others_only",
+        "recall others_only", "recall", "false_per_frame",
+    ),
+    "opencood": ("APBEV@0.3", "APBEV@0.5", "APBEV@0.7"),
+    "dair": ("AP3D@0.3", "AP3D@0.5", "AP3D@0.7", "APBEV@0.3", "APBEV@0.5", "APBEV@0.7"),
+    "nuscenes": ("mAP", "mAP@0.5m", "mAP@1m", "mAP@2m", "mAP@4m"),
+    "v2x-real": ("APBEV@0.5 Vehicle", "APBEV@0.5 Truck", "APBEV@0.5 Pedestrian", "mAPBEV@0.3", "mAPBEV@0.5"),
+}  # fmt: skip
+_COSTS = ("frames", "bytes_per_message", "ms_environment", "ms_uplink", "ms_policy")
+
+
+def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Format rows of one protocol as a Markdown table; columns in which no row has anything are left out."""
+    if not rows:
+        return "no results"
+    protocol, within_m = str(rows[0]["protocol"]), rows[0].get("within_m")
+    numbers = _NUMBERS.get(protocol, tuple(name for name in rows[0] if name.startswith(("AP", "mAP"))))
+    shown = [name for name in (*_ABOUT, *numbers, *_COSTS) if any(row.get(name) is not None for row in rows)]
+    cells = [[_with_interval(row, name) for name in shown] for row in rows]
+    align = ["left" if name in _ABOUT else "right" for name in shown]
+    table = tabulate(cells, headers=shown, tablefmt="github", colalign=align, disable_numparse=True)
+    near = "" if within_m is None else f", within {within_m:g} m of the receiver"
+    used = {row["arithmetic"] for row in rows if row.get("arithmetic")}
+    computed = f", networks multiply in {' or '.join(sorted(used))}" if used else ""
+    return f"protocol {protocol}{near}{computed}\n\n{table}"
+
+
+def _cell(name: str, value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, str):
+        return value
+    if name in ("frames", "bytes_per_message", "delay_ms"):
+        return f"{value:,.0f}"
+    return f"{value:.1f}" if name.startswith("ms_") else f"{value:.3f}"
+
+
+def _with_interval(row: Mapping[str, Any], name: str) -> str:
+    low_high = row.get("intervals", {}).get(name)
+    return _cell(name, row.get(name)) + ("" if low_high is None else f" ({low_high[0]:.2f}-{low_high[1]:.2f})")
+
 
 _Place = tuple[str, str, Disturbance]
 

@@ -1,8 +1,10 @@
-"""The plan of a detection measurement: rows of a table, and the episodes that each row pools."""
+"""The disturbance of a row: noise of poses, and delay of messages."""
 
 from __future__ import annotations
 
+import math
 import reprlib
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,16 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
-from coopsim.bench.detect.detect_job import DetectJob
-from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.perceived.episode import BOXES, RECEIVERS, Boxes, Receivers, receiving
-from coopsim.bench.detect.perceived.pace import Pace, pace_of
-from coopsim.bench.detect.protocols.protocol import PROTOCOLS
+from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, pace_of, perceive_episode, receiving
+from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.detect.protocols import PROTOCOLS
+from coopsim.bench.engine.job import circumstances, traceback_of
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.grid.conditions import scenario_options
-from coopsim.bench.grid.on_device import PROCESSOR, arithmetic_on, detector_on, has_network, policy_on, require_device
-from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import is_recordings_folder
+from coopsim.bench.grid.cell import Cell, Condition, scenario_options
+from coopsim.bench.grid.policies import PROCESSOR, arithmetic_on, detector_on, has_network, policy_on, require_device
+from coopsim.bench.store.fingerprint import changed_parts, fingerprint, key_of
+from coopsim.catalog import PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.detection.detector import DETECTORS
 from coopsim.errors import InvalidValueError
@@ -33,6 +34,129 @@ from coopsim.support.checks import (
     require_positive,
 )
 from coopsim.support.rng import require_seed
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Disturbance:
+    """The disturbance of a row; None where the environment's own holds.
+
+    Attributes:
+        position_noise_m: standard deviation of x and of y of every agent's estimated pose.
+        heading_noise_deg: standard deviation of its heading.
+        delay_ms: of every message.
+    """
+
+    position_noise_m: float | None = None
+    heading_noise_deg: float | None = None
+    delay_ms: float | None = None
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Options of the environment that make it."""
+        made: dict[str, float] = {}
+        if self.position_noise_m is not None and self.heading_noise_deg is not None:
+            made["position_noise_m"] = self.position_noise_m
+            made["heading_noise_rad"] = math.radians(self.heading_noise_deg)
+        if self.delay_ms is not None:
+            made["latency_s"] = self.delay_ms / 1000
+        return made
+
+    @property
+    def noise(self) -> str | None:
+        """The noise as the command takes it, "0.4/0.4": m and degrees."""
+        return None if self.position_noise_m is None else f"{self.position_noise_m:g}/{self.heading_noise_deg:g}"
+
+
+@dataclass(frozen=True, eq=False)
+class DetectJob:
+    """An episode and everything that is needed to run it, as plain data.
+
+    Attributes:
+        policy: the policy.
+        environment: name of the environment, or path of a scenario file.
+        seed: of the episode.
+        options: all options of the environment.
+        pace: the frames that are measured.
+        receivers: the agents that are: "cars" or "all".
+        boxes: what of them: "detections" or "tracks".
+    """
+
+    policy: PolicySpec
+    environment: str
+    seed: int
+    options: Mapping[str, Any]
+    pace: Pace
+    receivers: Receivers = "cars"
+    boxes: Boxes = "detections"
+
+    @cached_property
+    def decided_by(self) -> str:
+        """Everything that decides the outcome, as text, as it is when this is first asked for."""
+        return self._fingerprint()
+
+    def _fingerprint(self) -> str:
+        cell = Cell(self.policy.text, Condition(self.environment), self.seed, self.pace.cycles)
+        pace = {"warm_up": self.pace.warm_up, "every": self.pace.every, "frames": self.pace.frames}
+        measured = {"detect": {**pace, "receivers": self.receivers, "boxes": self.boxes}}
+        return fingerprint(cell, {**self.options, **measured}, self.policy)
+
+    @property
+    def key(self) -> str:
+        """Name of the outcome in a store."""
+        return key_of(self.decided_by)
+
+    def run(self) -> DetectOutcome:
+        """Run the episode. An exception becomes the outcome: a user's policy may raise anything."""
+        started = time.perf_counter()
+        perceived, traceback = None, None
+        try:
+            policy = self.policy.make()
+            perceived = perceive_episode(
+                policy,
+                self.environment,
+                seed=self.seed,
+                options=self.options,
+                pace=self.pace,
+                receivers=self.receivers,
+                boxes=self.boxes,
+            )
+        except Exception as error:
+            traceback = traceback_of(error)
+        seconds = time.perf_counter() - started
+        if changed := changed_parts(self.decided_by, self._fingerprint()):
+            return self.lost(f"{changed} changed since the command began, or differs here")
+        return DetectOutcome(self, perceived, traceback, {"seconds": seconds, **circumstances()})
+
+    def died(self, how: str) -> DetectOutcome:
+        """Return the outcome where the process died."""
+        return DetectOutcome(self, None, f"the process that ran this episode died: {how}\n")
+
+    def lost(self, how: str) -> DetectOutcome:
+        """Return the outcome where the machine or the cluster died."""
+        return DetectOutcome(self, None, f"this episode was not run: {how}\n")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectOutcome:
+    """The outcome of a job.
+
+    Attributes:
+        job: the job.
+        perceived: what was perceived; None for a failed job.
+        traceback: of the exception that made it fail.
+        circumstances: data that differ between runs.
+    """
+
+    job: DetectJob
+    perceived: Perceived | None
+    traceback: str | None = None
+    circumstances: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def reason(self) -> str | None:
+        """The traceback's last line; None if the job did not fail."""
+        return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])
+
 
 LEARNED_DETECTOR = "pillars"
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import platform
 import re
 import socket
+import sys
 import time
 import traceback
 from collections.abc import Mapping
@@ -18,13 +20,13 @@ import numpy as np
 
 import coopsim
 from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
-from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.grid.cell import Cell, CellResult, environment_options
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.metric_spec import MetricSpec, keep_named
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
+from coopsim.catalog import SOURCE, PolicySpec, load_source
 from coopsim.errors import InvalidValueError
+from coopsim.metrics.built_in import BUILT_IN, custom_metrics
+from coopsim.metrics.metric import METRICS
 from coopsim.support.checks import require_count
 from coopsim.support.precision import arithmetic
 
@@ -211,3 +213,60 @@ def circumstances() -> dict[str, Any]:
         "platform": platform.platform(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
     }
+
+
+@dataclass(frozen=True, slots=True)
+class MetricSpec:
+    """Source of a metric that a user or a package registered.
+
+    Attributes:
+        name: as it is registered.
+        module: name of the module that registers it.
+        path: of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
+        source: text of that file; None for an importable module.
+    """
+
+    name: str
+    module: str
+    path: str | None = None
+    source: str | None = None
+
+    @classmethod
+    def all(cls) -> tuple[MetricSpec, ...]:
+        """Describe every registered metric that is not built in.
+
+        Raises:
+            InvalidValueError: a metric is registered by a script itself, which other processes cannot import.
+        """
+        specs = []
+        for name, metric in custom_metrics().items():
+            module = type(metric).__module__
+            if module == "__main__":
+                raise InvalidValueError(
+                    f"metric {name!r} must be registered in a module, or in the file of a policy, for a benchmark's "
+                    "processes to load it; it is registered in the script that runs"
+                )
+            content = vars(sys.modules[module])
+            source = content.get(SOURCE)
+            specs.append(cls(name, module, None if source is None else str(content["__file__"]), source))
+        return tuple(specs)
+
+    def load(self) -> None:
+        """Have the metric registered in this process.
+
+        Raises:
+            InvalidValueError: the module does not register it.
+        """
+        if self.name not in METRICS:
+            if self.source is not None and self.path is not None:
+                load_source(self.path, self.source)
+            else:
+                importlib.import_module(self.module)
+        if self.name not in METRICS:
+            raise InvalidValueError(f"metric {self.name!r} is not registered by the module {self.module!r}")
+
+
+def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
+    """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
+    named = {spec.name for spec in metrics}
+    return {name: value for name, value in values.items() if name in BUILT_IN or name in named}

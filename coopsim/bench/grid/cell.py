@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
+from coopsim.config.load import read_mapping
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_count, require_non_negative, require_number, require_probability
 
@@ -98,3 +103,166 @@ class CellResult:
     def reason(self) -> str | None:
         """The traceback's last line; None for a finished cell."""
         return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])
+
+
+_ONE_THREAD = {"threads": 1}
+"""Each cell runs on one core, as many at once as there are cores."""
+
+_JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
+"""Options that a whole channel overrides, and their defaults."""
+
+
+def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keywords of `coopsim.evaluate`: the cell's condition and length, and the options of all cells.
+
+    Args:
+        cell: the cell; its condition sets latency, loss, noise and bandwidth.
+        options: plain data, as `Grid.options`. A `channel` among them, a mapping or the path of a file, has none of
+            these.
+
+    Raises:
+        InvalidValueError: an option is not accepted, or would override the condition.
+    """
+    condition = cell.condition
+    made = {name: value for name, value in options.items() if name != "channel"}
+    limited = math.isfinite(condition.bandwidth_bit_s)
+    if limited or options.get("channel") is not None:
+        made["channel"] = _channel(cell, options)
+        on_air = {"latency_s": 0.0, "loss": 0.0, **_JITTER_AND_RANGE}  # overrides a scenario file, too
+    else:
+        on_air = {"latency_s": condition.latency_s, "loss": condition.loss}
+    noise = {
+        "position_noise_m": condition.position_noise_m,
+        "heading_noise_rad": math.radians(condition.heading_noise_deg),
+    }
+    one_thread = {} if is_recordings_folder(condition.scenario) else _ONE_THREAD
+    return {**one_thread, **made, **on_air, **noise, "max_cycles": cell.frames}
+
+
+def scenario_options(scenario: str) -> Mapping[str, Any]:
+    """Return the options in a scenario's file; none for a scenario without a file.
+
+    Raises:
+        ScenarioFileError: the file is missing or broken.
+    """
+    return scenario_file_options(scenario) if is_scenario_file(scenario) else {}
+
+
+def _channel(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the channel: latency, loss and rate of the condition; else as in `options` or the scenario's file."""
+    condition, given = cell.condition, read_mapping("channel", "None", options.get("channel") or {})
+    medium = given.get("bandwidth") or {}
+    for name in ("latency", "loss"):
+        if name in given:
+            raise InvalidValueError(f"channel must be without {name}, which is the grid's, got {given[name]!r}")
+    if not isinstance(medium, Mapping) or "rate_bit_s" in medium:
+        raise InvalidValueError(f"channel.bandwidth must be a mapping without rate_bit_s, the grid's, got {medium!r}")
+    usual = {**_JITTER_AND_RANGE, **scenario_options(condition.scenario), **options}
+    limited = math.isfinite(condition.bandwidth_bit_s)
+    return {
+        "range_m": usual["communication_range_m"],
+        **given,
+        "latency": {"model": "gaussian", "mean_s": condition.latency_s, "jitter_s": usual["latency_jitter_s"]},
+        "loss": {"model": "bernoulli", "probability": condition.loss},
+        "bandwidth": {**medium, "rate_bit_s": condition.bandwidth_bit_s} if limited else None,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A number of a condition, with its labels.
+
+    Attributes:
+        field: of `Condition`.
+        name: in labels.
+        unit: in labels.
+        scale: factor from the field's unit to the shown one.
+        along: other axes that vary together with this one: each of their values belongs to one value of this.
+    """
+
+    field: str
+    name: str
+    unit: str
+    scale: float = 1.0
+    along: tuple[Axis, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """The name, with the names of axes that vary along."""
+        return " and ".join(axis.name for axis in (self, *self.along))
+
+    @property
+    def label(self) -> str:
+        """The title with its unit, for plots."""
+        return f"{self.name} ({self.unit})" + "".join(f", with {axis.name}" for axis in self.along)
+
+    def value(self, condition: Condition) -> float:
+        """Return the condition's value in the shown unit."""
+        # 12 digits, because 0.07 * 100 is not 7.
+        return float(f"{getattr(condition, self.field) * self.scale:.12g}")
+
+    def text(self, condition: Condition) -> str:
+        """Format the condition's value with its unit, and those of axes that vary along."""
+        values = [(axis, axis.value(condition)) for axis in (self, *self.along)]
+        return " and ".join(f"{value:g} {axis.unit}" if math.isfinite(value) else "no limit" for axis, value in values)
+
+    def harm(self, value: float) -> float:
+        """Return a number that rises with the harm of a value: less bandwidth, more of anything else."""
+        return -value if self.field == "bandwidth_bit_s" else value
+
+
+AXES = (
+    Axis("latency_s", "latency", "ms", 1e3),
+    Axis("loss", "loss", "%", 1e2),
+    Axis("position_noise_m", "position noise", "m"),
+    Axis("heading_noise_deg", "heading noise", "°"),
+    Axis("bandwidth_bit_s", "bandwidth", "Mbit/s", 1e-6),
+)
+
+
+def varying_axes(conditions: Sequence[Condition]) -> tuple[Axis, ...]:
+    """Return the axes on which conditions differ; axes that only vary together are one."""
+    return _varying(tuple(conditions))
+
+
+@lru_cache(maxsize=8)
+def _varying(conditions: tuple[Condition, ...]) -> tuple[Axis, ...]:
+    axes: list[Axis] = []
+    for axis in AXES:
+        count = len({axis.value(each) for each in conditions})
+        if count == 1:
+            continue
+        for k, other in enumerate(axes):
+            pairs = {(other.value(each), axis.value(each)) for each in conditions}
+            if len(pairs) == count == len({other.value(each) for each in conditions}):
+                axes[k] = replace(other, along=(*other.along, axis))
+                break
+        else:
+            axes.append(axis)
+    return tuple(axes)
+
+
+def label(condition: Condition, conditions: Sequence[Condition]) -> str:
+    """Name a condition among others by what differs between them, or by its scenario if nothing does."""
+    return _joined(condition, conditions, [f"{axis.title} {axis.text(condition)}" for axis in varying_axes(conditions)])
+
+
+def short_label(condition: Condition, conditions: Sequence[Condition]) -> str:
+    """Name a condition as `label` does, without the axes' titles."""
+    return _joined(condition, conditions, [axis.text(condition) for axis in varying_axes(conditions)])
+
+
+def _joined(condition: Condition, conditions: Sequence[Condition], parts: Sequence[str]) -> str:
+    several = len({each.scenario for each in conditions}) > 1
+    return ", ".join([*([condition.scenario] if several or not parts else []), *parts])
+
+
+def mildest_values(conditions: Sequence[Condition]) -> tuple[float, ...]:
+    """Return the mildest value on each of the `varying_axes`."""
+    return tuple(min((axis.value(each) for each in conditions), key=axis.harm) for axis in varying_axes(conditions))
+
+
+def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
+    """Return the conditions that are mildest on every axis, at most one per scenario; a grid may lack that corner."""
+    axes, least = varying_axes(conditions), mildest_values(conditions)
+    return tuple(each for each in conditions if tuple(axis.value(each) for axis in axes) == least)

@@ -9,10 +9,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from coopsim.bench.grid.cell import Cell, Condition
-from coopsim.bench.grid.every_policy import name_all
-from coopsim.bench.grid.on_device import PROCESSOR, detector_on, policy_on, require_device
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
 from coopsim.bench.store.fingerprint import plain_options
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
     MOST_RUNS,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
-from coopsim.bench.policy_spec import names_code
+from coopsim.catalog import names_code
 from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice

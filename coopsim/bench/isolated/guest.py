@@ -11,9 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from coopsim.bench.isolated.parcels import pack_parcel
-from coopsim.bench.isolated.pipe import Pipe
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.bench.isolated.parcels import Pipe, pack_parcel
+from coopsim.catalog import PolicySpec
 from coopsim.comms.envelope import encode_message
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink
 from coopsim.errors import CoopsimError

@@ -1,4 +1,4 @@
-"""Plain data as bytes that can be read from a process that is not trusted: nothing in them names code.
+"""Bytes between a policy's process and ours: plain data as parcels, which name no code, over pipes with time limits.
 
 A parcel is the length of a header, the header, and the bytes of all arrays, end to end. The header is JSON, in which an
 array is its type, its shape and the place of its first byte.
@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import select
 import struct
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -79,3 +82,70 @@ def _read(value: Any, heap: memoryview) -> Any:
     if begin + count * dtype.itemsize > len(heap):
         raise ValueError("an array is longer than the bytes that came")
     return np.frombuffer(heap, dtype, count, begin).reshape(shape) if count else np.zeros(shape, dtype)
+
+
+_BLOCK = struct.Struct("<q")
+_MOST_BYTES = 2**30
+_CHUNK_BYTES = 2**20
+
+
+class Pipe:
+    """One end of two pipes to another process. What is sent is taken apart into blocks of bytes.
+
+    Args:
+        reader: descriptor of the pipe from the other process.
+        writer: descriptor of the pipe to it.
+    """
+
+    def __init__(self, reader: int, writer: int) -> None:
+        self._reader, self._writer = reader, writer
+        os.set_blocking(writer, False)
+
+    def send(self, block: bytes, limit_s: float | None = None) -> None:
+        """Send a block.
+
+        Raises:
+            TimeoutError: the other process has not taken it within `limit_s`.
+            BrokenPipeError: it is gone.
+        """
+        end_s = _end_s(limit_s)
+        left = memoryview(_BLOCK.pack(len(block)) + block)
+        while left:
+            _wait(self._writer, select.POLLOUT, end_s)
+            left = left[os.write(self._writer, left[:_CHUNK_BYTES]) :]
+
+    def receive(self, limit_s: float | None = None) -> bytes:
+        """Wait for a block, and return it.
+
+        Raises:
+            TimeoutError: it has not come within `limit_s`.
+            EOFError: the other process is gone.
+            ValueError: the other process announces a block longer than 1 GiB.
+        """
+        end_s = _end_s(limit_s)
+        (length,) = _BLOCK.unpack(self._read(_BLOCK.size, end_s))
+        if not 0 <= length <= _MOST_BYTES:
+            raise ValueError(f"a block has at most {_MOST_BYTES} bytes, announced were {length}")
+        return self._read(length, end_s)
+
+    def _read(self, count: int, end_s: float | None) -> bytes:
+        read = bytearray()
+        while len(read) < count:
+            _wait(self._reader, select.POLLIN, end_s)
+            part = os.read(self._reader, min(count - len(read), _CHUNK_BYTES))
+            if not part:
+                raise EOFError
+            read += part
+        return bytes(read)
+
+
+def _end_s(limit_s: float | None) -> float | None:
+    return None if limit_s is None else time.monotonic() + limit_s
+
+
+def _wait(descriptor: int, event: int, end_s: float | None) -> None:
+    poll = select.poll()
+    poll.register(descriptor, event)
+    left_ms = None if end_s is None else max(0.0, end_s - time.monotonic()) * 1000
+    if not poll.poll(left_ms):
+        raise TimeoutError

@@ -7,9 +7,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from coopsim.bench.grid.axes import AXES
-from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.paper.training_places import TrainingPlaces
+from coopsim.bench.grid.cell import AXES
+from coopsim.bench.paper.provenance import Provenance, TrainingPlaces
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL
 from coopsim.metrics.built_in import all_metrics

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.axes import Axis, mildest_values, varying_axes
-from coopsim.bench.grid.cell import Condition
+from coopsim.bench.grid.cell import Axis, Condition, mildest_values, varying_axes
 from coopsim.bench.report.formats import line_look, to_svg
 from coopsim.bench.results.result_table import ResultTable
 

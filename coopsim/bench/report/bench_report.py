@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.axes import Axis, label, varying_axes
+from coopsim.bench.grid.cell import Axis, label, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
-from coopsim.bench.report.bev_data import DRAWING
 from coopsim.bench.report.clips import Clip
-from coopsim.bench.report.demo_scene import Scene
 from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.scene import DRAWING, Scene
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole

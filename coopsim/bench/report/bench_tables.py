@@ -6,8 +6,8 @@ import html
 import math
 from collections.abc import Sequence
 
-from coopsim.bench.grid.axes import label, short_label
-from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value, title_of
+from coopsim.bench.grid.cell import label, short_label
+from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval

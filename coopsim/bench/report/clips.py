@@ -11,8 +11,8 @@ import numpy as np
 
 from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.bev_data import frame_data, home_of, map_data, thinned, tracks_data
-from coopsim.bench.results.moments import Moment
+from coopsim.bench.report.scene import frame_data, home_of, map_data, thinned, tracks_data
+from coopsim.bench.results.standings import Moment
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap

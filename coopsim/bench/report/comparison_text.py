@@ -9,8 +9,7 @@ from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.grid.axes import label
-from coopsim.bench.grid.cell import Condition
+from coopsim.bench.grid.cell import Condition, label
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.comparison import Comparison, Difference
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value

@@ -12,17 +12,20 @@ from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
-from coopsim.bench.paper.paper_files import paper_files
+from coopsim.bench.paper.protocol_text import protocol_text
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.policy_spec import PolicySpec, names_code
+from coopsim.bench.paper.tables import interval_csv, latex_tables
+from coopsim.bench.paper.trade_off_plot import trade_off
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
-from coopsim.bench.results.moments import worst_moments
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.catalog import refuse_writing
-from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.bench.results.standings import worst_moments
+from coopsim.catalog import PolicySpec, names_code, refuse_writing
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.metrics.built_in import BYTES
+from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_count, require_non_negative
 from coopsim.support.files import make_folder, write_whole
 
@@ -143,3 +146,35 @@ def make_rerun(
         return run_job(job, on_frame).result
 
     return run
+
+
+METRICS = (PRIMARY_METRIC, "AMOTA", "AMOTP", "HOTA", "IDS")
+"""The metrics of the tables; the first one is that of the figure and of the tables by axis."""
+
+
+def paper_files(table: ResultTable, provenance: Provenance, metrics: Sequence[str] = ()) -> dict[str, str]:
+    """Return the contents of files by name; results of unfinished grids have them, too.
+
+    These are `protocol.txt`, `intervals.csv`, `tables/*.tex`, and `plots/METRIC_over_bytes.svg` where bytes were
+    counted. Without any value there is the protocol alone.
+
+    Args:
+        table: the results.
+        provenance: of their grid.
+        metrics: names; default: those of `METRICS` that the results have, or else all that reports show.
+
+    Raises:
+        UnknownNameError: the results have no such metric.
+    """
+    for name in metrics:
+        if name not in table.metrics or name == BYTES:
+            raise UnknownNameError("metric", name, table.shown)
+    chosen = tuple(metrics) or tuple(name for name in METRICS if name in table.metrics) or table.shown
+    files = {"protocol.txt": protocol_text(table, provenance, chosen)}
+    if not chosen:
+        return files
+    files["intervals.csv"] = interval_csv(table, chosen)
+    files |= {f"tables/{name}": text for name, text in latex_tables(table, chosen).items()}
+    if BYTES in table.metrics:
+        files[f"plots/{chosen[0]}_over_bytes.svg"] = trade_off(table, chosen[0], provenance.sends)
+    return files

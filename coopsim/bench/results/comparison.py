@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.results.samples import Samples, samples_of
+from coopsim.bench.results.result_table import Samples, samples_of
 from coopsim.bench.results.statistics import (
     LEVEL,
     Interval,

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from coopsim.bench.grid.axes import mildest
-from coopsim.bench.grid.cell import Condition
+from coopsim.bench.grid.cell import CellResult, Condition, mildest
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import Interval
+from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values, mean_interval
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
+from coopsim.support.checks import require_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,3 +90,144 @@ def known_mean(values: Floats, axis: int) -> Floats:
         warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
         mean: Floats = np.nanmean(values, axis=axis)
     return mean
+
+
+@dataclass(frozen=True, slots=True)
+class BesideBest:
+    """A policy's value beside that of the best policy.
+
+    Attributes:
+        interval: the mean with its interval over seeds, or over drawn places; NaN without values.
+        complete: the policy has a value with every seed in every condition; others are compared with nobody.
+        best: no complete policy has a better mean.
+        p_corrected: of the paired difference to the best policy, corrected for the number of complete policies and for
+            the choice of the best among them; NaN for the best policy itself, and where nothing is compared.
+    """
+
+    interval: Interval
+    complete: bool = False
+    best: bool = False
+    p_corrected: float = math.nan
+
+    @property
+    def unbeaten(self) -> bool:
+        """Whether the best policy is another, and not significantly better than this one."""
+        return self.complete and not self.best and self.p_corrected > LEVEL
+
+
+def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> tuple[BesideBest, ...]:
+    """Compare every policy with the best one, by the mean of a metric over some conditions.
+
+    Differences are paired by sample, and tested all together (`largest_difference_p_values`), because the best one is
+    chosen from the same values: tested each by itself, one of 29 equal policies would be called worse in one of five
+    tables. They are corrected for the number of policies, not of metrics and conditions: each call asks one question,
+    which policies are as good as the best.
+
+    Args:
+        table: the results.
+        metric: name of the metric.
+        conditions: their numbers in the table.
+
+    Returns:
+        In the order of `table.policies`.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
+    by_sample = table.samples.average(known_mean(values, axis=1))
+    intervals = [mean_interval(row) for row in by_sample]
+    if not complete.any():
+        return tuple(BesideBest(interval) for interval in intervals)
+    sign = -1.0 if less_is_better(metric) else 1.0
+    goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
+    best, compared = int(np.argmax(goods)), np.flatnonzero(complete)
+    known = by_sample[compared][:, ~np.isnan(by_sample[best])]
+    p_values = np.full(len(values), math.nan)
+    p_values[compared] = largest_difference_p_values(sign * known, int(np.searchsorted(compared, best)))
+    p_values[best] = math.nan
+    return tuple(
+        BesideBest(interval, bool(complete[k]), goods[k] == goods[best], float(p_values[k]))
+        for k, interval in enumerate(intervals)
+    )
+
+
+WINDOW_FRAMES = 25
+LEAST_GAP = 0.05
+"""Gap in mean reward from which a window is a worst moment."""
+
+_REPEATED = 0.5
+"""Weight of a window whose policy, condition or traffic was chosen before, once for each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """A window of two runs in the same traffic.
+
+    Attributes:
+        worst: the run that fell behind.
+        best: the run with the highest mean reward of that condition and seed.
+        first: first frame of the window.
+        last: first frame after the window.
+        gap: mean reward of the best run in the window, minus that of the worst.
+    """
+
+    worst: CellResult
+    best: CellResult
+    first: int
+    last: int
+    gap: float
+
+    @property
+    def agent(self) -> str | None:
+        """The agent whose MOTA differs most between the runs; None if the results name no agent."""
+        gaps = {
+            name: self.best.agents[name].get("MOTA", np.nan) - values.get("MOTA", np.nan)
+            for name, values in self.worst.agents.items()
+            if name in self.best.agents
+        }
+        known = {name: -np.inf if np.isnan(gap) else gap for name, gap in gaps.items()}
+        return max(sorted(known), key=known.__getitem__) if known else None
+
+
+def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FRAMES) -> tuple[Moment, ...]:
+    """Choose at most `count` windows, the worst first, varied in policy, condition and traffic.
+
+    The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same
+    time then count half.
+
+    Raises:
+        InvalidValueError: a number is not accepted.
+    """
+    require_count(0, count=count)
+    require_count(1, window_frames=window_frames)
+    length = min(window_frames, table.frames)
+    rewards, runs = _rewards(table)
+    means = rewards.mean(axis=3)
+    best = np.where(np.isnan(means), -np.inf, means).argmax(axis=0)
+    leading = np.take_along_axis(rewards, best[None, :, :, None], axis=0)
+    gaps = sliding_window_view(leading - rewards, length, axis=3).mean(axis=4)
+    weights = np.nan_to_num(gaps, nan=-1.0)
+    weights[gaps < LEAST_GAP] = -1.0
+    moments: list[Moment] = []
+    while len(moments) < count and weights.max(initial=-1.0) > 0:
+        policy, condition, seed, first = (int(k) for k in np.unravel_index(weights.argmax(), weights.shape))
+        gap = float(gaps[policy, condition, seed, first])
+        leader = int(best[condition, seed])
+        moments.append(Moment(runs[policy, condition, seed], runs[leader, condition, seed], first, first + length, gap))
+        near = slice(max(0, first - length + 1), first + length)
+        same_traffic = [each.scenario == table.conditions[condition].scenario for each in table.conditions]
+        weights[policy, condition, seed, near] = -1.0
+        for chosen in (np.s_[policy], np.s_[:, condition], np.s_[:, np.array(same_traffic), seed, near]):
+            weights[chosen] *= _REPEATED
+    return tuple(moments)
+
+
+def _rewards(table: ResultTable) -> tuple[Floats, dict[tuple[int, int, int], CellResult]]:
+    """Return rewards (P, C, S, F), NaN for runs that failed or are missing, and the runs by their place in it."""
+    rewards = np.full((*table.finished.shape, table.frames), np.nan)
+    runs = {}
+    for result, place in zip(table.results, table.places, strict=True):
+        if not result.failed and len(result.rewards) == table.frames:
+            rewards[place], runs[place] = result.rewards, result
+    return rewards, runs

@@ -14,18 +14,18 @@ from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coopsim
-from coopsim.bench.grid.cell import Cell
-from coopsim.bench.grid.conditions import scenario_options
-from coopsim.bench.metric_spec import MetricSpec
-from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import SCENARIO_SUFFIXES, is_recordings_folder
+from coopsim.bench.grid.cell import Cell, scenario_options
+from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
 from coopsim.support.precision import arithmetic
+
+if TYPE_CHECKING:
+    from coopsim.bench.engine.job import MetricSpec
 
 LAYOUT = 2
 """Raise this number when equal inputs give other results or another file."""

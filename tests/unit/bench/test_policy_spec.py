@@ -9,7 +9,7 @@ import pytest
 
 import coopsim
 from coopsim.agents.late_fusion import LateFusion
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import PolicySpec
 from coopsim.config.spec import split_specs
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.bench.grid.cell import Cell, Condition
-from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.grid.cell import Cell, Condition, environment_options
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Observation, Tracks
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.cli import list_command, main
+from coopsim.cli import entry, main
 from coopsim.cli.arguments import INTERRUPTED
 
 COMMAND = "import sys\nfrom coopsim.cli import main\nsys.exit(main())\n"  # as pip writes it
@@ -51,7 +51,7 @@ def test_an_interrupt_that_python_drops_comes_again(
         time.sleep(20)
         return 0
 
-    monkeypatch.setattr(list_command, "run", run)
+    monkeypatch.setitem(entry._COMMANDS, "list", entry.LIST._replace(run=run))
     hook, before = sys.unraisablehook, signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         assert main(["list"]) == INTERRUPTED

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.policy_spec import PolicySpec
-from coopsim.catalog import refuse_writing
+from coopsim.catalog import PolicySpec, refuse_writing
 from coopsim.data.export.export_card import CARD, DONE, read_card
 from coopsim.data.export.export_format import make_export_format
 from coopsim.data.export.export_plan import ExportPlan

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.detect.disturbance import Disturbance
+from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
 from coopsim.errors import CoopsimError
 
 

@@ -7,11 +7,9 @@ from dataclasses import replace
 import pytest
 from perceived_frames import detections, objects
 
-from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.detect.detect_rows import EVERYWHERE, Measured, row_of
-from coopsim.bench.detect.detect_table import markdown_table
-from coopsim.bench.detect.disturbance import Disturbance
-from coopsim.bench.detect.perceived.perceived import Perceived
+from coopsim.bench.detect.detect import EVERYWHERE, Measured, markdown_table, row_of
+from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.errors import InvalidValueError
 
 GOOD = Perceived.of([detections((0, 0.9))], [objects(0)], messages=3, sent_bytes=300, ms={"policy": 10.0})

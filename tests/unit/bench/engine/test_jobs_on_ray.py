@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from coopsim.bench.engine.jobs_on_ray import _outcome
+from coopsim.bench.engine.engine import _outcome
 
 
 class _RayError(Exception):

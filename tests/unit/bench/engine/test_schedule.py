@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from coopsim.bench.benchmark import Schedule
 from coopsim.bench.engine.job import Job, Outcome
-from coopsim.bench.engine.schedule import Schedule
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import PolicySpec
 
 
 def job(policy: str, seed: int) -> Job:

@@ -12,11 +12,10 @@ import pytest
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.bench.benchmark import check
-from coopsim.bench.grid.cell import Cell, Condition
-from coopsim.bench.grid.conditions import environment_options
+from coopsim.bench.grid.cell import Cell, Condition, environment_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import PRESETS, find_grid
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import channel_config
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.clips.world_recipe import WorldRecipe

@@ -8,7 +8,7 @@ import pytest
 
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.grid.on_device import detector_on, policy_on
+from coopsim.bench.grid.policies import detector_on, policy_on
 from coopsim.errors import InvalidValueError
 
 

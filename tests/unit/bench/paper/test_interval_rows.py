@@ -8,16 +8,16 @@ import io
 import numpy as np
 from synthetic_results import EFFECTS, LATENCIES, results
 
-from coopsim.bench.paper.interval_rows import to_csv
-from coopsim.bench.results.best import beside_best
+from coopsim.bench.paper.tables import interval_csv
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import beside_best
 from coopsim.bench.results.statistics import mean_interval
 
 TABLE = ResultTable.of(results(seeds=range(8)))
 
 
 def test_a_row_for_each_policy_metric_and_condition_and_for_all() -> None:
-    rows = list(csv.DictReader(io.StringIO(to_csv(TABLE, ["sAMOTA", "HOTA"]))))
+    rows = list(csv.DictReader(io.StringIO(interval_csv(TABLE, ["sAMOTA", "HOTA"]))))
     assert len(rows) == len(EFFECTS) * 2 * (len(LATENCIES) + 1)
     (row,) = (
         each
@@ -37,6 +37,6 @@ def test_a_row_for_each_policy_metric_and_condition_and_for_all() -> None:
 
 def test_one_condition_needs_no_rows_for_all_and_one_seed_has_no_interval() -> None:
     table = ResultTable.of(results(conditions=LATENCIES[:1], seeds=(0,)))
-    rows = list(csv.DictReader(io.StringIO(to_csv(table, ["sAMOTA"]))))
+    rows = list(csv.DictReader(io.StringIO(interval_csv(table, ["sAMOTA"]))))
     assert len(rows) == len(EFFECTS) and {each["scenario"] for each in rows} == {"crossing"}
     assert {(each["low"], each["high"], each["samples"]) for each in rows} == {("", "", "1")}

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.bench.paper.label_layout import lay_out
+from coopsim.bench.paper.trade_off_plot import lay_out
 from coopsim.geometry.se3 import Floats
 
 AREA = np.array([0.0, 0.0, 500.0, 300.0])

@@ -12,7 +12,7 @@ import pytest
 from synthetic_results import results
 
 from coopsim.bench.grid.cell import Condition
-from coopsim.bench.paper.latex_tables import escape, latex_tables
+from coopsim.bench.paper.tables import escape, latex_tables
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import UnknownNameError
 

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from coopsim.bench.paper.training_places import TrainingPlaces, training_places
+from coopsim.bench.paper.provenance import TrainingPlaces, training_places
 
 
 def card(folder: Path, name: str, first_place: int | None = None, **recipe: Any) -> str:

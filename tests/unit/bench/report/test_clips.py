@@ -15,11 +15,11 @@ from synthetic_results import FRAMES, LATENCIES, failed, result
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.report.bev_data import UNIT_M
 from coopsim.bench.report.clips import film
 from coopsim.bench.report.publish import make_rerun, publish
-from coopsim.bench.results.moments import LEAST_GAP, worst_moments
+from coopsim.bench.report.scene import UNIT_M
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import LEAST_GAP, worst_moments
 from coopsim.errors import InvalidValueError
 
 OPTIONS = {name: value for name, value in SMALL.items() if name not in ("max_cycles", "threads")}
@@ -96,7 +96,7 @@ def run() -> list[CellResult]:
 def moments_of(given: list[CellResult], first: int = 3, last: int = 6) -> Any:
     table = ResultTable.of(given)
     worst, best = sorted(table.results, key=lambda each: each.rewards.mean())
-    from coopsim.bench.results.moments import Moment
+    from coopsim.bench.results.standings import Moment
 
     return [Moment(worst, best, first, last, 0.1)]
 

@@ -19,8 +19,7 @@ from PIL import Image
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.report.bench_report import About, render_bench_report, write_bench_report
-from coopsim.bench.report.bev_data import TURN_RAD, UNIT_M
-from coopsim.bench.report.demo_scene import Scene, SceneRun
+from coopsim.bench.report.scene import TURN_RAD, UNIT_M, Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D

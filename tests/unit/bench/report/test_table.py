@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coopsim.bench.report.table import COLUMNS, format_table
+from coopsim.bench.report.bench_text import COLUMNS, format_table
 
 NAMES = ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from synthetic_results import LATENCIES, failed, results
 
-from coopsim.bench.results.best import beside_best
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import beside_best
 from coopsim.bench.results.statistics import LEVEL, largest_difference_p_values
 from coopsim.errors import UnknownNameError
 

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from synthetic_results import EFFECTS, FRAMES, LATENCIES, failed, result, results
 
-from coopsim.bench.grid.axes import label, mildest, varying_axes
-from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.grid.cell import Cell, CellResult, Condition, label, mildest, varying_axes
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.report.bench_text import to_markdown
-from coopsim.bench.results.best import beside_best
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import standings
+from coopsim.bench.results.standings import beside_best, standings
 from coopsim.errors import InvalidValueError, UnknownNameError
 
 

@@ -7,8 +7,7 @@ from synthetic_results import FRAMES, failed, results
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.results.comparison import compare_results
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.samples import Samples, samples_of
+from coopsim.bench.results.result_table import ResultTable, Samples, samples_of
 from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import mean_interval
 

@@ -12,10 +12,10 @@ from coopsim.bench.benchmark import Engine, benchmark
 from coopsim.bench.engine.job import Job
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store import fingerprint as fingerprints
 from coopsim.bench.store.fingerprint import fingerprint, plain_options
 from coopsim.bench.store.store import Store
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 
 CELL = Cell("no_fusion", Condition(), 0, 2)

@@ -14,10 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.policy_spec import PolicySpec
 from coopsim.bench.store.fingerprint import fingerprint, key_of
-from coopsim.bench.store.parquet import decode, encode
-from coopsim.bench.store.store import Store
+from coopsim.bench.store.store import Store, decode, encode
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, StoreError
 
 CELL = Cell("late_fusion(delayed=replay)", Condition("crossing", 0.1, 0.2, 0.3, 0.4, 1e6), 7, 5)

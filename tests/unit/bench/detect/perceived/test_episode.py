@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.bench.detect.perceived.episode import perceive_episode
-from coopsim.bench.detect.perceived.pace import Pace
-from coopsim.bench.detect.perceived.perceived import Perceived
-from coopsim.bench.detect.perceived.perceived_files import PerceivedFiles
+from coopsim.bench.detect.episode import Pace, perceive_episode
+from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.types import Observation, Tracks
 

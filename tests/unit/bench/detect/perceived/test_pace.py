@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from coopsim.bench.detect.perceived.pace import Pace, pace_of
+from coopsim.bench.detect.episode import Pace, pace_of
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,12 @@ from typing import Any
 
 import pytest
 
-from coopsim.bench.detect.perceived.part_clock import PartClock
+from coopsim.bench.detect.episode import PartClock
 
 
 def test_a_part_within_another_is_counted_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [0.0]
-    monkeypatch.setattr(
-        "coopsim.bench.detect.perceived.part_clock.time", SimpleNamespace(perf_counter=lambda: now_s[0])
-    )
+    monkeypatch.setattr("coopsim.bench.detect.episode.time", SimpleNamespace(perf_counter=lambda: now_s[0]))
 
     def wait(seconds: float) -> None:
         now_s[0] += seconds

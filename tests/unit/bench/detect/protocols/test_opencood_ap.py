@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from perceived_frames import detections, objects, values
 
-from coopsim.bench.detect.protocols.opencood_ap import corners_within
+from coopsim.bench.detect.protocols import corners_within
 from coopsim.metrics.average_precision import average_precision_of
 
 

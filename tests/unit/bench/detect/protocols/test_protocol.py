@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from perceived_frames import detections, objects, overlaps, values
 
-from coopsim.bench.detect.protocols.protocol import PROTOCOLS
+from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.errors import UnknownNameError
 
 NAMES = PROTOCOLS.names()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.bench.detect.ranking.ranking import Ranking
-from coopsim.bench.detect.ranking.ranking_intervals import _drawn_areas, area_interval
+from coopsim.bench.detect.ranking import Ranking, _drawn_areas, area_interval
 
 
 def _ranking(share: float, seed: int, count: int = 50) -> Ranking:

@@ -1,19 +1,36 @@
-"""Tables of a benchmark for LaTeX, with booktabs: the best value in bold, and stars where it is not clearly better."""
+"""Tables of a benchmark for papers: LaTeX with booktabs, and means with intervals and significance as CSV.
+
+In LaTeX the best value is bold, and a star marks what it does not beat significantly.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
-from coopsim.bench.grid.axes import Axis, mildest, mildest_values, varying_axes
-from coopsim.bench.paper.short_names import short_names
-from coopsim.bench.report.table import BYTES_TITLE, form_of, format_value
-from coopsim.bench.results.best import BesideBest, beside_best
+from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_values, varying_axes
+from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value
+from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.standings import BesideBest, beside_best, known_mean
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
+from coopsim.config.spec import parse_spec
 from coopsim.metrics.built_in import BYTES, less_is_better
+
+
+def short_names(policies: Sequence[str]) -> dict[str, str]:
+    """Return a short name of each policy: without parameters and file, where no other one is then called alike."""
+    bare = {policy: _bare(policy) for policy in policies}
+    count = Counter(bare.values())
+    return {policy: policy if count[name] > 1 and policy != name else name for policy, name in bare.items()}
+
+
+def _bare(policy: str) -> str:
+    return parse_spec("policy", policy)[0].rpartition(":")[2]
+
 
 _LETTERS = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
@@ -156,3 +173,42 @@ def _number(value: float, form: str) -> str:
 def escape(text: str) -> str:
     """Return a text as LaTeX shows it, on one line."""
     return " ".join("".join(_LETTERS.get(letter, letter) for letter in text).split())
+
+
+def interval_csv(table: ResultTable, metrics: Sequence[str]) -> str:
+    """Format a row per condition, metric and policy, unrounded; rows without a scenario are over all conditions.
+
+    `low` and `high` are the ends of the 95 % interval of the mean over `samples` seeds or places; empty where they are
+    not known. `p_to_best` is the corrected p-value of the difference to the best policy of that condition and metric,
+    see `coopsim.bench.results.standings`; empty for the best one, and for a policy that is not `complete`.
+
+    Raises:
+        UnknownNameError: there is no such metric.
+    """
+    every = tuple(range(len(table.conditions)))
+    groups: list[tuple[Condition | None, tuple[int, ...]]] = [(None, every)] if len(every) > 1 else []
+    groups += [(condition, (k,)) for k, condition in enumerate(table.conditions)]
+    rows: list[dict[str, Any]] = []
+    for condition, numbers in groups:
+        where = {each.name: None for each in fields(Condition)} if condition is None else asdict(condition)
+        for metric in metrics:
+            for policy, entry in zip(table.policies, beside_best(table, metric, numbers), strict=True):
+                rows.append(
+                    {
+                        "policy": policy,
+                        **where,
+                        "metric": metric,
+                        "mean": _or_none(entry.interval.mean),
+                        "low": _or_none(entry.interval.low),
+                        "high": _or_none(entry.interval.high),
+                        "samples": entry.interval.count,
+                        "complete": entry.complete,
+                        "best": entry.best,
+                        "p_to_best": _or_none(entry.p_corrected),
+                    }
+                )
+    return to_csv_text(rows)
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -1,4 +1,4 @@
-"""`coopsim bench`."""
+"""`coopsim bench`, `coopsim report` and `coopsim compare`."""
 
 from __future__ import annotations
 
@@ -8,23 +8,28 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coopsim.bench.grid.cell import CellResult
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    Command,
     add_isolation,
     add_options,
+    as_json,
     count,
+    count_or_zero,
     named_options,
     names,
     numbers,
     policies,
     policy,
     seeds,
+    stored_results,
     without_flags,
 )
-from coopsim.cli.report_command import add_report, write_files
-from coopsim.errors import CoopsimError
+from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_choice
+from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -33,14 +38,65 @@ if TYPE_CHECKING:
     from coopsim.bench.grid.cell import Condition
     from coopsim.bench.grid.grid import Grid
 
-HELP = "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics"
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
+    trust = "run policies again that the results name as module:Class or file.py:Class, for clips"
+    parser.add_argument("--trust", action="store_true", help=trust)
+    _add_outputs(parser)
+
+
+def _add_outputs(parser: argparse._ActionsContainer) -> None:
+    """Declare what `bench` and `report` write."""
+    add = parser.add_argument
+    add("--metrics", type=names, default=(), metavar="A,B", help="of leaderboard, LaTeX tables and figure")
+    add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
+    add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
+
+
+def _run_report(options: argparse.Namespace) -> int:
+    from coopsim.bench.store.store import Store
+
+    results = stored_results(options.out)
+    write_files(options.out, results, options, trust=options.trust)
+    asked = Store(options.out).asked()
+    if len(results) < asked:
+        print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
+    return 0
+
+
+def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace, *, trust: bool) -> None:
+    """Write the files of a folder's results, and print the leaderboard and their paths; `trust` as of `publish`."""
+    from coopsim.bench.paper.provenance import Provenance
+    from coopsim.bench.report.bench_text import leaderboard_text
+    from coopsim.bench.report.publish import publish
+    from coopsim.bench.results.result_table import ResultTable
+    from coopsim.bench.store.store import Store
+
+    written = publish(
+        folder,
+        results,
+        Provenance.from_data(Store(folder).provenance()),
+        metrics=options.metrics,
+        clips=options.clips,
+        with_plots=options.plots,
+        trust=trust,
+    )
+    print(leaderboard_text(ResultTable.of(results), options.metrics))
+    for path in written:
+        print(f"written: {path}")
+
+
+REPORT = Command(
+    "write the report, tables and figures of a benchmark's folder again, finished or not", _add_report, _run_report
+)
+
 
 _NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0}
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
     add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth or paper")
@@ -69,11 +125,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     add_isolation(how)
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
-    add_report(parser.add_argument_group("report"))
+    _add_outputs(parser.add_argument_group("report"))
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+def _run_bench(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import Engine, benchmark
@@ -125,7 +180,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _require_metrics(grid: Grid, metrics: Sequence[str], *, import_policies: bool) -> None:
     """Refuse a metric that nobody has registered, now and not after the last cell."""
-    from coopsim.bench.policy_spec import PolicySpec
+    from coopsim.catalog import PolicySpec
     from coopsim.metrics.built_in import all_metrics
 
     for text in grid.policies if metrics and import_policies else ():
@@ -150,7 +205,7 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
         bar.refresh()
         return
     if progress.outcome.result.failed:
-        from coopsim.bench.grid.axes import label
+        from coopsim.bench.grid.cell import label
 
         cell = progress.outcome.result.cell
         where = f"{cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}"
@@ -158,3 +213,64 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
     bar.set_postfix_str(f"about {left} left", refresh=False)
     bar.update()
+
+
+BENCH = Command(
+    "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics",
+    _add_bench,
+    _run_bench,
+)
+
+
+_NAMES_OF_COMPARE = "policies need --results"
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("a", metavar="A", help="folder of results, or with --results the name of a policy")
+    add("b", metavar="B", help="the same; differences are B - A")
+    add("--results", type=Path, metavar="FOLDER", help="where the results of both policies are")
+    add("--metrics", type=names, metavar="A,B", help="default: sAMOTA,HOTA; each further one makes all harder to show")
+    add("--json", type=Path, metavar="PATH", help="write everything here as well")
+    add("--csv", type=Path, metavar="PATH", help="write the rows here as well")
+
+
+def _run_compare(options: argparse.Namespace) -> int:
+    from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
+    from coopsim.bench.results.comparison import compare_results
+
+    paths = [path for path in (options.json, options.csv) if path is not None]
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise InvalidValueError(f"--json and --csv must be two files, got {options.json} for both")
+    for path in paths:
+        require_writable(path)
+    comparison = compare_results(*_sides(options), options.metrics)
+    print(f"A: {options.a}\nB: {options.b}\n\n{to_text(comparison)}")
+    if options.json is not None:
+        write_whole(options.json, as_json({"a": options.a, "b": options.b, **to_dict(comparison)}))
+    if options.csv is not None:
+        write_whole(options.csv, to_csv(comparison))
+    return 0
+
+
+def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResult]]:
+    from coopsim.bench.results.comparison import as_one_policy
+
+    if options.results is None:
+        return stored_results(Path(options.a), _NAMES_OF_COMPARE), stored_results(Path(options.b), _NAMES_OF_COMPARE)
+    if options.a == options.b:
+        raise InvalidValueError(f"A and B must be two policies, got {options.a!r} for both")
+    results, name = stored_results(options.results), f"{options.b} - {options.a}"
+    spelled = {_unspaced(result.cell.policy): result.cell.policy for result in results}
+    a, b = (spelled.get(_unspaced(policy), policy) for policy in (options.a, options.b))
+    return as_one_policy(results, a, name), as_one_policy(results, b, name)
+
+
+def _unspaced(policy: str) -> str:
+    """Remove spaces from a policy's text, so that users need not spell it as grids do."""
+    return "".join(policy.split())
+
+
+COMPARE = Command(
+    "test which differences between two benchmarks, or two policies of one, are significant", _add_compare, _run_compare
+)

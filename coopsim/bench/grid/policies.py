@@ -1,17 +1,54 @@
-"""The device of a benchmark's networks: a parameter of the policies and detectors that have some."""
+"""The word "all" in a list of policies: every registered policy whose weights ship."""
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
-from coopsim.bench.policy_spec import PolicySpec
+from coopsim.catalog import POLICIES, PolicySpec
 from coopsim.config.spec import parse_spec, spell_spec
 from coopsim.detection.detector import DETECTORS
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, WeightsNotShippedError
 from coopsim.support.precision import arithmetic
+
+ALL = "all"
+
+
+def name_all(policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Replace "all" in a list of policies; the others stay as they are.
+
+    It stands for every registered policy, those of installed packages among them, as it is by default. Left out are
+    those that the list names itself, with whatever parameters, and those whose weights do not ship.
+
+    Returns:
+        The list, and the policies whose weights do not ship, with the reason.
+
+    Raises:
+        UnknownNameError: the list has "all", and a policy that is not registered.
+        MissingDependencyError: the list has "all", and a policy needs a package that is not installed.
+    """
+    if ALL not in policies:
+        return tuple(policies), {}
+    named = {PolicySpec.parse(policy).policy_class() for policy in policies if policy != ALL}
+    reasons = {name: _reason(name) for name in POLICIES.names() if POLICIES.get(name) not in named}
+    rest = [name for name, reason in reasons.items() if not reason]
+    place = policies.index(ALL)
+    made = (*policies[:place], *rest, *policies[place + 1 :])
+    return made, {name: reason for name, reason in reasons.items() if reason}
+
+
+@cache
+def _reason(name: str) -> str:
+    """Return why a policy has no weights; empty where it has all it needs."""
+    try:
+        PolicySpec(name).make()
+    except WeightsNotShippedError as error:
+        return str(error)
+    return ""
+
 
 PROCESSOR = "cpu"
 

@@ -1,27 +1,161 @@
-"""One episode of a policy, with everything that its receivers perceived."""
+"""The pace of an episode: how far its frames are apart, and which of them are measured."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from coopsim.bench.detect.perceived.pace import Pace
-from coopsim.bench.detect.perceived.part_clock import PartClock
-from coopsim.bench.detect.perceived.perceived import Perceived
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.boxes import Boxes3D, covers
-from coopsim.support.checks import require_choice
+from coopsim.geometry.box_cover import covers
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.support.checks import require_choice, require_count
 from coopsim.support.rng import derived_seed
-from coopsim.types import NS_PER_S, Detections, GroundTruth
+from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns
 from coopsim.types.valid_detections import drop_invalid
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
+    from coopsim.comms.uplinks.uplink import Uplink
     from coopsim.envs.parallel import CooperativeEnv
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """The frames of an episode that are measured.
+
+    Attributes:
+        frames: their number.
+        every: each so many of the environment's frames is one.
+        warm_up: frames before the first, until messages have arrived.
+    """
+
+    frames: int
+    every: int = 1
+    warm_up: int = 1
+
+    def __post_init__(self) -> None:
+        require_count(1, frames=self.frames, every=self.every)
+        require_count(0, warm_up=self.warm_up)
+
+    @property
+    def cycles(self) -> int:
+        """Frames of the environment altogether."""
+        return self.warm_up + (self.frames - 1) * self.every + 1
+
+    def measures(self, frame: int) -> bool:
+        """Return whether the environment's frame of this number is measured."""
+        return frame >= self.warm_up and (frame - self.warm_up) % self.every == 0
+
+
+def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None = None) -> tuple[float, Pace]:
+    """Choose the time between an environment's frames, s, and which of them are measured.
+
+    The delay is a whole number of frames, so that messages are as old as it says. Before the first measured frame a
+    message has gone there and its answer has come back: some methods send what others ask for.
+
+    Args:
+        frames: measured ones.
+        every_s: least time between them.
+        delay_s: of messages.
+        fixed_s: the time between frames, where it is given.
+    """
+    if fixed_s is not None:
+        step_ns = seconds_to_ns(fixed_s)
+    elif delay_s:
+        delay_ns = seconds_to_ns(delay_s)
+        step_ns = -(-delay_ns // math.ceil(delay_s / every_s - 1e-9))
+    else:
+        step_ns = seconds_to_ns(every_s)
+    step_s = step_ns / NS_PER_S
+    ticks = math.ceil(delay_s / step_s - 1e-6)
+    return step_s, Pace(frames, max(1, math.ceil(every_s / step_s - 1e-6)), 1 + 2 * ticks)
+
+
+class PartClock:
+    """Wall time by part. What runs within a part is taken from the part around it.
+
+    The making of messages, `uplink`, runs within the environment's step, and is counted by itself: a network's encoder
+    is there. A policy with a mapping `timings`, of seconds by part since its making, has these parts as well.
+
+    Attributes:
+        running: whether time is counted now.
+
+    Args:
+        policy: its uplinks are clocked from now on.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self.running = False
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+        self._inner_s = 0.0
+        self._frames = 0
+        self._policy, self._before = policy, dict[str, float]()
+        make = policy.make_uplink if hasattr(policy, "make_uplink") else None
+        if make is not None:
+            with suppress(AttributeError):  # an object without room for attributes is not clocked by part
+                policy.make_uplink = self._clocked(make)  # type: ignore[method-assign]
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Count the time of a block."""
+        outer_s, self._inner_s = self._inner_s, 0.0
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent_s = time.perf_counter() - started
+            if self.running:
+                self._seconds[name] += spent_s - self._inner_s
+            self._inner_s = outer_s + spent_s
+
+    def tick(self) -> None:
+        """End a frame."""
+        own = dict(getattr(self._policy, "timings", None) or {})
+        if self.running:
+            self._frames += 1
+            for name, seconds in own.items():
+                self._seconds[name] += seconds - self._before.get(name, 0.0)
+        self._before = own
+
+    @property
+    def ms(self) -> dict[str, float]:
+        """Mean milliseconds a frame, by part."""
+        return {name: 1000 * seconds / max(self._frames, 1) for name, seconds in self._seconds.items()}
+
+    def _clocked(self, make: Callable[..., Uplink]) -> Callable[..., Uplink]:
+        clocked: set[int] = set()
+
+        def make_clocked(*arguments: Any) -> Uplink:
+            uplink = make(*arguments)
+            if id(uplink) not in clocked:
+                clocked.add(id(uplink))
+                for name in ("messages", "contents"):  # with a budget the environment asks for contents
+                    self._wrap(uplink, name)
+            return uplink
+
+        return make_clocked
+
+    def _wrap(self, uplink: Uplink, name: str) -> None:
+        method = getattr(uplink, name, None)
+        if method is None:
+            return
+
+        def timed(observations: Any) -> Any:
+            with self.part("uplink"):
+                return method(observations)
+
+        with suppress(AttributeError):
+            setattr(uplink, name, timed)
+
 
 Receivers = Literal["cars", "all"]
 Boxes = Literal["detections", "tracks"]

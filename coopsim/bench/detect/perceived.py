@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, StoreError
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.score import UNKNOWN
+from coopsim.metrics.recall_by_visibility import UNKNOWN
+from coopsim.support.files import make_folder, write_durably
 from coopsim.types import Detections, GroundTruth, Ints, Mask
 
 
@@ -30,7 +34,7 @@ class Perceived:
         true_box: (M, 7).
         true_label: (M,).
         true_counts: (M,) whether the object counts: in the region, and seen by some agent.
-        true_seen_by: (M,) numbers into `coopsim.metrics.score.SEEN_BY`, or `UNKNOWN`.
+        true_seen_by: (M,) numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`, or `UNKNOWN`.
         region_m: half length and width of the evaluation region; infinite: no limit.
         frames: frames of the environment, each with several receivers.
         messages: broadcasts in the episode, each counted once.
@@ -127,3 +131,52 @@ def _joined(parts: Sequence[NDArray[Any]], empty: tuple[int, ...], dtype: type) 
 
 def _or_all(column: NDArray[Any] | None, count: int, value: int | bool) -> NDArray[Any]:
     return np.full(count, value) if column is None else column
+
+
+_PLAIN = ("region_m", "frames", "messages", "sent_bytes", "ms")
+_ABOUT = "about"
+
+
+class PerceivedFiles:
+    """Episodes by key, in a folder of compressed NumPy files without pickles.
+
+    Raises:
+        InvalidValueError: the folder cannot be made.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        make_folder(folder)
+
+    def get(self, key: str) -> Perceived | None:
+        """Return an episode; None if there is none of that key.
+
+        Raises:
+            StoreError: the file is broken.
+        """
+        path = self._path(key)
+        try:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
+                about = json.loads(bytes(arrays[_ABOUT]).decode())
+                columns = {each.name: arrays[each.name] for each in fields(Perceived) if each.name not in _PLAIN}
+            return Perceived(**columns, **about | {"region_m": tuple(about["region_m"])})
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # a changed byte makes zipfile, zlib and numpy raise almost anything
+            raise StoreError(f"{path} is broken: {type(error).__name__}: {error}") from error
+
+    def put(self, key: str, perceived: Perceived) -> None:
+        """Store an episode durably.
+
+        Raises:
+            InvalidValueError: the file cannot be written.
+        """
+        columns: dict[str, Any] = {each.name: getattr(perceived, each.name) for each in fields(Perceived)}
+        about = json.dumps({name: columns.pop(name) for name in _PLAIN}).encode()
+        content = io.BytesIO()
+        columns[_ABOUT] = np.frombuffer(about, np.uint8)
+        np.savez_compressed(content, **columns)
+        write_durably(self._path(key), content.getvalue())
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.npz"
