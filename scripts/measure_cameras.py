@@ -20,9 +20,9 @@ from typing import Any
 from measure_detection import PLACES, TimeIsUpError
 from tabulate import tabulate
 
-from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect import EVERYWHERE, DetectProgress, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.engine.engine import Engine
 from coopsim.cli.arguments import as_json, names, seeds
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import write_whole

@@ -19,9 +19,9 @@ from typing import Any
 from detection_tables import CLEAN, Row, figure, tables
 from tqdm import tqdm
 
-from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect import EVERYWHERE, DetectProgress, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.engine.engine import Engine
 from coopsim.cli.arguments import as_json, names, seeds
 from coopsim.support.files import write_whole
 

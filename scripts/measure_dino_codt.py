@@ -19,9 +19,9 @@ from measure_detection import PLACES
 from tabulate import tabulate
 
 import coopsim
-from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect import EVERYWHERE, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.engine.engine import Engine
 from coopsim.cli.arguments import names, seeds
 from coopsim.support.files import write_whole
 

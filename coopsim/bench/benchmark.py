@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The progress of a benchmark.
+    """Progress of a benchmark.
 
     Attributes:
         cells: number of cells of the grid.
         stored: number of cells that were in the store at the start.
         done: number of cells run since.
         left_s: estimated remaining work for one worker, s; None before the first outcome.
-        outcome: the latest one.
+        outcome: latest outcome.
     """
 
     cells: int
@@ -65,11 +65,11 @@ def benchmark(
 
     Args:
         grid: the cells.
-        folder: of the store; it is made if need be.
+        folder: folder of the store, made if need be.
         engine: runs the cells; None: processes of this machine, as many as cores.
         retry_failed: also run cells whose stored result is a traceback.
-        command: what others type to get the same numbers; the store keeps it.
-        isolation: what keeps policies from the world.
+        command: the command that gives the same numbers, kept in the store.
+        isolation: separation of policies from the world.
         on_progress: called before the first cell and after each.
         on_broken: called for each broken file of the store; its cell is run again.
 
@@ -105,13 +105,10 @@ def benchmark(
 
 
 def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpec]:  # noqa: B008  (frozen)
-    """Look up everything that a grid names, and make every policy and its environments once.
-
-    Returns:
-        The policies, by their text.
+    """Look up everything that a grid names, and make every policy and its environments once. Return policies by text.
 
     Raises:
-        CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
+        CoopsimError: a name is unknown or a value is not accepted.
     """
     isolation.require(grid.options)
     for scenario in grid.scenarios:

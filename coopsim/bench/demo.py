@@ -11,6 +11,7 @@ import coopsim
 from coopsim.bench.engine.job import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Scene, SceneRun, thinned
 from coopsim.bench.results.result_table import ResultTable
@@ -31,11 +32,10 @@ class DemoConfig:
     """Configuration of the demonstration.
 
     Attributes:
-        environment: name of the environment.
-        policies: as `PolicySpec` reads them.
-        latencies_s: each policy runs under each; None: under that of the options or of the scenario file.
+        policies: policies or their specs, see `PolicySpec`.
+        latencies_s: latencies of each policy's runs; None: that of the options or of the scenario file.
         frames: length of each run.
-        seed: of all runs, which so have the same traffic.
+        seed: seed of all runs, which so have the same traffic.
         options: further options of the environment.
     """
 
@@ -71,7 +71,8 @@ class DemoRun:
     def result(self, config: DemoConfig) -> CellResult:
         """Return the run as a cell of a benchmark."""
         condition = Condition(str(config.environment), 0.0 if self.latency_s is None else self.latency_s)
-        return result_of(Cell(self.policy, condition, config.seed, config.frames), self.evaluation)
+        used = arithmetic_of(PolicySpec.parse(self.policy), config.options.get("detector"))
+        return result_of(Cell(self.policy, condition, config.seed, config.frames), self.evaluation, used)
 
 
 class Demo:

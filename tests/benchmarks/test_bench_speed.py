@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid_file import find_grid
 
 

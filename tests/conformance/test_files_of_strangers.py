@@ -91,7 +91,8 @@ def test_a_report_stays_in_its_folder(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_a_stored_cell_is_the_one_that_was_asked_for(code: tuple[str, Path], tmp_path: Path) -> None:
     """A forged file under the key of a cell of ours would put its policy into our results, and into our clips."""
-    from coopsim.bench.benchmark import Engine, benchmark
+    from coopsim.bench.benchmark import benchmark
+    from coopsim.bench.engine.engine import Engine
 
     policy, trace = code
     grid = Grid(("no_fusion",), frames=2, options=OPTIONS)

@@ -18,7 +18,8 @@ import pytest
 from interruptible import interruptible
 
 import coopsim
-from coopsim.bench.benchmark import Engine, Progress, benchmark
+from coopsim.bench.benchmark import Progress, benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, Outcome, run_job
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.store.store import Store
@@ -81,7 +82,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Bytes of an uninterrupted run in this process."""
     folder = tmp_path_factory.mktemp("reference")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+        patch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
         results = benchmark(GRID, folder)
     assert [result.cell for result in results] == list(GRID.cells()) and not any(result.failed for result in results)
     return stored(folder)
@@ -90,7 +91,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 @pytest.fixture
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without processes, where it is not about them: to start one takes seconds."""
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
 
 
 def in_this_process(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
@@ -129,7 +130,7 @@ def test_an_interrupt_tells_what_is_stored_where_no_bar_is_shown(
         yield from map(run_job, itertools.islice(jobs, 2))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", interrupted)
     assert main(["bench", *FLAGS, "--out", str(tmp_path)]) == INTERRUPTED
     assert "interrupted; 2 of 8 cells are stored" in capsys.readouterr().err and len(stored(tmp_path)) == 2
 
@@ -188,7 +189,7 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
         assert process.returncode == 0 and "%" not in err and "Traceback" not in err  # no bar without a terminal
         assert out.count("written: ") == len(written(out_dir)) == 8 and "report.html" in out
         assert out.startswith("|   rank | policy ") and out.count("late_fusion") == 1  # the leaderboard
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
     assert main(["bench", *flags, "--out", str(tmp_path / "uninterrupted")]) == 0
     assert stored(out_dir) == stored(tmp_path / "uninterrupted")
     assert written(out_dir) == written(tmp_path / "uninterrupted")
@@ -207,7 +208,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
         *("tables/undisturbed.tex", "tables/HOTA_latency.tex", "tables/HOTA_loss.tex"),
     }
     half, whole = tmp_path / "half", tmp_path / "whole"
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", interrupted)
     assert main([*command, "--out", str(half), "--workers", "2"]) == INTERRUPTED
     assert written(half) == {}
     report = ["report", str(half), "--clips", "0", "--metrics", "HOTA,sAMOTA"]
@@ -215,7 +216,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     unfinished = written(half)
     assert files - {"tables/HOTA_latency.tex", "tables/HOTA_loss.tex"} <= set(unfinished) <= files
     assert b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
     for folder in (half, whole):
         assert main([*command, "--out", str(folder)]) == 0
     assert written(half) == written(whole) and set(written(whole)) == files

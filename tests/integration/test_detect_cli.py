@@ -34,7 +34,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[DetectJob]:
             done.append(job)
             yield job.run()
 
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", in_this_process)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
     return done
 
 
@@ -88,7 +88,7 @@ def test_an_interrupt_keeps_the_finished_rows(
         yield next(jobs).run()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("coopsim.bench.benchmark.run_locally", interrupted)
+    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", interrupted)
     out = tmp_path / "out.json"
     assert main(["detect", *QUICK, "--seeds", "0", "--json", str(out)]) == 130
     (row,) = json.loads(out.read_text())

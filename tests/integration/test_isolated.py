@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each

@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("torch")
 
-from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect import EVERYWHERE, measure_detection
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.engine.engine import Engine
 
 POLICIES = ("cooptrack", "ff_tracking", "univ2x", "vic_integrated")
 PLACES = ("crossing", "roundabout")

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.leaderboard import to_csv, to_markdown
 from coopsim.bench.paper.provenance import Provenance

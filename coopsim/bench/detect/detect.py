@@ -1,4 +1,8 @@
-"""Rows of the table: what was measured, pooled over episodes, as plain data for JSON."""
+"""Detection measurement from the plan to the rows and their table.
+
+Finished episodes are read from files, the others are run. Brackets in the table hold the 95 % interval over episodes,
+where there are enough.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +33,7 @@ EVERYWHERE = "all"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """An episode, matched.
-
-    Attributes:
-        perceived: the episode.
-        rankings: by metric, as the protocol makes them.
-    """
+    """An episode, and the ranking behind each metric of a protocol."""
 
     perceived: Perceived
     rankings: Mapping[str, Ranking]
@@ -49,14 +48,7 @@ class Measured:
 def row_of(
     plan: DetectPlan, place: tuple[str, str, Disturbance], options: Mapping[str, Any], measured: Sequence[Measured]
 ) -> dict[str, Any]:
-    """Return the row of a policy, an environment and a disturbance, pooled over its episodes.
-
-    Args:
-        plan: the plan.
-        place: policy, environment (or `EVERYWHERE`) and disturbance.
-        options: of the environment.
-        measured: at least one episode.
-    """
+    """Return the row of a policy, an environment (or `EVERYWHERE`) and a disturbance, pooled over its episodes."""
     policy, environment, disturbance = place
     protocol = PROTOCOLS.get(plan.protocol)()
     episodes, rankings = [each.perceived for each in measured], [each.rankings for each in measured]
@@ -88,7 +80,7 @@ def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> di
     """Return the metrics of episodes together, by name; None where there was nothing to be found.
 
     Args:
-        protocol: of the metrics.
+        protocol: protocol of the metrics.
         parts: rankings of each episode, by name.
     """
     joined = {name: Ranking.joined([part[name] for part in parts]) for name in parts[0]}
@@ -96,7 +88,7 @@ def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> di
 
 
 def intervals_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, list[float]]:
-    """Return the 95 % intervals of the main areas, by name; empty for too few episodes. Arguments: `metrics_of`."""
+    """Return the 95 % intervals of the main areas, by name; empty for too few episodes."""
     pooled = protocol.ranks_frames_together
     found = {
         name: area_interval([part[name] for part in parts], pooled=pooled)
@@ -166,13 +158,13 @@ _Place = tuple[str, str, Disturbance]
 
 @dataclass(frozen=True, slots=True)
 class DetectProgress:
-    """The progress of a measurement.
+    """Progress of a measurement.
 
     Attributes:
-        episodes: number of all.
+        episodes: number of all episodes.
         done: number of finished ones, stored ones included.
-        outcome: the latest one that was run.
-        rows: the rows whose episodes are all there, in order.
+        outcome: outcome of the latest episode that was run.
+        rows: rows whose episodes are all there, in order.
     """
 
     episodes: int
@@ -195,9 +187,9 @@ def measure_detection(
     episode is missing; `on_progress` was told.
 
     Args:
-        plan: what is measured.
+        plan: the plan.
         check: make every policy and environment before the first episode, see `DetectPlan.check`.
-        folder: of finished episodes, made if need be; None: nothing is kept.
+        folder: folder of finished episodes, made if need be; None: nothing is kept.
         engine: runs the episodes; None: processes of this machine, as many as cores.
         on_progress: called before the first episode and after each.
 
@@ -235,8 +227,8 @@ class _Table:
     """Rows that fill up as episodes come.
 
     Attributes:
-        jobs: the episodes of each row.
-        episodes: by job, those that are there.
+        jobs: episodes of each row.
+        episodes: finished episodes, by job.
     """
 
     def __init__(self, plan: DetectPlan) -> None:

@@ -1,12 +1,11 @@
-"""The disturbance of a row: noise of poses, and delay of messages."""
+"""Plan of a detection measurement: rows of a table, and the episodes that each row pools, as jobs of any process."""
 
 from __future__ import annotations
 
 import math
 import reprlib
-import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,14 +15,20 @@ import coopsim
 from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, pace_of, perceive_episode, receiving
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
-from coopsim.bench.engine.job import circumstances, traceback_of
+from coopsim.bench.engine.job import traceback_of
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.grid.cell import Cell, Condition, scenario_options
-from coopsim.bench.grid.policies import PROCESSOR, arithmetic_on, detector_on, has_network, policy_on, require_device
+from coopsim.bench.grid.cell import Cell, Condition, last_line, scenario_options
+from coopsim.bench.grid.policies import (
+    PROCESSOR,
+    arithmetic_on,
+    detector_on,
+    device_of_detector,
+    device_of_policy,
+    policy_on,
+    require_device,
+)
 from coopsim.bench.store.fingerprint import changed_parts, fingerprint, key_of
 from coopsim.catalog import PolicySpec, is_recordings_folder
-from coopsim.config.spec import parse_spec
-from coopsim.detection.detector import DETECTORS
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
     MOST_RUNS,
@@ -38,13 +43,7 @@ from coopsim.support.rng import require_seed
 
 @dataclass(frozen=True, slots=True, order=True)
 class Disturbance:
-    """The disturbance of a row; None where the environment's own holds.
-
-    Attributes:
-        position_noise_m: standard deviation of x and of y of every agent's estimated pose.
-        heading_noise_deg: standard deviation of its heading.
-        delay_ms: of every message.
-    """
+    """Noise of all agents' poses and delay of all messages in a row; None where the environment's own holds."""
 
     position_noise_m: float | None = None
     heading_noise_deg: float | None = None
@@ -69,17 +68,7 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class DetectJob:
-    """An episode and everything that is needed to run it, as plain data.
-
-    Attributes:
-        policy: the policy.
-        environment: name of the environment, or path of a scenario file.
-        seed: of the episode.
-        options: all options of the environment.
-        pace: the frames that are measured.
-        receivers: the agents that are: "cars" or "all".
-        boxes: what of them: "detections" or "tracks".
-    """
+    """An episode and everything that is needed to run it in any process, as plain data."""
 
     policy: PolicySpec
     environment: str
@@ -91,14 +80,13 @@ class DetectJob:
 
     @cached_property
     def decided_by(self) -> str:
-        """Everything that decides the outcome, as text, as it is when this is first asked for."""
+        """Everything that decides the outcome, as text, at the first access."""
         return self._fingerprint()
 
     def _fingerprint(self) -> str:
         cell = Cell(self.policy.text, Condition(self.environment), self.seed, self.pace.cycles)
-        pace = {"warm_up": self.pace.warm_up, "every": self.pace.every, "frames": self.pace.frames}
-        measured = {"detect": {**pace, "receivers": self.receivers, "boxes": self.boxes}}
-        return fingerprint(cell, {**self.options, **measured}, self.policy)
+        measured = {**asdict(self.pace), "receivers": self.receivers, "boxes": self.boxes}
+        return fingerprint(cell, {**self.options, "detect": measured}, self.policy)
 
     @property
     def key(self) -> str:
@@ -107,25 +95,16 @@ class DetectJob:
 
     def run(self) -> DetectOutcome:
         """Run the episode. An exception becomes the outcome: a user's policy may raise anything."""
-        started = time.perf_counter()
-        perceived, traceback = None, None
         try:
-            policy = self.policy.make()
-            perceived = perceive_episode(
-                policy,
-                self.environment,
-                seed=self.seed,
-                options=self.options,
-                pace=self.pace,
-                receivers=self.receivers,
-                boxes=self.boxes,
-            )
+            outcome = DetectOutcome(self, self._perceive())
         except Exception as error:
-            traceback = traceback_of(error)
-        seconds = time.perf_counter() - started
-        if changed := changed_parts(self.decided_by, self._fingerprint()):
-            return self.lost(f"{changed} changed since the command began, or differs here")
-        return DetectOutcome(self, perceived, traceback, {"seconds": seconds, **circumstances()})
+            outcome = DetectOutcome(self, None, traceback_of(error))
+        changed = changed_parts(self.decided_by, self._fingerprint())
+        return self.lost(f"{changed} changed since the command began, or differs here") if changed else outcome
+
+    def _perceive(self) -> Perceived:
+        policy, how = self.policy.make(), (self.pace, self.receivers, self.boxes)
+        return perceive_episode(policy, self.environment, self.seed, self.options, *how)
 
     def died(self, how: str) -> DetectOutcome:
         """Return the outcome where the process died."""
@@ -138,24 +117,16 @@ class DetectJob:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectOutcome:
-    """The outcome of a job.
-
-    Attributes:
-        job: the job.
-        perceived: what was perceived; None for a failed job.
-        traceback: of the exception that made it fail.
-        circumstances: data that differ between runs.
-    """
+    """The outcome of a job: its perceived episode, or the traceback of a failure."""
 
     job: DetectJob
     perceived: Perceived | None
     traceback: str | None = None
-    circumstances: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def reason(self) -> str | None:
         """The traceback's last line; None if the job did not fail."""
-        return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])
+        return last_line(self.traceback)
 
 
 LEARNED_DETECTOR = "pillars"
@@ -163,25 +134,25 @@ LEARNED_DETECTOR = "pillars"
 
 @dataclass(frozen=True)
 class DetectPlan:
-    """What is measured.
+    """Plan of a detection measurement.
 
     Attributes:
-        policies: as `PolicySpec` reads them.
+        policies: policies, as `PolicySpec` reads them.
         environments: names, or paths of scenario files or of folders of recordings with sweeps.
-        seeds: one episode each.
+        seeds: seeds, one episode each.
         frames: measured frames of an episode.
         noises: (m, degrees) of all agents' poses, a row each; empty: the environment's own.
-        delays_ms: of messages, a row each; empty: the environment's own.
+        delays_ms: delays of messages, a row each; empty: the environment's own.
         every_s: least time between two measured frames.
-        detector: of policies that detect nothing themselves; None: `LEARNED_DETECTOR` if it can be used, else the
-            environment's default.
+        detector: detector of policies that detect nothing themselves; None: `LEARNED_DETECTOR` if it can be used, else
+            the environment's default.
         receivers: "cars", or "all" agents.
         boxes: "detections", or the reported "tracks".
-        protocol: of the metrics.
-        within_m: objects count, and detections are looked at, up to this distance of the receiver; None: everywhere in
-            the evaluation region.
-        options: further ones of all environments, plain data.
-        device: of networks, as `Grid.device`.
+        protocol: protocol of the metrics.
+        within_m: largest distance from the receiver of objects that count and of detections; None: the evaluation
+            region.
+        options: further options of all environments, plain data.
+        device: device of networks, as `Grid.device`.
 
     Raises:
         CoopsimError: a value is not accepted.
@@ -240,21 +211,14 @@ class DetectPlan:
     @cached_property
     def box_detector(self) -> str | None:
         """The detector of policies that detect nothing themselves; None: the environment's default."""
-        given = self.detector if self.detector is not None else usual_detector()
-        detector: str | None = detector_on(self.device, given)
+        detector: str | None = detector_on(self.device, usual_detector() if self.detector is None else self.detector)
         return detector
 
     def arithmetic(self, policy: str) -> str | None:
         """Return the arithmetic of a row's networks, see `coopsim.support.precision`; None: there are none."""
         spec = self.specs[policy]
-        if detects_itself(spec):
-            parameters, networks = spec.parameters, has_network(spec.policy_class())
-        elif self.box_detector is None:
-            return None
-        else:
-            name, parameters = parse_spec("detector", self.box_detector)
-            networks = name in DETECTORS.names() and has_network(DETECTORS.get(name))
-        return arithmetic_on(str(parameters.get("device", PROCESSOR))) if networks else None
+        device = device_of_policy(spec) if detects_itself(spec) else device_of_detector(self.box_detector)
+        return None if device is None else arithmetic_on(device)
 
     def check(self) -> None:
         """Make every policy in the first environment, and every environment for the first policy.

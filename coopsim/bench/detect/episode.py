@@ -1,4 +1,4 @@
-"""The pace of an episode: how far its frames are apart, and which of them are measured."""
+"""One episode of a policy, run at a pace and timed by parts, with everything that its receivers perceived."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """The frames of an episode that are measured.
+    """Frames of an episode that are measured.
 
     Attributes:
-        frames: their number.
-        every: each so many of the environment's frames is one.
+        frames: number of measured frames.
+        every: number of the environment's frames from one to the next.
         warm_up: frames before the first, until messages have arrived.
     """
 
@@ -48,7 +48,7 @@ class Pace:
 
     @property
     def cycles(self) -> int:
-        """Frames of the environment altogether."""
+        """Number of the environment's frames."""
         return self.warm_up + (self.frames - 1) * self.every + 1
 
     def measures(self, frame: int) -> bool:
@@ -57,16 +57,16 @@ class Pace:
 
 
 def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None = None) -> tuple[float, Pace]:
-    """Choose the time between an environment's frames, s, and which of them are measured.
+    """Choose the time between an environment's frames, s, and the measured ones.
 
-    The delay is a whole number of frames, so that messages are as old as it says. Before the first measured frame a
-    message has gone there and its answer has come back: some methods send what others ask for.
+    The delay of messages is a whole number of frames, so that they are as old as it says. Before the first measured
+    frame a message has gone there and its answer has come back: some methods send what others ask for.
 
     Args:
-        frames: measured ones.
+        frames: number of measured frames.
         every_s: least time between them.
-        delay_s: of messages.
-        fixed_s: the time between frames, where it is given.
+        delay_s: delay of messages.
+        fixed_s: time between frames, where it is given.
     """
     if fixed_s is not None:
         step_ns = seconds_to_ns(fixed_s)
@@ -81,16 +81,11 @@ def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None =
 
 
 class PartClock:
-    """Wall time by part. What runs within a part is taken from the part around it.
+    """Wall time by part. Time within a part is taken from the part around it.
 
-    The making of messages, `uplink`, runs within the environment's step, and is counted by itself: a network's encoder
-    is there. A policy with a mapping `timings`, of seconds by part since its making, has these parts as well.
-
-    Attributes:
-        running: whether time is counted now.
-
-    Args:
-        policy: its uplinks are clocked from now on.
+    The making of messages, `uplink`, runs within the environment's step and is counted by itself: a network's encoder
+    is there. The parts of a policy's mapping `timings` (seconds by part since its making) are counted as well. From its
+    making on, the clock times the uplinks of `policy`; `running` says whether time is counted now.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -165,7 +160,6 @@ RECEIVERS, BOXES = ("cars", "all"), ("detections", "tracks")
 def perceive_episode(
     policy: Policy,
     environment: str,
-    *,
     seed: int,
     options: Mapping[str, Any],
     pace: Pace,
@@ -174,18 +168,8 @@ def perceive_episode(
 ) -> Perceived:
     """Run a policy through one episode, and collect what its receivers perceived and what was there.
 
-    Detections are those that the policy says it perceived: a method `detections(agent)`, which policies of tracking
-    have. Of another policy they are the tracks that it reports. Boxes over the receiver are left out: it is not its own
-    object.
-
-    Args:
-        policy: the policy.
-        environment: name of the environment, or path of a scenario file or a folder of recordings.
-        seed: decides everything in the episode.
-        options: of the environment.
-        pace: the frames that are measured.
-        receivers: "cars", or "all" agents.
-        boxes: "detections", or "tracks" for the reported ones of any policy.
+    Detections are those of the policy's method `detections(agent)`, which policies of tracking have, else the tracks
+    that it reports. Boxes over the receiver are left out: it is not its own object.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
@@ -228,11 +212,10 @@ def perceive_episode(
 
 
 def receiving(env: CooperativeEnv, receivers: str) -> list[str]:
-    """Return the names of the agents that are measured.
+    """Return the names of the measured agents.
 
     Raises:
-        UnknownNameError: `receivers` is not one of `RECEIVERS`.
-        InvalidValueError: there is no such agent.
+        CoopsimError: `receivers` is not one of `RECEIVERS`, or there is no such agent.
     """
     require_choice("receivers", receivers, RECEIVERS)
     names = [name for name, spec in env.agent_specs.items() if receivers == "all" or spec.kind == "cav"]

@@ -1,4 +1,4 @@
-"""What the receivers of one episode perceived, and what was there: flat arrays that any protocol can evaluate."""
+"""Flat arrays of the receivers' detections in one episode and of the objects there, which any protocol can evaluate."""
 
 from __future__ import annotations
 
@@ -69,11 +69,7 @@ class Perceived:
         sent_bytes: int = 0,
         ms: Mapping[str, float] | None = None,
     ) -> Perceived:
-        """Join frames: per frame of a receiver its detections, and the truth around it.
-
-        Raises:
-            InvalidValueError: the lists differ in length.
-        """
+        """Join frames: per frame of a receiver its detections, and the truth around it."""
         if len(found) != len(truth):
             raise InvalidValueError(f"found and truth must have one item per frame, got {len(found)} and {len(truth)}")
         return cls(
@@ -105,7 +101,7 @@ class Perceived:
         return inside
 
     def within(self, far_m: float) -> Perceived:
-        """Return what is left within this distance of the receiver, of centres over ground.
+        """Return the part within a distance of the receiver, by centres over ground.
 
         Objects farther away do not count, and detections there are left out.
         """
@@ -138,10 +134,9 @@ _ABOUT = "about"
 
 
 class PerceivedFiles:
-    """Episodes by key, in a folder of compressed NumPy files without pickles.
+    """Perceived episodes by key, in a folder of compressed NumPy files without pickles.
 
-    Raises:
-        InvalidValueError: the folder cannot be made.
+    Finished episodes are neither lost nor run again, and another protocol needs no new run.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -149,11 +144,7 @@ class PerceivedFiles:
         make_folder(folder)
 
     def get(self, key: str) -> Perceived | None:
-        """Return an episode; None if there is none of that key.
-
-        Raises:
-            StoreError: the file is broken.
-        """
+        """Return an episode, or None if there is none of that key. Raises `StoreError` for a broken file."""
         path = self._path(key)
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
@@ -166,11 +157,7 @@ class PerceivedFiles:
             raise StoreError(f"{path} is broken: {type(error).__name__}: {error}") from error
 
     def put(self, key: str, perceived: Perceived) -> None:
-        """Store an episode durably.
-
-        Raises:
-            InvalidValueError: the file cannot be written.
-        """
+        """Store an episode durably."""
         columns: dict[str, Any] = {each.name: getattr(perceived, each.name) for each in fields(Perceived)}
         about = json.dumps({name: columns.pop(name) for name in _PLAIN}).encode()
         content = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Ranked hits and misses of detections, and what the protocols make of them: areas, recalls and rates."""
+"""Ranked hits and misses of detections: matchings, areas, recalls, rates, and intervals of areas over episodes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Ranking:
 
     Attributes:
         score: (K,).
-        hit: (K,) whether the detection is on an object.
+        hit: (K,) mask of the detections on an object.
         objects: number of objects to be found.
         frames: number of frames of receivers.
     """
@@ -119,14 +119,11 @@ def area_interval(parts: Sequence[Ranking], *, pooled: bool = True) -> tuple[flo
     """Return the 95 % interval of an area of all points by the percentile bootstrap over episodes (Efron 1979).
 
     With less than ten episodes such intervals are too short (Hesterberg 2015): they say how places and seeds differ,
-    and prove nothing.
+    and prove nothing. None for fewer than `LEAST_EPISODES` with objects.
 
     Args:
-        parts: the ranking of each episode.
-        pooled: all frames are ranked together, as in `Ranking.area`; else as in `Ranking.area_by_frame`.
-
-    Returns:
-        Low and high end; None for fewer than `LEAST_EPISODES` with objects.
+        parts: ranking of each episode.
+        pooled: rank all frames together, as in `Ranking.area`; else as in `Ranking.area_by_frame`.
     """
     known = [part for part in parts if part.objects]
     if len(known) < LEAST_EPISODES:
@@ -170,7 +167,7 @@ class Overlaps:
         frame: (P,).
         truth: (P,) row among all objects.
         found: (P,) row among all detections.
-        similarity: by view, (P,) IoU; under "distance" the negative distance of the centres over ground, m.
+        similarity: IoU (P,) by view; under "distance" the negative distance of the centres over ground, m.
     """
 
     perceived: Perceived
@@ -210,8 +207,7 @@ class Overlaps:
     def matched_by_object(self, found: Mask, truth: Mask, by: str, least: float) -> Ints:
         """Match objects in order, each with the free detection of largest similarity, whatever its score.
 
-        Of equal similarities the lowest score wins, as in DAIR-V2X's code. Arguments and result as of
-        `matched_by_score`.
+        The lowest of equal scores wins, as in DAIR-V2X's code. Arguments and result are those of `matched_by_score`.
         """
         there, kept = self.perceived, self._kept(found, truth, by, least)
         pairs = np.flatnonzero(kept)

@@ -21,6 +21,7 @@ import numpy as np
 import coopsim
 from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
+from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
 from coopsim.catalog import SOURCE, PolicySpec, load_source
@@ -28,7 +29,6 @@ from coopsim.errors import InvalidValueError
 from coopsim.metrics.built_in import BUILT_IN, custom_metrics
 from coopsim.metrics.metric import METRICS
 from coopsim.support.checks import require_count
-from coopsim.support.precision import arithmetic
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -66,6 +66,12 @@ class Job:
         """Make the job of a cell; `sources` as of `fingerprint`."""
         decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data(), sources)
         return cls(cell, options, policy, decided_by, metrics, isolation)
+
+    @property
+    def arithmetic(self) -> str:
+        """The arithmetic of the cell's networks, see `arithmetic_of`."""
+        trusted = not (self.isolation.as_data() and self.policy.place)
+        return arithmetic_of(self.policy, self.options.get("detector"), trusted=trusted)
 
     @property
     def key(self) -> str:
@@ -131,7 +137,7 @@ def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
     return Outcome(job, result, {"seconds": seconds, **circumstances()})
 
 
-def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
+def result_of(cell: Cell, evaluation: Evaluation, arithmetic: str) -> CellResult:
     """Return the evaluation of a cell as its result.
 
     Raises:
@@ -149,7 +155,7 @@ def result_of(cell: Cell, evaluation: Evaluation) -> CellResult:
         place_seed=evaluation.place_seed,
         counts=_as_counts(evaluation.counts),
         method=evaluation.method,
-        arithmetic=arithmetic(),
+        arithmetic=arithmetic,
     )
 
 
@@ -173,7 +179,7 @@ def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
     seed = job.isolation.seed(cell.seed)
     with job.isolation.policy(job.policy) as policy:
         evaluation = evaluate(policy, cell.condition.scenario, seed=seed, on_frame=on_frame, **options)
-    result = result_of(cell, evaluation)
+    result = result_of(cell, evaluation, job.arithmetic)
     return replace(
         result,
         place_seed=job.isolation.told_place(seed, result.place_seed),

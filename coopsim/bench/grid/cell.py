@@ -102,7 +102,12 @@ class CellResult:
     @property
     def reason(self) -> str | None:
         """The traceback's last line; None for a finished cell."""
-        return None if self.traceback is None else "".join(self.traceback.strip().splitlines()[-1:])
+        return last_line(self.traceback)
+
+
+def last_line(text: str | None) -> str | None:
+    """Return the last line of a traceback; None without one."""
+    return None if text is None else "".join(text.strip().splitlines()[-1:])
 
 
 _ONE_THREAD = {"threads": 1}

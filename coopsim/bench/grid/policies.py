@@ -1,10 +1,10 @@
-"""The word "all" in a list of policies: every registered policy whose weights ship."""
+"""Policies of a grid: the word "all", and the device and arithmetic of their networks and of a detector's."""
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -82,6 +82,27 @@ def has_network(make: Callable[..., Any]) -> bool:
     return "device" in inspect.signature(make).parameters
 
 
+def device_of_policy(spec: PolicySpec) -> str | None:
+    """Return the device of a policy's networks; None: it has none."""
+    return _device(spec.policy_class(), spec.parameters)
+
+
+def device_of_detector(detector: Any) -> str | None:
+    """Return the device of the networks of a detector by its spec; None: it has none, or is no registered one."""
+    name, parameters = parse_spec("detector", detector) if isinstance(detector, str) else ("", {})
+    return _device(DETECTORS.get(name), parameters) if name in DETECTORS.names() else None
+
+
+def arithmetic_of(policy: PolicySpec, detector: Any, *, trusted: bool = True) -> str:
+    """Return the arithmetic of the networks of a policy and of a detector, on their devices.
+
+    Without networks it is the processor's. The class of a policy that is not `trusted` is not imported here.
+    """
+    own = device_of_policy(policy) if trusted else str(policy.parameters.get("device", PROCESSOR))
+    devices = {own, device_of_detector(detector)} - {None} or {PROCESSOR}
+    return " and ".join(sorted({arithmetic_on(str(device)) for device in devices}))
+
+
 def arithmetic_on(device: str) -> str:
     """Return the arithmetic of networks on a device by name; only for a GPU does this load torch."""
     if device == PROCESSOR:
@@ -89,6 +110,10 @@ def arithmetic_on(device: str) -> str:
     from coopsim.nn.inference.devices import find_device, numbers_on
 
     return str(numbers_on(find_device(device))).removeprefix("torch.")
+
+
+def _device(make: Callable[..., Any], parameters: Mapping[str, Any]) -> str | None:
+    return str(parameters.get("device", PROCESSOR)) if has_network(make) else None
 
 
 def _with_device(device: str, name: str, parameters: Any, make: Callable[..., Any]) -> str:

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import coopsim
 from coopsim.bench.grid.cell import Cell, scenario_options
+from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
-from coopsim.support.precision import arithmetic
 
 if TYPE_CHECKING:
     from coopsim.bench.engine.job import MetricSpec
@@ -88,7 +88,8 @@ def fingerprint(
     said = [repr((named, needs)).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
     for package in _plug_ins(b"\n".join(said)):
         code[package] = sources.described(package)
-    code |= {"packages": package_versions(), "python": platform.python_version(), "arithmetic": arithmetic()}
+    code |= {"packages": package_versions(), "python": platform.python_version()}
+    code["arithmetic"] = arithmetic_of(policy, plain.get("detector"), trusted=kind is not None)
     if kind is None or _draws(cell.condition.scenario, plain, needs):
         code["renderer"] = _renderer(str(plain.get("renderer", "auto")))
     decided = {

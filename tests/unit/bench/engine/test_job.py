@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.store.store import Store
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
 
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.engine.job import Job
+from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import detector_on, policy_on
+from coopsim.bench.store.fingerprint import fingerprint
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 
 
@@ -49,3 +54,25 @@ def test_grids_and_plans_have_one() -> None:
     for make in (lambda: Grid(["no_fusion"], device="gpu"), lambda: DetectPlan(device="gpu")):
         with pytest.raises(InvalidValueError, match=r"device must be cpu, cuda, cuda:1, \.\.\. or auto, got 'gpu'"):
             make()
+
+
+def test_the_key_of_a_cell_has_the_arithmetic_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a GPU without bfloat16, beside a processor that multiplies in it."""
+    pytest.importorskip("torch")
+    from fake_gpu import FakeGpu
+
+    monkeypatch.delenv("COOPSIM_PRECISION", raising=False)
+    for home in ("coopsim.support.precision", "coopsim.nn.inference.devices"):
+        monkeypatch.setattr(f"{home}.multiplies_bfloat16", lambda: True)
+    FakeGpu(monkeypatch)
+
+    def in_key(policy: str, detector: str = "simulated") -> str:
+        spec = PolicySpec.parse(policy)
+        text = fingerprint(Cell(policy, Condition()), {"detector": detector}, spec)
+        found = str(json.loads(text)["code"]["arithmetic"])
+        assert found == Job.of(Cell(policy, Condition()), {"detector": detector}, spec).arithmetic
+        return found
+
+    assert in_key("no_fusion") == in_key("attfuse") == in_key("no_fusion", "pillars") == "bfloat16"
+    assert in_key("attfuse(device=cuda)") == in_key("no_fusion", "pillars(device=auto)") == "float32"
+    assert in_key("attfuse(device=cuda)", "pillars") == "bfloat16 and float32"

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 import coopsim
-from coopsim.bench.benchmark import Engine, benchmark
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.grid import Grid
