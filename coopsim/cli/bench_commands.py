@@ -131,7 +131,8 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
 def _run_bench(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from coopsim.bench.benchmark import Engine, benchmark
+    from coopsim.bench.benchmark import benchmark
+    from coopsim.bench.engine.engine import Engine
     from coopsim.bench.grid.grid_file import find_grid
     from coopsim.bench.isolated.isolation import Isolation
 

@@ -84,8 +84,8 @@ def noises(text: str) -> tuple[tuple[float, float], ...]:
 def _run_detect(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from coopsim.bench.benchmark import Engine
     from coopsim.bench.detect.detect import markdown_table, measure_detection
+    from coopsim.bench.engine.engine import Engine
 
     plan, out = _plan(options), options.json
     if out is not None:

@@ -15,11 +15,11 @@ from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.benchmark import Engine
 from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome, DetectPlan, Disturbance
 from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.bench.detect.protocols import PROTOCOLS, Protocol
 from coopsim.bench.detect.ranking import Overlaps, Ranking, area_interval
+from coopsim.bench.engine.engine import Engine
 from coopsim.errors import StoreError
 
 _MAIN = "APBEV@0.5"
