@@ -83,9 +83,9 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     Args:
         name: `crossing` (its newest version), `crossing-v2`, the PettingZoo id `coopsim/crossing-v2`, the path of a
             scenario file (`.yaml`), or that of a folder of recordings.
-        **options: of every environment (`coopsim.envs.options`), of simulated ones (`coopsim.envs.simulated.
-            simulation_options`), of the population (`coopsim.world.population`), and of drawn towns
-            (`coopsim.world.towns.options`).
+        **options: options of every environment (`coopsim.envs.options`), of simulated ones
+            (`coopsim.envs.simulated.simulation_options`), of the population (`coopsim.world.population`), and of drawn
+            towns (`coopsim.world.towns.options`).
 
     Raises:
         UnknownNameError: no such environment or option; the message lists the close ones.
@@ -112,12 +112,12 @@ def single_env(
     """Make the environment called `name` for one agent that learns, with gymnasium's API; the others follow policies.
 
     Args:
-        name: as of `parallel_env`.
+        name: name of the environment, see `parallel_env`.
         ego: name of the agent that acts; None: the first one.
         others: the policy of the other agents, by name, spec or object; a mapping of agents to such policies; or None:
             they report nothing.
         tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
-        **options: as of `parallel_env`.
+        **options: options of `parallel_env`.
 
     Raises:
         CoopsimError: as `parallel_env` and `coopsim.envs.single.single_agent_env.SingleAgentEnv` do.
@@ -128,15 +128,7 @@ def single_env(
 
 
 def refuse_writing(options: Mapping[str, Any], where: str) -> None:
-    """Refuse options that name a path to write, from anybody but the user.
-
-    Args:
-        options: of an environment, from a file.
-        where: the file, for the error.
-
-    Raises:
-        InvalidValueError: there is such an option.
-    """
+    """Refuse options in the file `where` that name a path to write. Raises `InvalidValueError`."""
     for name in WRITING_OPTIONS:
         if options.get(name) is not None:
             raise InvalidValueError(f"{where} must not say which file to write, got {name}: {options[name]!r}")
@@ -203,7 +195,7 @@ class PolicySpec:
 
     Attributes:
         target: a registered name, `module:Class` or `file.py:Class`.
-        parameters: by name.
+        parameters: parameters by name.
         source: text of the file, read once so that all runs use one version of it; None without a file.
     """
 

@@ -42,7 +42,7 @@ class UnknownNameError(CoopsimError, LookupError):
         kind: the kind of thing that the name stands for, as "policy".
         name: the unknown name.
         known: all accepted names.
-        where: what the name is a part of, as "of policy 'late_fusion'"; it follows the name.
+        where: the whole that the name is a part of, "of policy 'late_fusion'"; it follows the name.
     """
 
     def __init__(self, kind: str, name: object, known: Iterable[str], where: str = "") -> None:
@@ -113,9 +113,8 @@ class LostEnvironmentsError(CoopsimError, RuntimeError):
     """Environments of a vector are lost: they raised an error, or their worker died. The others go on.
 
     Attributes:
-        reports: by index of a lost environment, the traceback or how the worker died.
-        results: what the call would have returned, in which a lost environment's episode is truncated; None where there
-            is no such result.
+        reports: traceback or end of the worker, by index of a lost environment.
+        results: result of the call, in which a lost environment's episode is truncated; None where there is none.
     """
 
     def __init__(self, reports: Mapping[int, str], results: Any = None) -> None:

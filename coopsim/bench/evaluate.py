@@ -35,15 +35,15 @@ class Evaluation:
     """The evaluation of one policy in one episode.
 
     Attributes:
-        score: of each agent, and their mean.
+        score: score of each agent, and their mean.
         rewards: (F,) mean over agents, per frame.
         frames: number of frames.
         seconds: wall time of environment and policy together, without making them.
         messages: counts of sent, lost, delivered, ... messages, each counted per receiver; `rejected` are those that
             the policy could not read.
-        links: the same counts by link: sender and receiver.
+        links: counts of messages by link: sender and receiver.
         place_seed: seed of the drawn place of the episode; None: the place is not drawn.
-        counts: what the policy counted, by name (`Policy.counts`).
+        counts: counters of the policy, by name (`Policy.counts`).
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
     """
 
@@ -104,7 +104,7 @@ def evaluate(
         environment: name of the environment.
         seed: decides everything in the episode; None: 0, or the scenario file's.
         on_frame: called after every step.
-        **options: of the environment, but not `uplink`, which the policy decides.
+        **options: options of the environment, but not `uplink`, which the policy decides.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
@@ -141,12 +141,12 @@ def evaluate_recordings(
     Args:
         policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
         path: the folder.
-        detections: of recordings in text files, a name under `detections/`, or several; each is one agent. None: of
+        detections: name under `detections/` of recordings in text files, or several; each is one agent. None:
             recordings with sweeps, whose agents are their own.
         sequences: names of those to play; None: all.
         seed: decides losses and delays of the channel.
         on_frame: called after every step.
-        **options: of the replay environment, but not `uplink`: the policy says which.
+        **options: options of the replay environment, but not `uplink`, which the policy decides.
 
     Raises:
         CoopsimError: a name is unknown, a value is not accepted, or a file is broken.
@@ -230,9 +230,7 @@ def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) 
     """Make the environment that provides what the policy needs: its uplink, LiDAR and cameras.
 
     Raises:
-        InvalidValueError: an uplink is among the options.
-        PolicyMismatchError: the environment cannot provide what the policy needs, or the options exclude it.
-        CoopsimError: as `parallel_env` does.
+        CoopsimError: an uplink is among the options, or the environment cannot provide what the policy needs.
     """
     needs = policy.needs
     if "uplink" in options:

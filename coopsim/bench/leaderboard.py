@@ -39,16 +39,10 @@ def evaluate_each(
     isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     **options: Any,
 ) -> Iterator[tuple[str, RecordingsEvaluation | Exception]]:
-    """Run policies over a set of recordings. Each step of the iterator gives a name, and its evaluation or exception.
+    """Run policies over a set of recordings, and yield each one's name with its evaluation or exception.
 
     All policies and environments are made once before the first run, so that a mistake in the last costs no run.
-
-    Args:
-        path: folder of the recordings.
-        detections: as of `evaluate_recordings`.
-        policies: as `PolicySpec` reads them.
-        isolation: what keeps policies from the recordings.
-        **options: as of `evaluate_recordings`, the same for all policies.
+    Arguments are those of `evaluate_recordings`, the same for all policies.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted, before any run; or a file is broken, from the

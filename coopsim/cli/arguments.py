@@ -141,11 +141,7 @@ def seconds(text: str) -> float:
 
 
 def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """Return the options that were given by `--option`.
-
-    Args:
-        options: of the command.
-        flags: options that must be given by a flag instead, and the flag.
+    """Return the options that were given by `--option`; `flags` are names that a flag must give instead, and the flag.
 
     Raises:
         InvalidValueError: an option is given twice, or must be given by a flag.
@@ -211,12 +207,7 @@ def _integer(text: str, least: int) -> int:
 
 
 def without_flags(typed: str, flags: Mapping[str, int]) -> str:
-    """Return a command without some of its flags.
-
-    Args:
-        typed: the command as in a shell.
-        flags: how many words follow each flag.
-    """
+    """Return a command, as in a shell, without some of its flags; `flags` is the number of words after each."""
     kept, skipped = [], 0
     for word in shlex.split(typed):
         name, equals, _ = word.partition("=")
@@ -230,11 +221,7 @@ def without_flags(typed: str, flags: Mapping[str, int]) -> str:
 
 
 def stored_results(folder: Path, hint: str = "") -> list[CellResult]:
-    """Read the results of a benchmark's folder.
-
-    Args:
-        folder: of `coopsim bench`.
-        hint: what else may be wrong where there is no such folder.
+    """Read the results in a folder of `coopsim bench`; `hint` ends the error where there is no such folder.
 
     Raises:
         UnknownNameError: there is no such folder of results; the message lists close ones next to it.

@@ -43,7 +43,7 @@ class Entry(ABC):
     @property
     @abstractmethod
     def spot(self) -> str:
-        """Where it is, for errors about other entries: as "line 8"."""
+        """The place, for errors about other entries: "line 8"."""
 
     @abstractmethod
     def error(self, message: str) -> CoopsimError:

@@ -161,10 +161,8 @@ class FileEntry(Entry):
 
 
 def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:
-    """Read a file; the result is its root, by the name "file".
-
-    Raises:
-        CoopsimError: of the class `kind`: the file cannot be read, is no YAML, or has a key twice.
+    """Read a file; the result is its root, by the name "file". Raises `kind` if it is unreadable, no YAML, or repeats a
+    key.
     """
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=_Loader)

@@ -51,15 +51,11 @@ _OF_THE_WORK = ("WorkerCrashedError", "OutOfMemoryError", "RayTaskError")
 
 
 def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | None) -> Generator[DoneT]:
-    """Run jobs, and yield outcomes as they come; closing the generator cancels the remaining ones.
+    """Run jobs as Ray tasks, and yield outcomes as they come; closing the generator cancels the remaining ones.
 
     A Ray that the caller has started is used, and left running. Every machine of a cluster needs coopsim, and the
-    packages and scenario files that jobs name; a policy's file is sent with the job.
-
-    Args:
-        jobs: taken a few at a time, as cores become free.
-        workers: jobs at once on this machine; None, or on a cluster: one for each core.
-        address: of a cluster, as `ray.init` takes it; None: `RAY_ADDRESS`, or else this machine alone.
+    packages and scenario files that jobs name; a policy's file is sent with the job. Without `address` it is the
+    cluster of `RAY_ADDRESS`, or else this machine, with `workers` jobs at once.
 
     Raises:
         MissingDependencyError: Ray is not installed.
@@ -101,14 +97,10 @@ _PROGRAM = "from coopsim.bench.engine.engine import serve; serve()"
 
 
 def run_locally(jobs: Iterator[Work[DoneT]], workers: int) -> Generator[DoneT]:
-    """Run jobs, and yield outcomes as they come; closing the generator ends the processes.
+    """Run jobs in worker processes, and yield outcomes as they come; closing the generator ends the processes.
 
     A job whose process died is run once more before it counts as failed: the process may have been killed from outside,
-    as when memory runs out.
-
-    Args:
-        jobs: the next one is taken when a worker is free.
-        workers: number of processes.
+    as when memory runs out. The next job is taken when a worker is free.
     """
     crew: list[_Worker[DoneT]] = []
     repeated: set[Work[DoneT]] = set()
@@ -146,7 +138,7 @@ class _Worker(Generic[DoneT]):
 
     @property
     def alive(self) -> bool:
-        """Whether the process was still running at the last `take`."""
+        """True if the process was still running at the last `take`."""
         return self._process.returncode is None
 
     def give(self, job: Work[DoneT]) -> None:
@@ -205,16 +197,15 @@ ENGINES = ("local", "ray")
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """The engine that runs cells.
+    """Engine that runs cells.
 
     Attributes:
         name: "local" (processes of this machine) or "ray".
-        workers: cells at once; None: as many as there are cores.
-        address: of a Ray cluster; None: `RAY_ADDRESS`, or else a Ray of this machine alone.
+        workers: number of cells at once; None: as many as there are cores.
+        address: address of a Ray cluster; None: `RAY_ADDRESS`, or else a Ray of this machine alone.
 
     Raises:
-        UnknownNameError: there is no such engine.
-        InvalidValueError: a value is not accepted, or "local" is asked for on a system without POSIX processes.
+        CoopsimError: there is no such engine, a value is not accepted, or "local" is asked for without POSIX processes.
     """
 
     name: str = "local"

@@ -38,12 +38,10 @@ class Job:
     """A cell and everything that is needed to run it, as plain data.
 
     Attributes:
-        cell: the cell.
-        options: of its environment, besides the condition.
-        policy: the cell's policy.
+        options: options of its environment, besides the condition.
         decided_by: the cell's `fingerprint`.
-        metrics: the registered metrics of its result, besides the built-in ones.
-        isolation: what keeps the policy from the world.
+        metrics: registered metrics of its result, besides the built-in ones.
+        isolation: separation of the policy from the world.
     """
 
     cell: Cell
@@ -102,10 +100,9 @@ class Outcome:
     """The outcome of a job.
 
     Attributes:
-        job: the job.
-        result: the same in every run.
-        circumstances: data that differ between runs: seconds, machine, versions, and how a process died.
-        lost: whether it says nothing of the cell, as where its machine died: it is not stored.
+        result: result, the same in every run.
+        circumstances: data that differ between runs: seconds, machine, versions, and the end of a process that died.
+        lost: True if the cell was not run for no fault of its own, as where its machine died: it is not stored.
     """
 
     job: Job
@@ -120,7 +117,7 @@ class Outcome:
 
     @property
     def reason(self) -> str | None:
-        """Why the job failed, in one line, and how its process died if it did; None if it did not fail."""
+        """The cause of the failure in one line, with the end of its process if that died; None if it did not fail."""
         how = self.circumstances.get("died")
         return self.result.reason if how is None else f"{self.result.reason}: {how}"
 
@@ -226,9 +223,9 @@ class MetricSpec:
     """Source of a metric that a user or a package registered.
 
     Attributes:
-        name: as it is registered.
+        name: registered name.
         module: name of the module that registers it.
-        path: of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
+        path: path of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
         source: text of that file; None for an importable module.
     """
 
@@ -242,7 +239,7 @@ class MetricSpec:
         """Describe every registered metric that is not built in.
 
         Raises:
-            InvalidValueError: a metric is registered by a script itself, which other processes cannot import.
+            InvalidValueError: a script itself registers a metric, which other processes cannot import.
         """
         specs = []
         for name, metric in custom_metrics().items():
@@ -258,11 +255,7 @@ class MetricSpec:
         return tuple(specs)
 
     def load(self) -> None:
-        """Have the metric registered in this process.
-
-        Raises:
-            InvalidValueError: the module does not register it.
-        """
+        """Register the metric in this process. Raises `InvalidValueError` if its module does not."""
         if self.name not in METRICS:
             if self.source is not None and self.path is not None:
                 load_source(self.path, self.source)

@@ -27,7 +27,7 @@ class Condition:
         loss: probability that a message is lost on a link.
         position_noise_m: standard deviation of x and of y of the estimated pose.
         heading_noise_deg: standard deviation of its heading.
-        bandwidth_bit_s: of the medium that all agents share; infinite: transmission takes no time.
+        bandwidth_bit_s: rate of the medium that all agents share; infinite: transmission takes no time.
     """
 
     scenario: str = "crossing"
@@ -47,10 +47,11 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """One run of a benchmark.
+    """Run of one policy in one condition with one seed.
 
     Attributes:
-        policy: as in `PolicySpec.text`: a name, or a name with parameters, `late_fusion(delayed=replay)`.
+        policy: text of the policy (`PolicySpec.text`): a name, or a name with parameters,
+            `late_fusion(delayed=replay)`.
         condition: the disturbance of the agents.
         seed: decides everything in the run.
         frames: length of the run.
@@ -76,11 +77,12 @@ class CellResult:
         agents: values of each agent by metric.
         rewards: (F,) mean over agents, per frame.
         messages: number of messages sent, lost, ..., by the names of `ChannelCounts`.
-        traceback: of the exception that made the cell fail; None for a finished cell.
+        traceback: traceback of the exception that made the cell fail; None for a finished cell.
         place_seed: seed of the drawn place that the run was in; None: the place is not drawn, or unknown.
-        counts: what the policy counted, by name (`Policy.counts`).
+        counts: counters of the policy, by name (`Policy.counts`).
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
-        arithmetic: of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell failed.
+        arithmetic: arithmetic of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell
+            failed.
     """
 
     cell: Cell
@@ -96,7 +98,7 @@ class CellResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the cell failed; it then has no values."""
+        """True for a failed cell, which has no values."""
         return self.traceback is not None
 
     @property
@@ -120,10 +122,8 @@ _JITTER_AND_RANGE = {"latency_jitter_s": 0.0, "communication_range_m": 300.0}
 def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return keywords of `coopsim.evaluate`: the cell's condition and length, and the options of all cells.
 
-    Args:
-        cell: the cell; its condition sets latency, loss, noise and bandwidth.
-        options: plain data, as `Grid.options`. A `channel` among them, a mapping or the path of a file, has none of
-            these.
+    A `channel` among the options, a mapping or the path of a file, must have neither latency, loss nor rate: the
+    condition sets them.
 
     Raises:
         InvalidValueError: an option is not accepted, or would override the condition.
@@ -145,11 +145,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
 
 
 def scenario_options(scenario: str) -> Mapping[str, Any]:
-    """Return the options in a scenario's file; none for a scenario without a file.
-
-    Raises:
-        ScenarioFileError: the file is missing or broken.
-    """
+    """Return the options in a scenario's file; none for a scenario without a file."""
     return scenario_file_options(scenario) if is_scenario_file(scenario) else {}
 
 
@@ -178,11 +174,9 @@ class Axis:
     """A number of a condition, with its labels.
 
     Attributes:
-        field: of `Condition`.
-        name: in labels.
-        unit: in labels.
+        field: name in `Condition`.
         scale: factor from the field's unit to the shown one.
-        along: other axes that vary together with this one: each of their values belongs to one value of this.
+        along: axes that vary together with this one: each of their values belongs to one value of this.
     """
 
     field: str

@@ -45,15 +45,15 @@ class Grid:
     """The cells of a benchmark: the product of its lists, or a part of it.
 
     Attributes:
-        policies: as `PolicySpec` reads them; at least one, each once. "all" stands for every other registered policy
-            whose weights ship, see `name_all`.
+        policies: policies, as `PolicySpec` reads them; at least one, each once. "all" stands for every other registered
+            policy whose weights ship, see `name_all`.
         scenarios: names of environments, or paths of scenario files.
         latencies_ms: delays of every message.
         losses: probabilities that a message is lost on a link.
         position_noises_m: standard deviations of x and of y of the estimated pose.
         heading_noises_deg: standard deviations of its heading.
         pose: "product", or "together": the first position noise with the first heading noise, and so on.
-        bandwidths_mbit_s: of the medium that all agents share, in 1e6 bit/s; infinite: transmission takes no time.
+        bandwidths_mbit_s: rates of the medium that all agents share, 1e6 bit/s; infinite: transmission takes no time.
         vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose and bandwidth is not at
             the mildest value of its list. With `pose="together"` both noises are one.
         seeds: each decides everything in a run.

@@ -31,11 +31,8 @@ _ABOUT = {
 
 @dataclass(frozen=True, slots=True)
 class GridSource:
-    """The origin of a grid: a file, if there is one, and attributes that override the file's.
-
-    Attributes:
-        file: content of the file; empty if there is none.
-        overrides: attributes of `Grid`; `options` are merged with the file's, by name.
+    """The origin of a grid: a file, if there is one, and attributes that override the file's; `options` are merged by
+    name.
     """
 
     file: Section
@@ -78,12 +75,8 @@ def find_grid(
 ) -> GridSource:
     """Find a grid by the name of a preset or the path of a file; without both, `overrides` are all of it.
 
-    Args:
-        preset: one of `PRESETS`.
-        path: path of a file.
-        more_policies: policies in addition to those of the file or of `overrides`.
-        trust: run code that the file names: policies as `module:Class` or `file.py:Class`.
-        **overrides: attributes of `Grid`.
+    `more_policies` are added to those of the file or of `overrides`; `trust` lets a file name code to run
+    (`module:Class` or `file.py:Class`).
 
     Raises:
         UnknownNameError: there is no such preset.

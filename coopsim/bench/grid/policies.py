@@ -21,14 +21,11 @@ def name_all(policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     """Replace "all" in a list of policies; the others stay as they are.
 
     It stands for every registered policy, those of installed packages among them, as it is by default. Left out are
-    those that the list names itself, with whatever parameters, and those whose weights do not ship.
-
-    Returns:
-        The list, and the policies whose weights do not ship, with the reason.
+    those that the list names itself, with whatever parameters, and those whose weights do not ship. Return the list,
+    and the policies whose weights do not ship, with the reason.
 
     Raises:
-        UnknownNameError: the list has "all", and a policy that is not registered.
-        MissingDependencyError: the list has "all", and a policy needs a package that is not installed.
+        CoopsimError: the list has "all", and a policy that is not registered or needs a missing package.
     """
     if ALL not in policies:
         return tuple(policies), {}
@@ -54,11 +51,7 @@ PROCESSOR = "cpu"
 
 
 def require_device(device: object) -> None:
-    """Require the name of a device; whether it is here is seen where networks are put on it.
-
-    Raises:
-        InvalidValueError: it is no such name.
-    """
+    """Require the name of a device; its presence is checked where networks are put on it."""
     if not (isinstance(device, str) and re.fullmatch(r"cpu|auto|cuda(:\d+)?", device)):
         raise InvalidValueError(f"device must be cpu, cuda, cuda:1, ... or auto, got {device!r}")
 

@@ -1,4 +1,4 @@
-"""What stands between a policy and the world that it is measured in."""
+"""Isolation of policies from the world that they are measured in: processes of their own, and salted seeds."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _LEAST_BYTES = 16
 
 @dataclass(frozen=True, slots=True)
 class Isolation:
-    """How policies are kept from the world.
+    """Separation of policies from the world.
 
     Attributes:
-        limit_s: policies run in processes of their own, which may take so long for a frame; None: in this process.
-        salt: a secret that decides, with a run's seed, its episode; None: the seed alone does. Nobody without it can
-            make the same episodes.
+        limit_s: time limit of a frame for policies in processes of their own; None: policies run in this process.
+        salt: secret that decides, with a run's seed, its episode; None: the seed alone does. Nobody without it can make
+            the same episodes.
 
     Raises:
         InvalidValueError: the limit is not positive, or the salt has less than 16 bytes.
@@ -62,11 +62,7 @@ class Isolation:
 
     @classmethod
     def of(cls, limit_s: float | None, salt: str | Path | None) -> Isolation:
-        """Return the isolation with the salt in a file.
-
-        Raises:
-            InvalidValueError: a value is not accepted, or the file cannot be read.
-        """
+        """Return the isolation with the salt in a file. Raises `InvalidValueError` if it cannot be read."""
         if salt is None:
             return cls(limit_s)
         try:
@@ -81,7 +77,7 @@ class Isolation:
         return int.from_bytes(hmac.digest(self.salt, str(seed).encode(), "sha256")[:8], "big") >> 2
 
     def told_place(self, seed: int, place_seed: int | None) -> int | None:
-        """Return what results say of a drawn place: its seed, but a digest of a salted episode's own seed."""
+        """Return the seed of a drawn place for results; of a salted episode's own seed it is a digest."""
         if self.salt is None or place_seed != seed:
             return place_seed
         return derived_seed(seed, "place") >> 1
@@ -136,14 +132,11 @@ _KEPT_BEGINNINGS = ("LANG", "LC_", "LD_", "DYLD_", "XDG_", "NUMBA_", "NPY_", "OP
 
 
 class IsolatedPolicy(coopsim.Policy):
-    """A policy that runs in a process of its own.
+    """A policy that runs in a process of its own, which gets observations alone.
 
     That process gets the policy's spec, agents' specs, derived seeds, and observations; it answers tracks, maneuvers
-    and messages, as data that name no code. One object serves all agents there, as it does without isolation.
-
-    Args:
-        spec: the policy.
-        limit_s: time limit of a frame.
+    and messages, as data that name no code. One object serves all agents there, as it does without isolation. `limit_s`
+    is the time limit of a frame.
 
     Raises:
         IsolatedPolicyError: the policy raised an error, took longer, answered nonsense, or its process died.

@@ -25,22 +25,14 @@ _KINDS = frozenset("biuf")
 
 
 def pack_parcel(content: object) -> bytes:
-    """Return plain data as bytes: dicts by text, lists, texts, numbers, None, bytes, and arrays of numbers.
-
-    Raises:
-        InvalidValueError: there is something else in it.
-    """
+    """Return plain data as bytes: dicts by text, lists, texts, numbers, None, bytes, and arrays of numbers."""
     heap: list[bytes] = []
     header = json.dumps(_plain(content, heap)).encode()
     return b"".join((_LENGTH.pack(len(header)), header, *heap))
 
 
 def unpack_parcel(parcel: bytes) -> Any:
-    """Return the content of a parcel; bytes come as arrays of uint8.
-
-    Raises:
-        InvalidValueError: the bytes are no parcel.
-    """
+    """Return the content of a parcel; bytes come as arrays of uint8. Raises `InvalidValueError` for other bytes."""
     try:
         (length,) = _LENGTH.unpack_from(parcel)
         heap = memoryview(parcel)[_LENGTH.size + length :]
@@ -90,24 +82,14 @@ _CHUNK_BYTES = 2**20
 
 
 class Pipe:
-    """One end of two pipes to another process. What is sent is taken apart into blocks of bytes.
-
-    Args:
-        reader: descriptor of the pipe from the other process.
-        writer: descriptor of the pipe to it.
-    """
+    """The ends of two pipes, from (`reader`) and to (`writer`) another process; data are sent as blocks of bytes."""
 
     def __init__(self, reader: int, writer: int) -> None:
         self._reader, self._writer = reader, writer
         os.set_blocking(writer, False)
 
     def send(self, block: bytes, limit_s: float | None = None) -> None:
-        """Send a block.
-
-        Raises:
-            TimeoutError: the other process has not taken it within `limit_s`.
-            BrokenPipeError: it is gone.
-        """
+        """Send a block. Raises `TimeoutError` after `limit_s`, and `BrokenPipeError` if the other process is gone."""
         end_s = _end_s(limit_s)
         left = memoryview(_BLOCK.pack(len(block)) + block)
         while left:

@@ -1,4 +1,4 @@
-"""How the numbers of a benchmark were made, in words: with it, others get the same ones."""
+"""Protocol of a benchmark in words: with it, others get the same numbers."""
 
 from __future__ import annotations
 
@@ -18,12 +18,8 @@ _WIDTH = 100
 
 
 def protocol_text(table: ResultTable, provenance: Provenance, metrics: Sequence[str]) -> str:
-    """Write the protocol of results as plain text. Equal results of equal software give equal text.
-
-    Args:
-        table: the results.
-        provenance: of their grid.
-        metrics: those of the tables, each of which is defined.
+    """Write the protocol of results as plain text; it defines `metrics`. Equal results of equal software give equal
+    text.
     """
     sections = {
         "Software": _software(table, provenance),

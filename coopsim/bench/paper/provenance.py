@@ -1,4 +1,4 @@
-"""What a benchmark was made from: all that others need to get the same numbers, but no date and no machine."""
+"""Provenance of a benchmark: all that others need to get the same numbers, but no date and no machine."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class Provenance:
     Attributes:
         command: the command without what changes no number; empty for a call from Python.
         cells: number of cells of the grid; 0 if unknown.
-        grid: the attributes of `Grid`, by name.
+        grid: attributes of `Grid`, by name.
         software: versions by name: coopsim, Python, and `package_versions`.
-        commit: of the repository that coopsim's sources are in, with a word if they differ from it; empty if unknown.
+        commit: commit of coopsim's sources, with a word if they differ from it; empty if unknown.
         sources: digest of coopsim's sources and weights.
-        sends: the content that each policy's agents broadcast, by policy; "none" for no message.
+        sends: content that each policy's agents broadcast, by policy; "none" for no message.
         weights: names or paths of the weights that each policy loads, by policy.
         sensing: names or paths of the weights that the agents' detectors load.
-        digests: of the weights, by name or path.
-        training: what `TrainingPlaces` says of the weights, by name or path.
+        digests: digests of the weights, by name or path.
+        training: `TrainingPlaces` of the weights as data, by name or path.
         left_out: policies that "all" does not stand for as their weights do not ship, with the reason.
         isolation: `Isolation.as_data`; empty: policies ran in the environment's process, by the seeds themselves.
     """
@@ -89,10 +89,8 @@ class Provenance:
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any] | None) -> Self:
-        """Return the provenance that a store has; an empty one if it has none.
-
-        Raises:
-            StoreError: the data are of another version.
+        """Return the provenance of a store; an empty one if it has none. Raises `StoreError` for data of another
+        version.
         """
         if data is None:
             return cls()
@@ -151,10 +149,10 @@ def _commit() -> str:
 
 @dataclass(frozen=True, slots=True)
 class TrainingPlaces:
-    """The places of a training, and of those before it.
+    """The places of a training, and of those before it, by the cards beside the weights.
 
     Attributes:
-        known: whether cards say how the weights, and all that they were made from, were made.
+        known: cards say how the weights, and all that they were made from, were made.
         scenarios: names and paths of the scenarios, besides towns.
         towns: seeds of the first and the last town of each range of them.
     """
@@ -171,7 +169,7 @@ class TrainingPlaces:
 
     @property
     def simulated(self) -> bool:
-        """Whether the training was in places of the simulator, and not on recordings."""
+        """True for a training in places of the simulator, False for one on recordings."""
         return bool(self.scenarios or self.towns)
 
     @property
@@ -190,12 +188,7 @@ class TrainingPlaces:
 
 
 def training_places(name_or_path: str) -> TrainingPlaces:
-    """Return the places that the cards of weights, and of weights that these were made from, name.
-
-    Raises:
-        UnknownNameError: there are no such weights.
-        InvalidValueError: a card is broken, or names what no recipe has.
-    """
+    """Return the places that the cards of weights, and of weights that these were made from, name."""
     found = [_own_places(name) for name in _made_from(name_or_path, set())]
     scenarios = {name: None for each in found for name in each.scenarios}
     towns = {range_: None for each in found for range_ in each.towns}

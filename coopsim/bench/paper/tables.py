@@ -41,7 +41,7 @@ _LETTERS = {
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """One column of a table: a metric in some conditions."""
+    """Column of a table: a metric in some conditions."""
 
     title: str
     metric: str
@@ -49,18 +49,11 @@ class _Column:
 
 
 def latex_tables(table: ResultTable, metrics: Sequence[str]) -> dict[str, str]:
-    r"""Format tables as LaTeX, by file name: `undisturbed.tex`, and `METRIC_AXIS.tex` for every axis that varies.
+    """Format tables as LaTeX, by file name: `undisturbed.tex`, and `METRIC_AXIS.tex` for every axis that varies.
 
     The first has all metrics and bytes per second in the mildest conditions, the others the first metric at every value
-    of an axis, with all other axes at their mildest value. Values are means over scenarios. A document needs
-    `\usepackage{booktabs}`.
-
-    Args:
-        table: the results.
-        metrics: names; the first one is that of the tables by axis.
-
-    Raises:
-        UnknownNameError: there is no such metric.
+    of an axis, with all other axes at their mildest value. Values are means over scenarios. A document needs the
+    package `booktabs`.
     """
     calm = tuple(table.conditions.index(each) for each in mildest(table.conditions))
     shown = (*metrics, *([BYTES] if BYTES in table.metrics else []))
@@ -176,14 +169,11 @@ def escape(text: str) -> str:
 
 
 def interval_csv(table: ResultTable, metrics: Sequence[str]) -> str:
-    """Format a row per condition, metric and policy, unrounded; rows without a scenario are over all conditions.
+    """Format a CSV row per condition, metric and policy, unrounded; rows without a scenario are over all conditions.
 
     `low` and `high` are the ends of the 95 % interval of the mean over `samples` seeds or places; empty where they are
-    not known. `p_to_best` is the corrected p-value of the difference to the best policy of that condition and metric,
-    see `coopsim.bench.results.standings`; empty for the best one, and for a policy that is not `complete`.
-
-    Raises:
-        UnknownNameError: there is no such metric.
+    not known. `p_to_best` is the corrected p-value of the difference to the best policy of that condition and metric;
+    empty for the best one, and for a policy that is not `complete`.
     """
     every = tuple(range(len(table.conditions)))
     groups: list[tuple[Condition | None, tuple[int, ...]]] = [(None, every)] if len(every) > 1 else []

@@ -56,12 +56,12 @@ class _Point:
 
     @property
     def shown(self) -> float:
-        """Where the marker stands: at the mean, or at the edge before it."""
+        """The height of the marker: the mean, or the edge before it."""
         return min(max(self.value.mean, self.edges[0]), self.edges[1])
 
     @property
     def far(self) -> bool:
-        """Whether the mean is beyond an edge."""
+        """True if the mean is beyond an edge."""
         return self.shown != self.value.mean
 
     @property
@@ -76,20 +76,13 @@ class _Point:
 
 
 def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
-    """Plot a metric against the bytes per second that an agent broadcasts, with a marker for each policy.
+    """Plot a metric against the bytes per second that an agent broadcasts as SVG, with a marker for each policy.
 
     Both are means in the mildest conditions, or over all if the grid lacks that corner; whiskers are 95 % intervals
-    over seeds, or over drawn places, where there are three. What sends nothing stands on the left, apart from the
-    logarithmic scale. What is far above or below the others stands at the edge, with its number. Dashes are the Pareto
-    front: the policies that no other beats in both.
-
-    Args:
-        table: the results; they have bytes per second.
-        metric: name of the metric.
-        sends: the content that is broadcast, by policy (`Needs.uplink`); policies may be missing.
-
-    Raises:
-        UnknownNameError: there is no such metric.
+    over seeds, or over drawn places, where there are three. A policy that sends nothing stands on the left, apart from
+    the logarithmic scale; one far above or below the others stands at the edge, with its number. Dashes are the Pareto
+    front: the policies that no other beats in both. `sends` is the content that is broadcast, by policy
+    (`Needs.uplink`).
     """
     points = _points(table, metric, sends)
     less = less_is_better(metric)

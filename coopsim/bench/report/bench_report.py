@@ -25,12 +25,8 @@ outlined in grey, tracks have the colour of their id. The agent is the one whose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class About:
-    """Texts of a report besides the results.
-
-    Attributes:
-        title: of the report.
-        command: reproduces the results.
-        settings: configuration and versions, by name.
+    """Texts of a report besides the results; `command` reproduces them, `settings` are configuration and versions by
+    name.
     """
 
     title: str = "coopsim bench"
@@ -46,11 +42,7 @@ def write_bench_report(
     notes: Sequence[str] = (),
     scene: Scene | None = None,
 ) -> Path:
-    """Write the report; the file appears whole or not at all.
-
-    Raises:
-        InvalidValueError: the file cannot be written.
-    """
+    """Write the report of `render_bench_report`; the file appears whole or not at all."""
     return write_whole(path, render_bench_report(table, about, clips, notes, scene))
 
 
@@ -63,13 +55,8 @@ def render_bench_report(
 ) -> str:
     """Return the report as HTML; equal results give equal text.
 
-    Args:
-        table: the results.
-        about: title, command and settings.
-        clips: of the worst moments; without clips and notes their section is left out.
-        notes: why clips are missing.
-        scene: runs to watch side by side; None: the sections "From above", "Reward over time" and "Cameras" are left
-            out.
+    Without `clips` of the worst moments and `notes` on missing ones their section is left out; without a `scene` of
+    runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
     shown = table.shown
     return fill_page(

@@ -1,4 +1,4 @@
-"""A benchmark's results as Markdown, to read, and as CSV, to compute with."""
+"""A benchmark's results as Markdown, to read, and as CSV, to compute with; tables of scores as plain text."""
 
 from __future__ import annotations
 
@@ -27,14 +27,8 @@ METRICS_SHOWN = (PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV
 def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
     """Format the leaderboard and a table per condition.
 
-    Args:
-        table: the results.
-        title: of the document.
-        metrics: of the tables, the first one ranks; default: those of `METRICS_SHOWN` and of registered metrics that
-            the results have.
-
-    Raises:
-        UnknownNameError: the results have no such metric.
+    The first of `metrics` ranks; by default they are those of `METRICS_SHOWN` and of registered metrics that the
+    results have. Raises `UnknownNameError` for a metric that they lack.
     """
     chosen = tuple(metrics) or _usual(table)
     parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
@@ -56,7 +50,7 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
 
 
 def leaderboard_text(table: ResultTable, metrics: Sequence[str] = ()) -> str:
-    """Format the leaderboard alone; the arguments and errors are those of `to_markdown`."""
+    """Format the leaderboard alone; see `to_markdown`."""
     chosen = tuple(metrics) or _usual(table)
     return _leaderboard(table, chosen[0]) if chosen else "No cell was finished."
 
@@ -197,11 +191,7 @@ def evaluation_row(evaluation: Evaluation) -> dict[str, float]:
 
 
 def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) -> str:
-    """Format rows as aligned plain text.
-
-    Args:
-        rows: per row what it is about (heading to text; the same headings in every row) and its values by column.
-    """
+    """Format rows as aligned plain text: headings with texts, the same in every row, and values by column."""
     if not rows:
         return "no results"
     shown = columns()
@@ -214,13 +204,10 @@ def format_table(rows: Sequence[tuple[Mapping[str, str], Mapping[str, float]]]) 
 
 
 def format_visibility(rows: Sequence[tuple[Mapping[str, str], Mapping[str, GroupRecall]]]) -> str:
-    """Format recall by which agents saw an object, and the cooperative gain.
+    """Format recall by which agents saw an object, and the cooperative gain, for rows of texts and `Score.visibility`.
 
-    The gain is what objects that only other agents saw add to the recall of all.
-
-    Args:
-        rows: per row what it is about (heading to text; the same headings in every row) and `Score.visibility`; rows
-            where that is empty are left out.
+    The gain is the addition of objects that only other agents saw to the recall of all. Rows without groups are left
+    out.
     """
     known = [(about, groups) for about, groups in rows if groups]
     if not known:

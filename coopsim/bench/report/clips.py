@@ -31,14 +31,11 @@ class Clip:
     """A recorded moment.
 
     Attributes:
-        moment: the moment.
-        agent: whose tracks are shown.
-        start_s: first frame, since the episode's start.
-        dt_s: between frames.
-        road_map: outlines.
-        frames: of the window: truth, agents and points.
-        worst: the agent's tracks in each frame, of the run that fell behind.
-        best: the agent's tracks in each frame, of the best run.
+        agent: agent whose tracks are shown.
+        start_s: time of the first frame since the episode's start.
+        frames: frames of the window: truth, agents and points.
+        worst: the agent's tracks in each frame of the run that fell behind.
+        best: the agent's tracks in each frame of the best run.
     """
 
     moment: Moment
@@ -73,19 +70,11 @@ class Clip:
 def film(
     moments: Sequence[Moment], run: RunCell, time_limit_s: float = 120.0, clock: Callable[[], float] = time.monotonic
 ) -> tuple[tuple[Clip, ...], tuple[str, ...]]:
-    """Repeat the runs of the moments and record them.
+    """Repeat the runs of the moments, each once and up to the end of its last window, and record them.
 
-    Each run is repeated once, up to the end of its last window.
-
-    Args:
-        moments: the moments.
-        run: runs a cell as the benchmark does.
-        time_limit_s: no further moment is begun after this time.
-        clock: seconds; tests have their own.
-
-    Returns:
-        The clips, and a line for each moment that could not be recorded: its run failed, gave other rewards than in the
-        benchmark, or the time was up.
+    `run` runs a cell as the benchmark does. No moment is begun after `time_limit_s` of the `clock`. Return the clips,
+    and a line for each moment that could not be recorded: its run failed, gave other rewards than in the benchmark, or
+    the time was up.
     """
     started = clock()
     ends: dict[Cell, int] = {}

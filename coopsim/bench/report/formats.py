@@ -60,14 +60,8 @@ def fill_page(
 ) -> str:
     """Fill the template of a page that opens without a network (`template/page.html`).
 
-    Args:
-        content: file in `template/` that stands between the head and the scripts.
-        title: plain text.
-        summary: plain text, under the title.
-        style: files in `template/`, in order.
-        script: files in `template/`, in order.
-        data: for the scripts, as JSON.
-        **parts: HTML for the placeholders in `content`.
+    `content`, `style` and `script` are files in `template/`; `title` and `summary` are plain text; `data` goes to the
+    scripts as JSON; `parts` are HTML for the placeholders in `content`.
     """
     # "<" could end the script element ("</script>") or keep it from ending ("<!--<script>"), in any string.
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

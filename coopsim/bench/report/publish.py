@@ -45,24 +45,20 @@ def publish(
     with_plots: bool = False,
     trust: bool = False,
 ) -> tuple[Path, ...]:
-    """Write `report.html`, `report.md` and `results.csv`, what papers need, and plots as SVG files if asked for.
+    """Write `report.html`, `report.md` and `results.csv`, the files for papers, and plots as SVG files if asked for.
 
-    Equal results give equal files, unless the time for clips runs out, which the report then says.
+    Equal results give equal files, unless the time for clips runs out, which the report then says. Return the paths.
 
     Args:
-        folder: of the files; it is made if need be.
-        results: of every cell, those of failed ones included.
-        provenance: of the results' grid; its options are needed to repeat the worst moments.
-        title: of the report.
-        metrics: of `report.md`, whose leaderboard is by the first one, and of the tables and the figure for papers, see
-            `paper_files`.
+        folder: folder of the files, made if need be.
+        results: results of every cell, failed ones included.
+        provenance: provenance of the results' grid; its options are needed to repeat the worst moments.
+        title: title of the report.
+        metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
         clips: largest number of clips of the worst moments; 0: nothing is run.
-        clip_time_s: no further clip is begun after this time.
+        clip_time_s: time after which no further clip is begun.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
         trust: run policies again that the results name as `module:Class` or `file.py:Class`; False: they have no clips.
-
-    Returns:
-        The paths of the files.
 
     Raises:
         InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link
@@ -128,10 +124,8 @@ def make_rerun(
 ) -> RunCell:
     """Return a function that runs a cell as the benchmark does, and calls another after every frame.
 
-    Args:
-        options: of the environments, as the results' folder has them.
-        isolation: of the policies, as the results' folder has it; None: they ran in the processes of their cells.
-        trust: run code that the cell's policy names, too.
+    `options` of the environments and `isolation` of the policies are those in the results' folder; `trust` lets it run
+    code that the cell's policy names.
     """
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
@@ -153,15 +147,10 @@ METRICS = (PRIMARY_METRIC, "AMOTA", "AMOTP", "HOTA", "IDS")
 
 
 def paper_files(table: ResultTable, provenance: Provenance, metrics: Sequence[str] = ()) -> dict[str, str]:
-    """Return the contents of files by name; results of unfinished grids have them, too.
+    """Return the files for papers by name: `protocol.txt`, `intervals.csv`, `tables/*.tex`, and the figure.
 
-    These are `protocol.txt`, `intervals.csv`, `tables/*.tex`, and `plots/METRIC_over_bytes.svg` where bytes were
-    counted. Without any value there is the protocol alone.
-
-    Args:
-        table: the results.
-        provenance: of their grid.
-        metrics: names; default: those of `METRICS` that the results have, or else all that reports show.
+    The figure is `plots/METRIC_over_bytes.svg`, where bytes were counted. Without any value there is the protocol
+    alone. `metrics` are by default those of `METRICS` that the results have, or else all that reports show.
 
     Raises:
         UnknownNameError: the results have no such metric.

@@ -102,13 +102,8 @@ def _base64(values: NDArray[Any], dtype: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneRun:
-    """One run of one policy.
-
-    Attributes:
-        label: as "late_fusion, 300 ms".
-        policy: runs of one policy have one colour.
-        rewards: (F,) mean over agents, per frame.
-        tracks: per frame of the scene, by reporting agent, in the world frame.
+    """Run of one policy: its label ("late_fusion, 300 ms"), mean rewards over agents (F,), and tracks in the world
+    frame, per frame and by reporting agent. Runs of one policy have one colour.
     """
 
     label: str
@@ -119,15 +114,15 @@ class SceneRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Runs in the same traffic.
+    """Runs in the same traffic, from above and through the cameras.
 
     Attributes:
-        dt_s: between frames.
+        dt_s: time between frames.
         road_map: outlines.
         frames: at least one: truth, agents and points; tracks in them are not read.
         runs: at least one.
         cameras: images (H, W, 3) uint8 by agent and camera, of one moment; may be empty.
-        camera_time_ns: that moment.
+        camera_time_ns: time of that moment.
 
     Raises:
         InvalidValueError: there is nothing to show, or a run has another number of frames.

@@ -34,17 +34,17 @@ class Difference:
     """The difference between B and A in one metric, over the seeds that both have, or over their drawn places.
 
     Attributes:
-        policy: of both sides.
-        condition: None for the mean over all conditions of each seed.
-        metric: its name.
+        policy: policy of both sides.
+        condition: condition; None for the mean over all conditions of each seed.
+        metric: name of the metric.
         before: mean of A.
         after: mean of B.
         change: mean of B - A with its interval; the ends are infinite with too few seeds.
-        p_bootstrap: of the paired bootstrap over seeds.
-        p_sign_flip: of the exact test, which is valid for any number of seeds.
-        p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method; identical rows
-            are no comparisons, and have 1.
-        p_possible: the smallest corrected p-value that so many seeds allow, if every difference were clear.
+        p_bootstrap: p-value of the paired bootstrap over seeds.
+        p_sign_flip: p-value of the exact test, which is valid for any number of seeds.
+        p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method; identical rows are
+            no comparisons, and have 1.
+        p_possible: smallest corrected p-value that so many seeds allow, if every difference were clear.
     """
 
     policy: str
@@ -60,12 +60,12 @@ class Difference:
 
     @property
     def identical(self) -> bool:
-        """Whether all differences are exactly 0."""
+        """True if all differences are exactly 0."""
         return self.change.mean == self.change.low == self.change.high == 0
 
     @property
     def significant(self) -> bool:
-        """Whether the corrected p-value is at most `LEVEL`."""
+        """True if the corrected p-value is at most `LEVEL`."""
         return self.p_corrected <= LEVEL
 
     @property
@@ -83,10 +83,10 @@ class Comparison:
     """All differences between A and B.
 
     Attributes:
-        differences: by policy and metric; first over all conditions, then of each condition.
-        matched: number of cells of which both sides have values.
+        differences: differences by policy and metric; first over all conditions, then of each condition.
+        matched: number of cells with values on both sides.
         unmatched: cells or values that a side lacks, that failed, or that are of two places, each with the reason.
-        samples: what the seeds are samples of.
+        samples: independent samples that the seeds make.
     """
 
     differences: tuple[Difference, ...]
@@ -105,10 +105,7 @@ def compare_results(
 ) -> Comparison:
     """Compare two sets of results, whose cells are matched by policy, condition, seed and length.
 
-    Args:
-        before: A.
-        after: B.
-        metrics: names; default: those of `DEFAULT_METRICS` that the results have.
+    The metrics are by default those of `DEFAULT_METRICS` that the results have.
 
     Raises:
         InvalidValueError: no cell has values on both sides, or a cell is twice on a side.
@@ -205,15 +202,7 @@ def _other_place(before: int | None, after: int | None) -> list[str]:
 def _differences(
     policy: str, metric: str, matched: Mapping[Cell, _Both], sample_of: Mapping[int, int], unmatched: list[str]
 ) -> list[Difference]:
-    """Return the rows of one metric, not yet corrected.
-
-    Args:
-        policy: of the rows.
-        metric: of the rows.
-        matched: the policy's cells.
-        sample_of: number of the sample that each seed belongs to.
-        unmatched: cells without a value are added.
-    """
+    """Return the rows of one metric, not yet corrected; cells without a value are added to `unmatched`."""
     conditions = sorted({cell.condition for cell in matched})
     by_seed: dict[int, dict[Condition, tuple[float, float]]] = defaultdict(dict)
     for cell, (before, after) in matched.items():

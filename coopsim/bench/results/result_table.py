@@ -38,7 +38,7 @@ class ResultTable:
         frames: length of each run.
         results: the results themselves, by cell.
         places: place of each result in the arrays.
-        samples: what the seeds are samples of.
+        samples: independent samples that the seeds make.
     """
 
     policies: tuple[str, ...]
@@ -101,11 +101,7 @@ class ResultTable:
         return finished
 
     def values(self, metric: str) -> Floats:
-        """Return the values (P, C, S) of a metric; NaN where a cell failed, is missing, or has no finite value.
-
-        Raises:
-            UnknownNameError: no cell has it.
-        """
+        """Return the values (P, C, S) of a metric; NaN where a cell failed, is missing, or has no finite value."""
         if metric not in self.metrics:
             raise UnknownNameError("metric", metric, self.metrics)
         values = self._filled([result.values.get(metric, np.nan) for result in self.results])
@@ -115,14 +111,8 @@ class ResultTable:
     def whole(self, metric: str, conditions: Sequence[int] | None = None) -> NDArray[np.bool_]:
         """Return the mask (P,) of policies that can be compared: each cell finished, with a value where any policy has.
 
-        A cell in which nobody has a value, as of a run without objects, is left out for all alike.
-
-        Args:
-            metric: its name.
-            conditions: their numbers; None: all.
-
-        Raises:
-            UnknownNameError: no cell has it.
+        A cell in which no policy has a value, as of a run without objects, is left out for all alike. `conditions` are
+        their numbers; None: all.
         """
         chosen = slice(None) if conditions is None else list(conditions)
         known, finished = ~np.isnan(self.values(metric)[:, chosen]), self.finished[:, chosen]
@@ -144,7 +134,7 @@ class ResultTable:
 
     @property
     def counted(self) -> dict[str, str]:
-        """What policies counted in all their cells, in words, by policy; those that counted nothing are left out."""
+        """The counters of policies over all their cells, in words, by policy; policies without any are left out."""
         total: dict[str, Counter[str]] = {policy: Counter() for policy in self.policies}
         for result in self.results:
             total[result.cell.policy].update(result.counts)
@@ -153,7 +143,7 @@ class ResultTable:
 
     @property
     def methods(self) -> dict[str, str]:
-        """Which method of a paper, or part of one, each policy is; policies that do not say are left out."""
+        """The method of a paper that each policy is, or a part of it; policies that do not say are left out."""
         return {result.cell.policy: result.method for result in self.results if result.method}
 
     @property
@@ -182,8 +172,8 @@ class Samples:
 
     Attributes:
         group: (S,) number of the sample that each seed belongs to, from 0.
-        are_places: whether every scenario draws places, so that a sample is a place.
-        in_one_place: whether all runs are in one drawn place.
+        are_places: True if every scenario draws places, so that a sample is a place.
+        in_one_place: True if all runs are in one drawn place.
         places: number of different drawn places of all runs.
     """
 
@@ -199,7 +189,7 @@ class Samples:
 
     @property
     def kind(self) -> str:
-        """What the samples are: "seeds", "places", or "samples": groups of seeds, of which some share a place."""
+        """The kind of the samples: "seeds", "places", or "samples": groups of seeds, of which some share a place."""
         if self.are_places and self.places <= self.count:
             return "places"
         return "seeds" if self.count == len(self.group) else "samples"
@@ -229,12 +219,7 @@ class Samples:
 
 
 def samples_of(results: Iterable[CellResult], seeds: Sequence[int]) -> Samples:
-    """Find the samples among results.
-
-    Args:
-        results: of cells; failed ones tell nothing.
-        seeds: S, all that the results have.
-    """
+    """Find the samples among results for all `seeds` (S) that they have; failed cells tell nothing."""
     drawn: dict[str, dict[int, int | None]] = defaultdict(dict)
     for result in results:
         if not result.failed:

@@ -20,7 +20,7 @@ from coopsim.support.checks import require_count
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """One policy in the ranking by one metric.
+    """Rank and values of a policy in one metric.
 
     Attributes:
         policy: its name.
@@ -47,11 +47,7 @@ class Standing:
 
 
 def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
-    """Rank all policies, the best first and those without a rank last.
-
-    Raises:
-        UnknownNameError: there is no such metric.
-    """
+    """Rank all policies, the best first and those without a rank last."""
     values = table.values(metric)
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
     less = less_is_better(metric)
@@ -97,11 +93,11 @@ class BesideBest:
     """A policy's value beside that of the best policy.
 
     Attributes:
-        interval: the mean with its interval over seeds, or over drawn places; NaN without values.
-        complete: the policy has a value with every seed in every condition; others are compared with nobody.
+        interval: mean with its interval over seeds, or over drawn places; NaN without values.
+        complete: the policy has a value with every seed in every condition; others are not compared.
         best: no complete policy has a better mean.
-        p_corrected: of the paired difference to the best policy, corrected for the number of complete policies and for
-            the choice of the best among them; NaN for the best policy itself, and where nothing is compared.
+        p_corrected: p-value of the paired difference to the best policy, corrected for the number of complete policies
+            and for the choice of the best among them; NaN for the best policy itself, and where nothing is compared.
     """
 
     interval: Interval
@@ -111,28 +107,17 @@ class BesideBest:
 
     @property
     def unbeaten(self) -> bool:
-        """Whether the best policy is another, and not significantly better than this one."""
+        """True if the best policy is another, and not significantly better than this one."""
         return self.complete and not self.best and self.p_corrected > LEVEL
 
 
 def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> tuple[BesideBest, ...]:
-    """Compare every policy with the best one, by the mean of a metric over some conditions.
+    """Compare every policy with the best one, by the mean of a metric over some conditions, in the order of the table.
 
     Differences are paired by sample, and tested all together (`largest_difference_p_values`), because the best one is
     chosen from the same values: tested each by itself, one of 29 equal policies would be called worse in one of five
     tables. They are corrected for the number of policies, not of metrics and conditions: each call asks one question,
     which policies are as good as the best.
-
-    Args:
-        table: the results.
-        metric: name of the metric.
-        conditions: their numbers in the table.
-
-    Returns:
-        In the order of `table.policies`.
-
-    Raises:
-        UnknownNameError: there is no such metric.
     """
     values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
     by_sample = table.samples.average(known_mean(values, axis=1))
@@ -195,9 +180,6 @@ def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FR
 
     The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same
     time then count half.
-
-    Raises:
-        InvalidValueError: a number is not accepted.
     """
     require_count(0, count=count)
     require_count(1, window_frames=window_frames)

@@ -86,13 +86,10 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
     seeds where percentiles of the mean do not. With three seeds or fewer, more than one resample in twenty is of a
     single seed and has no spread, so the ends of the interval are infinite. (Differences that are all 0 have an
     interval of no length.) With more seeds, resamples lack a spread where nearly all differences are equal, as those of
-    counts: of 19 times 1 and one 0 a third miss the 0. If more than one in twenty has less than a tenth of the seeds'
+    integers: of 19 times 1 and one 0 a third miss the 0. If more than one in twenty has less than a tenth of the seeds'
     own, interval and p-value are Student's.
 
     Calls with equally many seeds resample them alike, so that all conditions of a seed go together.
-
-    Raises:
-        InvalidValueError: there is no difference, or one is not finite.
     """
     values = _finite(differences)
     count, mean = len(values), float(values.mean())
@@ -138,9 +135,6 @@ def sign_flip_p_value(differences: Floats) -> float:
 
     It is exact for symmetric noise. All 2^N flips are tried, or 2^14 random ones for more than 14 seeds. One seed gives
     1, five give at least 0.0625.
-
-    Raises:
-        InvalidValueError: there is no difference, or one is not finite.
     """
     values = _finite(differences)
     signs = _signs(len(values))
@@ -167,11 +161,7 @@ def largest_difference_p_values(values: Floats, best: int) -> Floats:
     difference, as this one and the best (Westfall and Young 1993: the maximum statistic). So of equal policies one is
     called worse than the best in `LEVEL` of cases, however many there are, although the best was chosen from the same
     values; no further correction is needed. A sample's signs are flipped for all policies together, which keeps what
-    they have in common. All 2^N flips are tried, or 2^14 random ones, as in `sign_flip_p_value`.
-
-    Args:
-        values: (P, N) of policies, more is better, paired by sample; finite.
-        best: row of the best.
+    they have in common. `values` (P, N) are more-is-better, paired by sample and finite; `best` is the row of the best.
     """
     count = values.shape[1]
     signs = _signs(count)

@@ -58,18 +58,8 @@ def fingerprint(
     That is the cell, the options of the environment, the contents of files that they or the policy's parameters name,
     as weights of networks, and the code: coopsim's version, sources and weights, those of the package or file of a
     user's policy and metrics and of all plug-ins that any of these name, `package_versions`, and Python's version. So
-    is the arithmetic of networks and, where there are cameras, the renderer that draws.
-
-    Args:
-        cell: the cell.
-        options: further options of its environment; plain data.
-        policy: the cell's policy.
-        metrics: registered metrics whose values are in the result.
-        isolation: `Isolation.as_data`; a policy in a process of its own is not imported here.
-        sources: what was read for other cells of the same run; None: all is read now.
-
-    Raises:
-        InvalidValueError: an option is not plain data.
+    is the arithmetic of networks on their devices and, where there are cameras, the renderer that draws. A policy in a
+    process of its own (`isolation`) is not imported here. `sources` keeps digests for other cells of the same run.
     """
     sources, kind = sources or Sources(), None if isolation and policy.place else policy.policy_class()
     # A version alone would not do: sources under development keep theirs.

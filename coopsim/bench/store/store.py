@@ -73,7 +73,7 @@ class Store:
         """Store a result durably; an older one of the same key is replaced.
 
         Args:
-            result: of the cell.
+            result: result of the cell.
             decided_by: the cell's `fingerprint`, which makes the key.
             circumstances: content of the JSON file next to the result.
 
@@ -170,12 +170,7 @@ _SCHEMA = pa.schema(
 
 
 def encode(result: CellResult, decided_by: str) -> bytes:
-    """Encode a result as the content of a file.
-
-    Args:
-        result: of the cell.
-        decided_by: the cell's `fingerprint`.
-    """
+    """Encode a result, and its cell's `fingerprint`, as the content of a file."""
     cell = result.cell
     row = {
         **asdict(cell.condition),
