@@ -17,7 +17,7 @@ from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.errors import CoopsimError
 from coopsim.geometry.se3 import wrap_angle
 from coopsim.support.rng import derived_seed
-from coopsim.testing.sensor_frames import digest
+from coopsim.testing.harness import SMALL, Episode, digest, name_of, require_same, untouched
 from coopsim.types import Tracks
 from coopsim.wire.actions import unpack_action
 
@@ -26,12 +26,9 @@ if TYPE_CHECKING:
     from coopsim.comms.uplinks.uplink import Uplink
     from coopsim.types import AgentSpec
 
-_SMALL: dict[str, Any] = {"vehicles": 10, "lidar_columns": 256, "max_cycles": 6}
 _ROUGH = ChannelConfig(GaussianLatency(0.15, 0.1), BernoulliLoss(0.3), duplication=0.3)
 
 _TOLERANCE = 1e-2  # m, rad, m/s and of scores
-
-Episode = list[dict[str, Tracks]]
 
 
 def check_policy(policy: str | Policy | Callable[[], Policy], environment: str = "crossing", **options: Any) -> None:
@@ -52,22 +49,24 @@ def check_policy(policy: str | Policy | Callable[[], Policy], environment: str =
         AssertionError: a check failed; the message names it.
         CoopsimError: there is no such policy, or the environment cannot give what it needs.
     """
-    made, name = _make(policy), _name(policy)
-    given = {**_SMALL, "lidar": "VLP-16" if made.needs.lidar else None, **options}
+    made, name = _make(policy), name_of(policy)
+    given = {**SMALL, "max_cycles": 6, **({} if made.needs.lidar else {"lidar": None}), **options}
     first = _play(made, name, environment, given)
     rough = {**given, "channel": _ROUGH}
     together = _play(made, name, environment, rough)
     _play(made, name, environment, {**given, "communication_range_m": 0.0})
     _play(made, name, environment, given, spoil=True)
-    _require_same(first, _play(made, name, environment, given), f"{name} must report the same again after reset")
+    again = _play(made, name, environment, given)
+    require_same(first, again, f"{name} must report the same again after reset", _differ)
     fresh = made if not (isinstance(policy, str) or callable(policy)) else _make(policy)
-    _require_same(first, _play(fresh, name, environment, given), f"{name} must report the same with the same seed")
+    anew = _play(fresh, name, environment, given)
+    require_same(first, anew, f"{name} must report the same with the same seed", _differ)
     backwards = _play(made, name, environment, given, backwards=True)
-    _require_same(first, backwards, f"{name} must not depend on the order in which agents are asked")
+    require_same(first, backwards, f"{name} must not depend on the order in which agents are asked", _differ)
     apart: Any = _OneForEach(lambda: _make(policy) if made is not policy else deepcopy(made))
     alone = _play(apart, name, environment, rough)
     rule = f"{name} must report for an agent what it does without the others' observations, as messages are all it gets"
-    _require_alike(together, alone, rule)
+    require_same(together, alone, rule, _differ_more)
 
 
 class _OneForEach:
@@ -104,10 +103,6 @@ def _make(policy: str | Policy | Callable[[], Policy]) -> Policy:
     return made  # type: ignore[no-any-return]
 
 
-def _name(policy: object) -> str:
-    return policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
-
-
 def _play(
     policy: Policy,
     name: str,
@@ -119,16 +114,15 @@ def _play(
 ) -> Episode:
     """Run one episode, and check every report."""
     env = listening_env(environment, policy, options)
-    episode: Episode = []
+    episode: list[dict[str, Tracks]] = []
     try:
         observations, _ = env.reset(seed=5)
         policy.reset(env.agent_specs, seed=derived_seed(5, "policy"))
         while env.agents:
             given = {agent: _spoiled(each) for agent, each in observations.items()} if spoil else observations
             asked = dict(reversed(list(given.items()))) if backwards else given
-            before = digest(asked)
-            actions = _act(policy, name, asked)
-            assert digest(asked) == before, f"{name} must leave its observations as they are"
+            with untouched(asked, f"{name} must leave its observations as they are"):
+                actions = _act(policy, name, asked)
             assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
             episode.append(_reports(name, actions, {agent: env.agent_specs[agent].drives for agent in asked}))
             observations, *_ = env.step(actions)
@@ -162,26 +156,18 @@ def _spoiled(packed: Mapping[str, Any]) -> dict[str, Any]:
     return {**packed, "inbox": inbox, "inbox_payload": heap[kept]}
 
 
-def _require_same(first: Episode, other: Episode, what: str) -> None:
-    for number, (one, two) in enumerate(zip(first, other, strict=True)):
-        for agent in one:
-            assert digest(one[agent]) == digest(two[agent]), f"{what}: the tracks of {agent} differ in frame {number}"
+def _differ(one: Tracks, other: Tracks) -> str:
+    return "" if digest(one) == digest(other) else "the tracks"
 
 
-def _require_alike(first: Episode, other: Episode, what: str) -> None:
-    """Require the same tracks, but for what a network's arithmetic in batches of another size may change."""
-    for number, (one, two) in enumerate(zip(first, other, strict=True)):
-        for agent in one:
-            same = _alike(one[agent], two[agent])
-            assert same, f"{what}: the tracks of {agent} differ in frame {number}"
-
-
-def _alike(one: Tracks, other: Tracks) -> bool:
+def _differ_more(one: Tracks, other: Tracks) -> str:
+    """Compare tracks, but for changes by a network's arithmetic in batches of another size."""
     if not (np.array_equal(one.id, other.id) and np.array_equal(one.label, other.label)):
-        return False
+        return "the tracks"
     apart = one.boxes.array - other.boxes.array
     apart[:, 6] = wrap_angle(apart[:, 6])
-    return all(
+    near = all(
         np.abs(each).max(initial=0.0) < _TOLERANCE
         for each in (apart, one.velocity - other.velocity, one.score - other.score)
     )
+    return "" if near else "the tracks"

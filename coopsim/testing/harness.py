@@ -1,9 +1,10 @@
-"""Real sensor data of a small environment, for the checks of detectors and embedders."""
+"""Harness of the conformance checks: frames of a small environment, and rules that several checks share."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -16,7 +17,14 @@ from coopsim.detection.simulated.simulated import SimulatedDetector
 from coopsim.types import AgentSpec, CameraImage, Detections, SensorView, Sweep, Tracks
 from coopsim.wire.actions import pack_tracks
 
-_SMALL: dict[str, Any] = {"vehicles": 10, "lidar_columns": 256, "lidar": "VLP-16", "uplink": "none"}
+SMALL: Mapping[str, Any] = {"vehicles": 10, "lidar_columns": 256, "lidar": "VLP-16"}
+"""Options of the small environment."""
+
+
+Episode = Sequence[Mapping[str, Any]]
+"""Parts of each frame, by agent."""
+
+Alike = Callable[[Any, Any], str]
 
 
 @dataclass(frozen=True)
@@ -24,10 +32,9 @@ class SensorFrames:
     """The frames of one short episode.
 
     Attributes:
-        specs: the agents, by name.
-        views: each frame's sensor data, by agent.
-        oracles: each frame's truth, by agent.
-        detections: each frame's detections by `SimulatedDetector`, by agent.
+        views: sensor data of each frame, by agent.
+        oracles: truth of each frame, by agent.
+        detections: detections of each frame by `SimulatedDetector`, by agent.
     """
 
     specs: Mapping[str, AgentSpec]
@@ -63,21 +70,10 @@ class _Recorder(OracleDetector):
 
 
 def sensor_frames(needs: SensorNeeds, frames: int, seed: int, options: Mapping[str, Any]) -> SensorFrames:
-    """Simulate a few frames with sensors.
-
-    Args:
-        needs: the sensors that there must be; a LiDAR is there anyway.
-        frames: their number.
-        seed: the episode's seed.
-        options: of the environment; they override the small one's.
-    """
+    """Simulate a few frames with the sensors that there must be; a LiDAR is there anyway. `options` come first."""
     recorder = _Recorder()
     cameras = {"cameras": "front", "renderer": "raycast"} if needs.cameras else {}
-    env = parallel_env("crossing", **{**_SMALL, **cameras, **options, "detector": recorder, "max_cycles": frames})
-    env.reset(seed=seed)
-    for _ in range(frames - 1):
-        env.step({agent: {"tracks": pack_tracks(Tracks.empty())} for agent in env.agents})
-    env.close()
+    run_small({"uplink": "none", **cameras, **options, "detector": recorder}, frames, seed)
     count = len(recorder.specs)
     notes = [recorder.notes[k : k + count] for k in range(0, len(recorder.notes), count)]
     return SensorFrames(
@@ -86,6 +82,38 @@ def sensor_frames(needs: SensorNeeds, frames: int, seed: int, options: Mapping[s
         tuple({view.agent: oracle for view, oracle, _ in frame} for frame in notes),
         tuple({view.agent: found for view, _, found in frame} for frame in notes),
     )
+
+
+def run_small(options: Mapping[str, Any], frames: int, seed: int) -> Mapping[str, AgentSpec]:
+    """Run the small environment for a few frames, in which nothing is reported. Return its agents."""
+    env = parallel_env("crossing", **{**SMALL, **options, "max_cycles": frames})
+    env.reset(seed=seed)
+    for _ in range(frames - 1):
+        env.step({agent: {"tracks": pack_tracks(Tracks.empty())} for agent in env.agents})
+    env.close()
+    return env.agent_specs
+
+
+def name_of(part: object) -> str:
+    """Return the name of a part under check, for messages: its spec, or that of its class or function."""
+    return part if isinstance(part, str) else getattr(part, "__name__", type(part).__name__)
+
+
+@contextmanager
+def untouched(given: object, rule: str) -> Iterator[None]:
+    """Check that a block leaves nested data as they are."""
+    before = digest(given)
+    yield
+    assert digest(given) == before, rule
+
+
+def require_same(first: Episode, other: Episode, rule: str, alike: Alike) -> None:
+    """Check that two episodes have the same parts in every frame; `alike` says why two parts differ, or nothing."""
+    for number, (one, two) in enumerate(zip(first, other, strict=True)):
+        assert one.keys() == two.keys(), f"{rule}: agents differ in frame {number}"
+        for agent in one:
+            differs = alike(one[agent], two[agent])
+            assert not differs, f"{rule}: {differs} of {agent} differ in frame {number}"
 
 
 def digest(value: object) -> str:
