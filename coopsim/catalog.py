@@ -283,7 +283,7 @@ def _import(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = str(error.name)
-        close = difflib.get_close_matches(missing, _modules_beside(missing), n=3, cutoff=0.6)
+        close = difflib.get_close_matches(missing, _sibling_modules(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
         message = f"policy module {name!r}: there is no module {missing!r}.{hint}"
         raise InvalidValueError(f"{message} Accepted: modules that are installed or on PYTHONPATH") from error
@@ -291,7 +291,7 @@ def _import(name: str) -> ModuleType:
         raise InvalidValueError(f"policy module {name!r} cannot be imported: {_describe(error)}") from error
 
 
-def _modules_beside(name: str) -> list[str]:
+def _sibling_modules(name: str) -> list[str]:
     """Return the modules next to the one called `name`, for suggestions."""
     package, _, _ = name.rpartition(".")
     path = getattr(sys.modules.get(package), "__path__", None)

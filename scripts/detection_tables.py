@@ -9,7 +9,7 @@ from typing import Any
 from tabulate import tabulate
 
 from coopsim.bench.detect.detect import EVERYWHERE
-from coopsim.bench.report.formats import line_look, to_svg
+from coopsim.bench.report.formats import line_style, to_svg
 
 CLEAN = "clean"
 MESSAGES_PER_S = 10
@@ -111,7 +111,7 @@ def figure(rows: Sequence[Row], methods: Mapping[str, str]) -> str:
             places = sorted((row["bytes_per_message"] * MESSAGES_PER_S, row["APBEV@0.5"]) for row in shown)
             if not places:
                 continue
-            style, color = line_look(number)
+            style, color = line_style(number)
             if places[-1][0] == 0:
                 panel.axhline(places[-1][1], color=color, ls=":", label=name)
                 continue

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +13,11 @@ from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
-from coopsim.bench.report.scene import Scene, SceneRun, thinned
+from coopsim.bench.report.scene import Film, Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.catalog import PolicySpec
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
-from coopsim.viz.bev import BevFrame
-from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -54,7 +52,7 @@ class DemoRun:
     policy: str
     latency_s: float | None
     evaluation: Evaluation
-    tracks: Sequence[Mapping[str, Tracks]]
+    film: Film
 
     @property
     def about(self) -> dict[str, str]:
@@ -63,10 +61,9 @@ class DemoRun:
         return {"policy": self.policy, "latency": latency}
 
     @property
-    def shown(self) -> SceneRun:
-        """The run as the report's scene shows it."""
-        label = f"{self.policy}, {self.about['latency']}"
-        return SceneRun(label, self.policy, self.evaluation.rewards, self.tracks)
+    def tracks(self) -> list[Mapping[str, Tracks]]:
+        """The tracks of each frame, by reporting agent."""
+        return [frame.tracks for frame in self.film.frames]
 
     def result(self, config: DemoConfig) -> CellResult:
         """Return the run as a cell of a benchmark."""
@@ -85,7 +82,8 @@ class Demo:
     def __init__(self, config: DemoConfig) -> None:
         self.config = config
         self.runs: list[DemoRun] = []
-        self._recorder = _SceneRecorder(config)
+        self._images: Mapping[str, Mapping[str, CameraImage]] = {}
+        self._images_ns = 0
         for policy in [PolicySpec.parse(text).make() for text in config.policies]:
             for latency_s in config.latencies_s:
                 listening_env(config.environment, policy, self._options(latency_s)).close()
@@ -104,8 +102,7 @@ class Demo:
         config = self.config
         table = ResultTable.of([run.result(config) for run in self.runs])
         about = About(f"coopsim: {config.environment}", command, self._settings())
-        scene = self._recorder.scene([run.shown for run in self.runs])
-        return write_bench_report(path, table, about, scene=scene)
+        return write_bench_report(path, table, about, scene=self._scene())
 
     def _options(self, latency_s: float | None) -> dict[str, Any]:
         latency = {} if latency_s is None else {"latency_s": latency_s}
@@ -117,57 +114,42 @@ class Demo:
         evaluate(policy, self.config.environment, seed=self.config.seed, **options)
 
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
+        """Run a policy. The first run films what all share: truth, points, and one moment through the cameras."""
         config, first = self.config, not self.runs
-        tracks: list[Mapping[str, Tracks]] = []
+        film = Film(_POINTS_SHOWN if first else 0)
 
         def on_frame(env: CooperativeEnv) -> None:
-            frame = env.bev_frame(points=first)
-            tracks.append(frame.tracks)
-            if first:
-                self._recorder.add(env, frame)
+            film.add(env)
+            if first and len(film.frames) == config.frames // 2 + 1:
+                self._images, self._images_ns = env.photograph(), env.time_ns
             tick()
 
-        evaluation = evaluate(
-            policy, config.environment, seed=config.seed, on_frame=on_frame, **self._options(latency_s)
-        )
-        return DemoRun(policy, latency_s, evaluation, tracks)
+        options = self._options(latency_s)
+        evaluation = evaluate(policy, config.environment, seed=config.seed, on_frame=on_frame, **options)
+        return DemoRun(policy, latency_s, evaluation, film)
 
-    def _settings(self) -> dict[str, str]:
-        config = self.config
-        ignored = self.runs[0].evaluation.score.false_positives == "ignore"
-        given = config.options.items()
-        return {
-            "environment": str(config.environment),
-            "seed": str(config.seed),
-            "frames": f"{self.runs[0].evaluation.frames} at {1 / self._recorder.dt_s:g} Hz",
-            "false positives": "ignored" if ignored else "counted",
-            **{name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in given},
-            "coopsim": coopsim.__version__,
-        }
-
-
-class _SceneRecorder:
-    """Collects from the first run what all runs share: truth, points, and one moment through the cameras."""
-
-    def __init__(self, config: DemoConfig) -> None:
-        self._middle = config.frames // 2 + 1
-        self._frames: list[BevFrame] = []
-        self._images: Mapping[str, Mapping[str, CameraImage]] = {}
-        self._images_ns = 0
-        self.dt_s = 0.0
-        self._road_map: RoadMap
-
-    def add(self, env: CooperativeEnv, frame: BevFrame) -> None:
-        # The report shows thousands of points, not a hundred thousand.
-        self._frames.append(replace(frame, points=thinned(frame.points, _POINTS_SHOWN), tracks={}))
-        if len(self._frames) == self._middle:
-            self._images, self._images_ns = env.photograph(), env.time_ns
-        self.dt_s = next(iter(env.agent_specs.values())).dt_s
-        self._road_map = env.road_map
-
-    def scene(self, runs: Sequence[SceneRun]) -> Scene:
+    def _scene(self) -> Scene:
+        film = self.runs[0].film
+        runs = [
+            SceneRun(f"{run.policy}, {run.about['latency']}", run.policy, run.evaluation.rewards, run.tracks)
+            for run in self.runs
+        ]
         cameras = {
             agent: {camera: image.rgb for camera, image in images.items() if image.rgb is not None}
             for agent, images in self._images.items()
         }
-        return Scene(self.dt_s, self._road_map, self._frames, runs, cameras, self._images_ns)
+        return Scene(film.dt_s, film.road_map, film.frames, runs, cameras, self._images_ns)
+
+    def _settings(self) -> dict[str, str]:
+        config, first = self.config, self.runs[0]
+        return {
+            "environment": str(config.environment),
+            "seed": str(config.seed),
+            "frames": f"{first.evaluation.frames} at {1 / first.film.dt_s:g} Hz",
+            "false positives": "ignored" if first.evaluation.score.false_positives == "ignore" else "counted",
+            **{
+                name: f"{value:.4g}" if isinstance(value, float) else str(value)
+                for name, value in config.options.items()
+            },
+            "coopsim": coopsim.__version__,
+        }

@@ -14,7 +14,7 @@ from tabulate import tabulate
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.report.bench_text import columns, format_value, score_row
-from coopsim.bench.report.formats import line_look, to_csv_text, to_svg
+from coopsim.bench.report.formats import line_style, to_csv_text, to_svg
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS
@@ -132,7 +132,7 @@ def plot(results: Results, title: str) -> str:
         for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
             for name in sorted(results, key=lambda name: _place(getattr(results[name], protocol)[PRIMARY_METRIC])):
                 recall, mota = mota_over_recall(getattr(results[name], protocol))
-                style, color = line_look(list(results).index(name))
+                style, color = line_style(list(results).index(name))
                 panel.plot(recall, mota, style, color=color, linewidth=1.3, label=name)
             panel.set(title=heading, xlabel="recall", xlim=(0, 1), ylim=(-20, 100))
             panel.grid(alpha=0.25)

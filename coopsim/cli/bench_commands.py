@@ -206,10 +206,9 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
         bar.refresh()
         return
     if progress.outcome.result.failed:
-        from coopsim.bench.grid.cell import label
+        from coopsim.bench.grid.cell import name_of_cell
 
-        cell = progress.outcome.result.cell
-        where = f"{cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}"
+        where = name_of_cell(progress.outcome.result.cell, conditions)
         bar.write(f"coopsim: failed: {where}: {progress.outcome.reason}", file=sys.stderr)
     left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
     bar.set_postfix_str(f"about {left} left", refresh=False)
@@ -223,7 +222,7 @@ BENCH = Command(
 )
 
 
-_NAMES_OF_COMPARE = "policies need --results"
+_NAMES = "policies need --results"
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
@@ -258,7 +257,7 @@ def _sides(options: argparse.Namespace) -> tuple[list[CellResult], list[CellResu
     from coopsim.bench.results.comparison import as_one_policy
 
     if options.results is None:
-        return stored_results(Path(options.a), _NAMES_OF_COMPARE), stored_results(Path(options.b), _NAMES_OF_COMPARE)
+        return stored_results(Path(options.a), _NAMES), stored_results(Path(options.b), _NAMES)
     if options.a == options.b:
         raise InvalidValueError(f"A and B must be two policies, got {options.a!r} for both")
     results, name = stored_results(options.results), f"{options.b} - {options.a}"

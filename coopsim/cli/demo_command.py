@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _POLICIES = ("no_fusion", "late_fusion")
 _UNLESS = ", unless an option or the scenario file sets it"
-_FLAGS_OF_DEMO = {
+_FLAGS = {
     "latency_s": "--latencies-ms",
     "loss": "--loss",
     "position_noise_m": "--position-noise-m",
@@ -103,7 +103,7 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     usual = usual_seed(options.environment) if played is None else played.header.seed
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
-    given = named_options(options, _FLAGS_OF_DEMO)
+    given = named_options(options, _FLAGS)
     explicit = {*given, *_options_of_file(options.environment)}
     given = {**world, **population(options), **_degradation(options, explicit), **given}
     return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from coopsim.bench.detect.detect import DetectProgress
     from coopsim.bench.detect.detect_plan import DetectPlan
 
-_FLAGS_OF_DETECT = {
+_FLAGS = {
     "latency_s": "--delays-ms",
     "position_noise_m": "--noise",
     "heading_noise_rad": "--noise",
@@ -54,7 +55,8 @@ def _add_detect(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=seeds, default=(0, 1), metavar="0-1", help="one episode each (default: 0-1)")
     add("--frames", type=count, default=20, help="measured in each episode (default: %(default)s)")
     add("--every-s", type=float, default=0.5, help="least time between measured frames (default: %(default)s)")
-    add("--noise", type=noises, default=(), metavar="0/0,0.4/0.4", help="m/degrees of all agents' poses, a row each")
+    help_of_noise = "m/degrees of all agents' poses, a row each"
+    add("--noise", type=noises, default=(), dest="noises", metavar="0/0,0.4/0.4", help=help_of_noise)
     add("--delays-ms", type=numbers, default=(), metavar="0,200", help="of messages, a row each")
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
     add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
@@ -121,22 +123,8 @@ def _run_detect(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> DetectPlan:
     from coopsim.bench.detect.detect_plan import DetectPlan
 
-    return DetectPlan(
-        options.policies,
-        options.environments,
-        options.seeds,
-        options.frames,
-        options.noise,
-        options.delays_ms,
-        options.every_s,
-        options.detector,
-        options.receivers,
-        options.boxes,
-        options.protocol,
-        options.within_m,
-        named_options(options, _FLAGS_OF_DETECT),
-        options.device,
-    )
+    given = {each.name: getattr(options, each.name) for each in fields(DetectPlan) if each.name != "options"}
+    return DetectPlan(**given, options=named_options(options, _FLAGS))
 
 
 def _folder(out: Path | None) -> Path | None:

@@ -20,7 +20,7 @@ from coopsim.cli.arguments import (
     seeds,
 )
 
-_FLAGS_OF_EXPORT = {"max_cycles": "--frames", "seed": "--seeds", "sense_every": "dt_s"}
+_EXPORT_FLAGS = {"max_cycles": "--frames", "seed": "--seeds", "sense_every": "dt_s"}
 """Options that must be given otherwise, and how."""
 
 
@@ -47,7 +47,7 @@ def _run_export(options: argparse.Namespace) -> int:
     from coopsim.data.export.export_card import DONE, PAGE, PICTURE, read_card
     from coopsim.data.export.export_run import export
 
-    given = {**population(options), **named_options(options, _FLAGS_OF_EXPORT)}
+    given = {**population(options), **named_options(options, _EXPORT_FLAGS)}
     frames = options.frames * len(options.seeds)
     with tqdm(total=frames, unit="frame", disable=None, desc=f"export {options.format}") as bar:
         try:
@@ -78,7 +78,7 @@ EXPORT = Command(
 )
 
 
-_MOST_OF_CHECK_EXPORT = 100
+_MOST_PROBLEMS = 100
 """Problems that are printed: a wrong folder can have one in every file."""
 
 
@@ -90,11 +90,11 @@ def _add_check_export(parser: argparse.ArgumentParser) -> None:
 def _run_check_export(options: argparse.Namespace) -> int:
     from coopsim.data.export.export_checks import check_export
 
-    problems = list(islice(check_export(options.folder, options.format), _MOST_OF_CHECK_EXPORT + 1))
-    for problem in problems[:_MOST_OF_CHECK_EXPORT]:
+    problems = list(islice(check_export(options.folder, options.format), _MOST_PROBLEMS + 1))
+    for problem in problems[:_MOST_PROBLEMS]:
         print(problem)
     if problems:
-        count = f"more than {_MOST_OF_CHECK_EXPORT}" if len(problems) > _MOST_OF_CHECK_EXPORT else str(len(problems))
+        count = f"more than {_MOST_PROBLEMS}" if len(problems) > _MOST_PROBLEMS else str(len(problems))
         print(f"{count} problem{'s' * (len(problems) > 1)}")
         return FAILED
     print(f"{options.folder} is as it should be")
@@ -106,7 +106,7 @@ CHECK_EXPORT = Command(
 )
 
 
-_FLAGS_OF_EXPORT_RESULTS = {"uplink": "--policy", "max_cycles": "the export's --frames", "seed": "the export's --seeds"}
+_RESULT_FLAGS = {"uplink": "--policy", "max_cycles": "the export's --frames", "seed": "the export's --seeds"}
 """Options that must be given otherwise, and how."""
 
 
@@ -124,7 +124,7 @@ def _run_export_results(options: argparse.Namespace) -> int:
     from coopsim.data.export.nuscenes_tables.nuscenes_results import TRACKING, read_plan, write_results
     from coopsim.data.export.nuscenes_tables.nuscenes_score import as_table, score_results
 
-    given = named_options(options, _FLAGS_OF_EXPORT_RESULTS)
+    given = named_options(options, _RESULT_FLAGS)
     plan, _ = read_plan(options.folder)
     with tqdm(total=plan.frames * len(plan.seeds), unit="frame", disable=None, desc=options.policy) as bar:
         write_results(options.folder, options.policy, options.out, progress=bar.update, **given)

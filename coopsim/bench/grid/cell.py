@@ -256,12 +256,18 @@ def _joined(condition: Condition, conditions: Sequence[Condition], parts: Sequen
     return ", ".join([*([condition.scenario] if several or not parts else []), *parts])
 
 
-def mildest_values(conditions: Sequence[Condition]) -> tuple[float, ...]:
-    """Return the mildest value on each of the `varying_axes`."""
-    return tuple(min((axis.value(each) for each in conditions), key=axis.harm) for axis in varying_axes(conditions))
-
-
 def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that are mildest on every axis, at most one per scenario; a grid may lack that corner."""
-    axes, least = varying_axes(conditions), mildest_values(conditions)
-    return tuple(each for each in conditions if tuple(axis.value(each) for axis in axes) == least)
+    return tuple(conditions[k] for k in mildest_along(None, conditions))
+
+
+def mildest_along(axis: Axis | None, conditions: Sequence[Condition]) -> list[int]:
+    """Return the numbers of the conditions that are mildest on every axis but one."""
+    others = [each for each in varying_axes(conditions) if each != axis]
+    least = [min((each.value(condition) for condition in conditions), key=each.harm) for each in others]
+    return [k for k, each in enumerate(conditions) if [other.value(each) for other in others] == least]
+
+
+def name_of_cell(cell: Cell, conditions: Sequence[Condition]) -> str:
+    """Name a cell among those of some conditions."""
+    return f"{cell.policy}, {label(cell.condition, conditions)}, seed {cell.seed}"

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_values, varying_axes
+from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_along, varying_axes
 from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import BesideBest, beside_best, known_mean
+from coopsim.bench.results.standings import BestComparison, compare_with_best, known_mean
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 from coopsim.config.spec import parse_spec
 from coopsim.metrics.built_in import BYTES, less_is_better
@@ -68,18 +68,19 @@ def latex_tables(table: ResultTable, metrics: Sequence[str]) -> dict[str, str]:
 
 def _by_axis(table: ResultTable, metric: str, axis: Axis) -> list[_Column]:
     """Return a column for each value of an axis, the mildest first."""
-    axes, least = varying_axes(table.conditions), mildest_values(table.conditions)
     places: dict[float, list[int]] = {}
     texts: dict[float, str] = {}
-    for k, condition in enumerate(table.conditions):
-        if all(each.value(condition) == value for each, value in zip(axes, least, strict=True) if each != axis):
-            places.setdefault(axis.value(condition), []).append(k)
-            texts[axis.value(condition)] = axis.text(condition)
+    for k in mildest_along(axis, table.conditions):
+        condition = table.conditions[k]
+        places.setdefault(axis.value(condition), []).append(k)
+        texts[axis.value(condition)] = axis.text(condition)
     return [_Column(texts[value], metric, tuple(places[value])) for value in sorted(places, key=axis.harm)]
 
 
 def _table(table: ResultTable, columns: Sequence[_Column], heading: str, label: str) -> str:
-    compared = [None if each.metric == BYTES else beside_best(table, each.metric, each.conditions) for each in columns]
+    compared = [
+        None if each.metric == BYTES else compare_with_best(table, each.metric, each.conditions) for each in columns
+    ]
     texts = [
         _rates(table, column) if entries is None else [_cell(entry, form_of(column.metric)) for entry in entries]
         for column, entries in zip(columns, compared, strict=True)
@@ -108,7 +109,7 @@ def _table(table: ResultTable, columns: Sequence[_Column], heading: str, label: 
     )
 
 
-def _legend(table: ResultTable, compared: Sequence[Sequence[BesideBest]]) -> str:
+def _legend(table: ResultTable, compared: Sequence[Sequence[BestComparison]]) -> str:
     """Return what a caption says of numbers and marks."""
     samples = table.samples
     parts = [f"mean over {escape(samples.text)}"]
@@ -126,7 +127,7 @@ def _legend(table: ResultTable, compared: Sequence[Sequence[BesideBest]]) -> str
     return "; ".join(parts) + "."
 
 
-def _order(columns: Sequence[_Column], compared: Sequence[Sequence[BesideBest] | None], count: int) -> list[int]:
+def _order(columns: Sequence[_Column], compared: Sequence[Sequence[BestComparison] | None], count: int) -> list[int]:
     """Return the order of the rows: by the first metric, the best first, and those that lack runs last."""
     for column, entries in zip(columns, compared, strict=True):
         if entries is not None:
@@ -146,7 +147,7 @@ def _rates(table: ResultTable, column: _Column) -> list[str]:
     return [format_value(each.mean, ",.0f").replace(",", r"\,") for each in intervals]
 
 
-def _cell(entry: BesideBest, form: str) -> str:
+def _cell(entry: BestComparison, form: str) -> str:
     """Format a mean with half of its interval: the best in bold, what it does not beat with a star."""
     mean, half = _number(entry.interval.mean, form), entry.interval.half_width
     beside = "" if math.isnan(half) else rf" {{\scriptsize$\pm$ {format_value(half, form)}}}"
@@ -182,7 +183,7 @@ def interval_csv(table: ResultTable, metrics: Sequence[str]) -> str:
     for condition, numbers in groups:
         where = {each.name: None for each in fields(Condition)} if condition is None else asdict(condition)
         for metric in metrics:
-            for policy, entry in zip(table.policies, beside_best(table, metric, numbers), strict=True):
+            for policy, entry in zip(table.policies, compare_with_best(table, metric, numbers), strict=True):
                 rows.append(
                     {
                         "policy": policy,

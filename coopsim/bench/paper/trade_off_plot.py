@@ -203,7 +203,7 @@ def _size_of(name: str) -> tuple[float, float]:
     return float(TextPath((0, 0), name, size=_LABEL_PT).get_extents().width) + 2, _LABEL_PT * _LINE_HEIGHT
 
 
-_NEAR, _FAR = 6.0, 22.0
+_LEVEL_PT, _MOVED_PT = 6.0, 22.0
 """Distances of a label from its marker, where it is level with it, and where a line leads to it from above or below."""
 
 _LINES, _CLOSE = 60, 14
@@ -214,14 +214,14 @@ def lay_out(points: Floats, sizes: Floats, taken: Floats, whiskers: Floats, boun
     """Place a label beside each point, the highest point first: to its right or left, as near as there is room.
 
     A label that would be far away lies on whiskers instead. Where there is no room at all, it is to the right of its
-    point and may lie on other labels.
+    point and may lie on other labels. All is in points of 1/72 inch, y upwards; boxes are left, low, right, high.
 
     Args:
-        points: (N, 2) x and y of the markers in points of 1/72 inch, y upwards, as all that follows.
+        points: (N, 2) x and y of the markers.
         sizes: (N, 2) width and height of the labels.
-        taken: (M, 4) left, low, right, high of what must be kept free, as the markers.
-        whiskers: (K, 4) alike, of what should be.
-        bounds: (4,) left, low, right, high of the area.
+        taken: (M, 4) boxes to be kept free, as the markers'.
+        whiskers: (K, 4) boxes to be kept free if possible.
+        bounds: (4,) box of the area.
 
     Returns:
         (N, 2) the left end and the middle of the height of each label.
@@ -243,8 +243,8 @@ def _candidates(point: Floats, size: Floats) -> list[Floats]:
     """Return places for a label: level with its marker, then ever farther above and below, right before left."""
     width, height = size
     shifts = [sign * k * height / 4 for k in range(2, _LINES) for sign in (1, -1)]
-    level = [(point[0] + _NEAR, point[1]), (point[0] - _NEAR - width, point[1])]
-    moved = [(x, point[1] + shift) for shift in shifts for x in (point[0] + _FAR, point[0] - _FAR - width)]
+    level = [(point[0] + _LEVEL_PT, point[1]), (point[0] - _LEVEL_PT - width, point[1])]
+    moved = [(x, point[1] + shift) for shift in shifts for x in (point[0] + _MOVED_PT, point[0] - _MOVED_PT - width)]
     return [np.array(each) for each in (*level, *moved)]
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Axis, Condition, mildest_values, varying_axes
-from coopsim.bench.report.formats import line_look, to_svg
+from coopsim.bench.grid.cell import Axis, mildest_along, varying_axes
+from coopsim.bench.report.formats import line_style, to_svg
 from coopsim.bench.results.result_table import ResultTable
 
 if TYPE_CHECKING:
@@ -47,9 +47,9 @@ def _plot(table: ResultTable, metric: str, values: np.ndarray[Any, Any], axis: A
 
 def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: Axis, scenario: str) -> None:
     chosen = sorted(
-        (axis.value(condition), k)
-        for k, condition in enumerate(table.conditions)
-        if condition.scenario == scenario and _others_mild(condition, table, axis)
+        (axis.value(table.conditions[k]), k)
+        for k in mildest_along(axis, table.conditions)
+        if table.conditions[k].scenario == scenario
     )
     known = [value for value, _ in chosen if math.isfinite(value)]
     # No limit stands to the right of the largest value, on a logarithmic axis.
@@ -59,7 +59,7 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
         intervals = [table.samples.interval(values[number, k]) for _, k in chosen]
         means = np.array([each.mean for each in intervals])
         whiskers = np.nan_to_num([each.half_width for each in intervals])
-        style, color = line_look(number)
+        style, color = line_style(number)
         # Matplotlib leaves out labels that begin with an underscore.
         name = f" {policy}" if policy.startswith("_") else policy
         look = {"fmt": f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
@@ -69,8 +69,3 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
         panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else "no limit" for value, _ in chosen])
         panel.minorticks_off()
     panel.grid(alpha=0.25)
-
-
-def _others_mild(condition: Condition, table: ResultTable, axis: Axis) -> bool:
-    axes, least = varying_axes(table.conditions), mildest_values(table.conditions)
-    return all(other.value(condition) == value for other, value in zip(axes, least, strict=True) if other != axis)

@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Sequence
 
-from coopsim.bench.grid.cell import label, short_label
+from coopsim.bench.grid.cell import name_of_cell, short_label
 from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
@@ -78,8 +78,7 @@ def failures(table: ResultTable) -> str:
     """Return the failed cells with their tracebacks, folded."""
     parts = []
     for result in table.failures:
-        cell = result.cell
-        name = f"{cell.policy}, {label(cell.condition, table.conditions)}, seed {cell.seed}"
+        name = name_of_cell(result.cell, table.conditions)
         summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
         parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
     return "".join(parts) or '<p class="note">No cell failed.</p>'

@@ -10,7 +10,7 @@ from typing import Any
 from tabulate import tabulate
 
 from coopsim.bench.evaluate import Evaluation
-from coopsim.bench.grid.cell import label, short_label
+from coopsim.bench.grid.cell import label, name_of_cell, short_label
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
@@ -120,12 +120,8 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
 
 
 def _failures(table: ResultTable) -> list[str]:
-    lines = []
-    for result in table.failures:
-        cell = result.cell
-        where = label(cell.condition, table.conditions)
-        lines.append("- " + _escaped(f"{cell.policy}, {where}, seed {cell.seed}: {result.reason}"))
-    return lines
+    failed = [f"{name_of_cell(each.cell, table.conditions)}: {each.reason}" for each in table.failures]
+    return [f"- {_escaped(line)}" for line in failed]
 
 
 def _interval(interval: Interval, form: str) -> str:

@@ -11,14 +11,14 @@ import numpy as np
 
 from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.scene import frame_data, home_of, map_data, thinned, tracks_data
+from coopsim.bench.report.scene import Film, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.standings import Moment
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
-    from coopsim.envs.parallel import CooperativeEnv
+    pass
 
 RunCell = Callable[[Cell, OnFrame], CellResult]
 """Runs a cell as the benchmark does, and calls a function after every frame."""
@@ -81,7 +81,7 @@ def film(
     for moment in moments:
         for result in (moment.worst, moment.best):
             ends[result.cell] = max(ends.get(result.cell, 0), moment.last)
-    films: dict[Cell, _Film | str] = {}
+    films: dict[Cell, Film | str] = {}
     clips: list[Clip] = []
     notes: list[str] = []
     for number, moment in enumerate(moments):
@@ -102,25 +102,9 @@ def film(
     return tuple(clips), tuple(notes)
 
 
-class _Film:
-    """The frames of a run, from above."""
-
-    def __init__(self) -> None:
-        self.frames: list[BevFrame] = []
-        self.dt_s = 0.0
-        self.road_map: RoadMap
-
-    def add(self, env: CooperativeEnv) -> None:
-        """Record the current frame."""
-        shown = env.bev_frame()
-        self.frames.append(replace(shown, points=thinned(shown.points, _POINTS_SHOWN)))
-        self.dt_s = next(iter(env.agent_specs.values())).dt_s
-        self.road_map = env.road_map
-
-
-def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
+def _shoot(result: CellResult, frames: int, run: RunCell) -> Film | str:
     """Record the run's first frames, or return why that failed."""
-    cell, film = result.cell, _Film()
+    cell, film = result.cell, Film(_POINTS_SHOWN)
     rerun = run(replace(cell, frames=frames), film.add)
     name = f"{cell.policy}, seed {cell.seed}"
     if rerun.failed:
@@ -130,7 +114,7 @@ def _shoot(result: CellResult, frames: int, run: RunCell) -> _Film | str:
     return film
 
 
-def _cut(moment: Moment, worst: _Film | str, best: _Film | str) -> Clip | str:
+def _cut(moment: Moment, worst: Film | str, best: Film | str) -> Clip | str:
     if isinstance(worst, str) or isinstance(best, str):
         return worst if isinstance(worst, str) else str(best)
     shown, rival = (film.frames[moment.first : moment.last] for film in (worst, best))

@@ -43,7 +43,7 @@ def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) 
     return text.getvalue()
 
 
-def line_look(number: int) -> tuple[str, str]:
+def line_style(number: int) -> tuple[str, str]:
     """Return matplotlib's style and colour of line `number`; the first 30 lines all look different."""
     return ("-", "--", ":")[number // 10 % 3], f"C{number % 10}"
 

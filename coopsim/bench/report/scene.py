@@ -6,9 +6,9 @@ import base64
 import html
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from coopsim.types import NS_PER_S, Ints, Tracks
 from coopsim.viz import palette
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
+
+if TYPE_CHECKING:
+    from coopsim.envs.parallel import CooperativeEnv
 
 UNIT_M, TURN_RAD = 0.05, 1e-4
 """Units of the integers that store lengths and headings."""
@@ -49,6 +52,23 @@ def thinned(points: Floats, count: int) -> Floats:
     """Return about `count` of the points (N, 3): every n-th in the order of the sweep, which runs around the sensor."""
     stride = max(1, -(-len(points) // count))
     return points[::stride].copy()  # a view would keep all of them in memory
+
+
+class Film:
+    """The frames of a run from above, recorded after every step, with about `points` points each."""
+
+    def __init__(self, points: int) -> None:
+        self._points = points
+        self.frames: list[BevFrame] = []
+        self.dt_s = 0.0
+        self.road_map: RoadMap
+
+    def add(self, env: CooperativeEnv) -> None:
+        """Record the current frame."""
+        frame = env.bev_frame(points=self._points > 0)
+        self.frames.append(replace(frame, points=thinned(frame.points, self._points)) if self._points else frame)
+        self.dt_s = next(iter(env.agent_specs.values())).dt_s
+        self.road_map = env.road_map
 
 
 def home_of(frames: Sequence[BevFrame]) -> Floats:

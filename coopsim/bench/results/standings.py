@@ -89,7 +89,7 @@ def known_mean(values: Floats, axis: int) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class BesideBest:
+class BestComparison:
     """A policy's value beside that of the best policy.
 
     Attributes:
@@ -111,7 +111,7 @@ class BesideBest:
         return self.complete and not self.best and self.p_corrected > LEVEL
 
 
-def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> tuple[BesideBest, ...]:
+def compare_with_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> tuple[BestComparison, ...]:
     """Compare every policy with the best one, by the mean of a metric over some conditions, in the order of the table.
 
     Differences are paired by sample, and tested all together (`largest_difference_p_values`), because the best one is
@@ -123,7 +123,7 @@ def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> t
     by_sample = table.samples.average(known_mean(values, axis=1))
     intervals = [mean_interval(row) for row in by_sample]
     if not complete.any():
-        return tuple(BesideBest(interval) for interval in intervals)
+        return tuple(BestComparison(interval) for interval in intervals)
     sign = -1.0 if less_is_better(metric) else 1.0
     goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
     best, compared = int(np.argmax(goods)), np.flatnonzero(complete)
@@ -132,7 +132,7 @@ def beside_best(table: ResultTable, metric: str, conditions: Sequence[int]) -> t
     p_values[compared] = largest_difference_p_values(sign * known, int(np.searchsorted(compared, best)))
     p_values[best] = math.nan
     return tuple(
-        BesideBest(interval, bool(complete[k]), goods[k] == goods[best], float(p_values[k]))
+        BestComparison(interval, bool(complete[k]), goods[k] == goods[best], float(p_values[k]))
         for k, interval in enumerate(intervals)
     )
 

@@ -80,7 +80,7 @@ def fingerprint(
         code[package] = sources.described(package)
     code |= {"packages": package_versions(), "python": platform.python_version()}
     code["arithmetic"] = arithmetic_of(policy, plain.get("detector"), trusted=kind is not None)
-    if kind is None or _draws(cell.condition.scenario, plain, needs):
+    if kind is None or _has_cameras(cell.condition.scenario, plain, needs):
         code["renderer"] = _renderer(str(plain.get("renderer", "auto")))
     decided = {
         "layout": LAYOUT,
@@ -238,8 +238,8 @@ def _digest_of_state(path: Path, _modified_ns: int, _size: int) -> str:
     return _digest(path.read_bytes())
 
 
-def _draws(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:
-    """Return whether cameras of a simulated world are drawn in a cell."""
+def _has_cameras(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:
+    """Return whether images of a simulated world's cameras are drawn in a cell."""
     if is_recordings_folder(scenario):
         return False
     return bool({**scenario_options(scenario), **options}.get("cameras") or getattr(needs, "cameras", None))

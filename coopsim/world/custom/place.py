@@ -37,7 +37,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coopsim.config.checked_entry import DataEntry, Entry, plain
-from coopsim.config.yaml_text import yaml_text
+from coopsim.config.yaml_file import yaml_text
 from coopsim.errors import InvalidValueError, ScenarioFileError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count

@@ -10,7 +10,7 @@ from synthetic_results import EFFECTS, LATENCIES, results
 
 from coopsim.bench.paper.tables import interval_csv
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import beside_best
+from coopsim.bench.results.standings import compare_with_best
 from coopsim.bench.results.statistics import mean_interval
 
 TABLE = ResultTable.of(results(seeds=range(8)))
@@ -27,7 +27,7 @@ def test_a_row_for_each_policy_metric_and_condition_and_for_all() -> None:
     interval = mean_interval(TABLE.values("HOTA")[TABLE.policies.index("bad"), 2])
     assert [float(row[name]) for name in ("mean", "low", "high")] == [interval.mean, interval.low, interval.high]
     assert (row["samples"], row["complete"], row["best"]) == ("8", "True", "False")
-    assert float(row["p_to_best"]) == beside_best(TABLE, "HOTA", [2])[TABLE.policies.index("bad")].p_corrected
+    assert float(row["p_to_best"]) == compare_with_best(TABLE, "HOTA", [2])[TABLE.policies.index("bad")].p_corrected
     everywhere = [each for each in rows if not each["scenario"] and each["metric"] == "sAMOTA"]
     assert [each["policy"] for each in everywhere] == sorted(EFFECTS)
     means = TABLE.values("sAMOTA").mean(axis=(1, 2))

@@ -12,7 +12,7 @@ from scipy import stats
 from synthetic_results import LATENCIES, failed, results
 
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import beside_best
+from coopsim.bench.results.standings import compare_with_best
 from coopsim.bench.results.statistics import LEVEL, largest_difference_p_values
 from coopsim.errors import UnknownNameError
 
@@ -22,7 +22,7 @@ EVERY = range(len(TABLE.conditions))
 
 
 def test_the_best_is_better_than_what_always_falls_behind_and_not_than_its_twin() -> None:
-    bad, good, twin = beside_best(TABLE, "sAMOTA", EVERY)
+    bad, good, twin = compare_with_best(TABLE, "sAMOTA", EVERY)
     assert [each.best for each in (bad, good, twin)].count(True) == 1
     best, other = (good, twin) if good.best else (twin, good)
     assert np.isnan(best.p_corrected) and not best.unbeaten
@@ -31,7 +31,7 @@ def test_the_best_is_better_than_what_always_falls_behind_and_not_than_its_twin(
 
 
 def test_p_values_are_the_share_of_flips_in_which_any_two_are_as_far_apart() -> None:
-    entries = beside_best(TABLE, "sAMOTA", EVERY)
+    entries = compare_with_best(TABLE, "sAMOTA", EVERY)
     by_seed = TABLE.values("sAMOTA").mean(axis=1)
     best = next(k for k, entry in enumerate(entries) if entry.best)
 
@@ -71,25 +71,25 @@ def test_a_table_of_many_policies_finds_what_is_clearly_worse_and_twins_are_as_g
 
 
 def test_less_may_be_better_and_conditions_are_chosen() -> None:
-    bad, *_ = beside_best(TABLE, "IDS", EVERY)  # 100 - sAMOTA
+    bad, *_ = compare_with_best(TABLE, "IDS", EVERY)  # 100 - sAMOTA
     assert not bad.best and bad.p_corrected <= 0.05
-    late = beside_best(TABLE, "sAMOTA", [len(LATENCIES) - 1])
+    late = compare_with_best(TABLE, "sAMOTA", [len(LATENCIES) - 1])
     assert [entry.interval.mean for entry in late] == list(TABLE.values("sAMOTA")[:, -1].mean(axis=1))
     with pytest.raises(UnknownNameError, match="metric"):
-        beside_best(TABLE, "nothing", EVERY)
+        compare_with_best(TABLE, "nothing", EVERY)
 
 
 def test_what_lacks_runs_is_compared_with_nobody() -> None:
     given = results({"good": 60.0, "middling": 50.0, "bad": 30.0}, seeds=SEEDS)
     lacking = [each for each in given if each.cell.policy != "good" or each.cell.seed != 3]
     lacking += [failed(each.cell) for each in given if each.cell.policy == "good" and each.cell.seed == 3]
-    bad, good, middling = beside_best(ResultTable.of(lacking), "sAMOTA", EVERY)
+    bad, good, middling = compare_with_best(ResultTable.of(lacking), "sAMOTA", EVERY)
     assert not good.complete and not good.best and np.isnan(good.p_corrected) and good.interval.count == 7
     assert middling.best and bad.complete and not bad.unbeaten
-    nothing = beside_best(ResultTable.of([each for each in lacking if each.failed] + given[:1]), "sAMOTA", EVERY)
+    nothing = compare_with_best(ResultTable.of([each for each in lacking if each.failed] + given[:1]), "sAMOTA", EVERY)
     assert not any(entry.best for entry in nothing if not entry.complete)
 
 
 def test_with_few_seeds_nothing_is_beaten() -> None:
-    bad, good, _ = beside_best(ResultTable.of(results(seeds=(0, 1, 2))), "sAMOTA", EVERY)
+    bad, good, _ = compare_with_best(ResultTable.of(results(seeds=(0, 1, 2))), "sAMOTA", EVERY)
     assert good.best and bad.unbeaten

@@ -13,7 +13,7 @@ from coopsim.bench.grid.cell import Cell, CellResult, Condition, label, mildest,
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.report.bench_text import to_markdown
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import beside_best, standings
+from coopsim.bench.results.standings import compare_with_best, standings
 from coopsim.errors import InvalidValueError, UnknownNameError
 
 
@@ -151,8 +151,8 @@ def test_a_seed_in_which_nobody_has_a_value_is_left_out_for_all_alike() -> None:
     assert table.whole("sAMOTA").all()
     ranked = standings(table, "sAMOTA")
     assert [entry.rank for entry in ranked] == [1, 2, 3] and ranked[0].mean.count == 2
-    assert [each.complete for each in beside_best(table, "sAMOTA", range(3))] == [True] * 3
-    assert not math.isnan(beside_best(table, "sAMOTA", range(3))[0].p_corrected)
+    assert [each.complete for each in compare_with_best(table, "sAMOTA", range(3))] == [True] * 3
+    assert not math.isnan(compare_with_best(table, "sAMOTA", range(3))[0].p_corrected)
 
 
 def test_a_policy_that_lacks_what_another_has_is_not_ranked() -> None:
