@@ -147,7 +147,7 @@ def check_embedder(embedder: str | Embedder | Callable[[], Embedder], **options:
     assert isinstance(made, Embedder), f"{name} must be an Embedder, got {made!r}"
     dim = getattr(made, "dim", None)
     assert isinstance(dim, int) and dim > 0, f"{name}: dim must be an integer > 0, got {dim!r}"
-    frames = sensor_frames(made.needs, _FRAMES, 3, options)
+    frames = sensor_frames(made.needs, 2, 3, options)
     known = 0
     for views, detections in zip(frames.views, frames.detections, strict=True):
         for agent, view in views.items():
