@@ -1,4 +1,7 @@
-"""The command line: a module for each command."""
+"""The command line: arguments go in; calls of the library, printed tables and an exit status come out.
+
+Start at `main` in `entry.py`; each command is a `Command` in a module with its kin.
+"""
 
 from coopsim.cli.arguments import INTERRUPTED
 from coopsim.cli.entry import main

@@ -1,4 +1,7 @@
-"""Conformance checks for users' plug-ins; each raises `AssertionError` with the violation."""
+"""Conformance checks: a user's plug-in goes in; nothing comes out, or `AssertionError` with the violation.
+
+Start at the check of your kind of part; `harness.py` has what several share.
+"""
 
 from coopsim.testing.fusion_checks import check_fusion
 from coopsim.testing.message_checks import check_codec, check_uplink

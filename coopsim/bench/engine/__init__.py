@@ -1,1 +1,4 @@
-"""A benchmark's engine: cells as jobs, by processes or Ray."""
+"""Engine of a benchmark: jobs go in, outcomes come out of processes of this machine or of Ray.
+
+Start at `Engine` in `engine.py`; `job.py` is what runs in a worker, for one cell.
+"""

@@ -1,1 +1,4 @@
-"""A benchmark's results as a paper has them: tables, a figure, and what others need to get the same numbers."""
+"""Files of a benchmark for papers: results go in; tables, a figure and the protocol come out.
+
+Start at `paper_files` in `coopsim.bench.report.publish`, which writes them.
+"""

@@ -1,1 +1,4 @@
-"""A benchmark's results as pages, tables and pictures."""
+"""Reports of a benchmark: results go in; an HTML page, Markdown, CSV and plots come out.
+
+Start at `publish.py`, which writes them all; `bench_report.py` is the page, `template/` its HTML and scripts.
+"""
