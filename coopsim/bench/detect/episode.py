@@ -15,8 +15,7 @@ import numpy as np
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.box_cover import covers
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns

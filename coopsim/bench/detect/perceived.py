@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.recall_by_visibility import UNKNOWN
+from coopsim.metrics.score import UNKNOWN
 from coopsim.support.files import make_folder, write_durably
 from coopsim.types import Detections, GroundTruth, Ints, Mask
 
@@ -34,7 +34,7 @@ class Perceived:
         true_box: (M, 7).
         true_label: (M,).
         true_counts: (M,) whether the object counts: in the region, and seen by some agent.
-        true_seen_by: (M,) numbers into `coopsim.metrics.recall_by_visibility.SEEN_BY`, or `UNKNOWN`.
+        true_seen_by: (M,) numbers into `coopsim.metrics.score.SEEN_BY`, or `UNKNOWN`.
         region_m: half length and width of the evaluation region; infinite: no limit.
         frames: frames of the environment, each with several receivers.
         messages: broadcasts in the episode, each counted once.

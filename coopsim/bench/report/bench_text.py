@@ -17,8 +17,7 @@ from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
 from coopsim.metrics.metric import PRIMARY_METRIC
-from coopsim.metrics.recall_by_visibility import GroupRecall
-from coopsim.metrics.score import Score
+from coopsim.metrics.score import GroupRecall, Score
 
 METRICS_SHOWN = (PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN")
 """The built-in metrics that fit on a page."""
