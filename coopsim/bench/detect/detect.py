@@ -7,7 +7,7 @@ where there are enough.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -201,11 +201,11 @@ def measure_detection(
     engine = engine or Engine()
     files = None if folder is None else PerceivedFiles(Path(folder))
     table = _Table(plan)
-    jobs = {job: place for place, of_place in table.jobs.items() for job in of_place}
+    jobs = list(table.places)
     for job in jobs:
         stored = None if files is None else _stored(files, job)
         if stored is not None:
-            table.take(jobs[job], job, stored)
+            table.take(job, stored)
     waiting = {job.key: job for job in jobs if job not in table.episodes}
     done = len(jobs) - len(waiting)
     on_progress(DetectProgress(len(jobs), done, None, table.rows))
@@ -217,7 +217,7 @@ def measure_detection(
             if outcome.perceived is not None:
                 if files is not None:
                     files.put(job.key, outcome.perceived)
-                table.take(jobs[job], job, outcome.perceived)
+                table.take(job, outcome.perceived)
             done += 1
             on_progress(DetectProgress(len(jobs), done, outcome, table.rows))
     return table.rows
@@ -227,40 +227,39 @@ class _Table:
     """Rows that fill up as episodes come.
 
     Attributes:
-        jobs: episodes of each row.
+        places: the places in the table of each job: its row, and the one that pools all environments.
         episodes: finished episodes, by job.
     """
 
     def __init__(self, plan: DetectPlan) -> None:
         self._plan = plan
-        self.jobs: dict[_Place, list[DetectJob]] = {place: plan.jobs_of(*place) for place in plan.rows()}
+        self.places: dict[DetectJob, list[_Place]] = {}
         self.episodes: dict[DetectJob, Measured] = {}
+        self._jobs: dict[_Place, list[DetectJob]] = {}
         self._rows: dict[_Place, dict[str, Any]] = {}
-        self._wholes: dict[_Place, list[DetectJob]] = {}
-        if len(plan.environments) > 1:
-            for (policy, _, disturbance), jobs in self.jobs.items():
-                self._wholes.setdefault((policy, EVERYWHERE, disturbance), []).extend(jobs)
+        for policy, environment, disturbance in plan.rows():
+            whole = policy, EVERYWHERE, disturbance
+            places = [(policy, environment, disturbance), *([whole] if len(plan.environments) > 1 else [])]
+            for job in plan.jobs_of(*places[0]):
+                self.places[job] = places
+                for place in places:
+                    self._jobs.setdefault(place, []).append(job)
+            if whole in self._jobs:
+                self._jobs[whole] = self._jobs.pop(whole)  # it follows the rows that it pools
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """The complete rows; after those of all environments, the one that pools them."""
-        return [self._rows[place] for place in self._order() if place in self._rows]
+        return [self._rows[place] for place in self._jobs if place in self._rows]
 
-    def take(self, place: _Place, job: DetectJob, perceived: Perceived) -> None:
+    def take(self, job: DetectJob, perceived: Perceived) -> None:
         """Take an episode in, and make the rows that it completes."""
         self.episodes[job] = Measured.of(perceived, self._plan.protocol, self._plan.within_m)
-        policy, _, disturbance = place
-        whole = (policy, EVERYWHERE, disturbance)
-        for each, jobs in ((place, self.jobs[place]), (whole, self._wholes.get(whole, []))):
-            if jobs and all(part in self.episodes for part in jobs):
+        for place in self.places[job]:
+            jobs = self._jobs[place]
+            if all(part in self.episodes for part in jobs):
                 options = {name: value for name, value in jobs[0].options.items() if name != "threads"}
-                self._rows[each] = row_of(self._plan, each, options, [self.episodes[part] for part in jobs])
-
-    def _order(self) -> Iterator[_Place]:
-        for place in self.jobs:
-            yield place
-            if place[1] == self._plan.environments[-1] and self._wholes:
-                yield place[0], EVERYWHERE, place[2]
+                self._rows[place] = row_of(self._plan, place, options, [self.episodes[part] for part in jobs])
 
 
 def _stored(files: PerceivedFiles, job: DetectJob) -> Perceived | None:
