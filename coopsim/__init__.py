@@ -29,7 +29,7 @@ from coopsim.support.interrupts import tell_in_one_line
 if Path("".join(sys.argv[:1])).stem == "coopsim":  # the command: Ctrl-C may come while it imports
     sys.excepthook = tell_in_one_line
 
-from coopsim.gymnasium_ids import register_environments
+from coopsim.catalog import register_environments
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs as Needs

@@ -24,6 +24,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from gymnasium.envs.registration import register, registry
+
 from coopsim.config.spec import instantiate, parse_spec, spell_spec
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.support.registry import Registry
@@ -331,3 +333,33 @@ def _is_policy(module: ModuleType, name: str) -> bool:
 def _policy_base() -> type[Policy]:
     base: type[Policy] = importlib.import_module("coopsim.agents.policy").Policy
     return base
+
+
+VERSIONED_NAMES = (
+    "crossing-v2",
+    "file-v2",
+    "highway-v2",
+    "merge-v2",
+    "occluded_crossing-v2",
+    "parking_street-v2",
+    "platoon-v2",
+    "replay-v2",
+    "roundabout-v2",
+    "t_junction-v2",
+    "town-v2",
+    "urban_grid-v2",
+)
+"""The environments that come with coopsim, as `ENVIRONMENTS` has them, whose look-up would load the simulator."""
+
+
+def register_with_gymnasium(versioned: str) -> None:
+    """Let `gymnasium.make` know an environment, unless it does already."""
+    name = f"{NAMESPACE}/{versioned}"
+    if name not in registry:
+        register(name, f"{ENVIRONMENTS_HOME}.single.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
+
+
+def register_environments() -> None:
+    """Let `gymnasium.make` know our environments: gymnasium 1 has no plug-ins that it would find by itself."""
+    for versioned in VERSIONED_NAMES:
+        register_with_gymnasium(versioned)

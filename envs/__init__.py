@@ -9,7 +9,7 @@ from typing import Any
 
 import pettingzoo
 
-from coopsim.catalog import ENVIRONMENTS, NAMESPACE
+from coopsim.catalog import ENVIRONMENTS, NAMESPACE, register_with_gymnasium
 from coopsim.data.recordings.find_format import AUTO, FORMATS, TEXT, find_format, open_folder
 from coopsim.envs.frames import FrameSource
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
@@ -23,7 +23,6 @@ from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
-from coopsim.gymnasium_ids import register_with_gymnasium
 from coopsim.support.checks import require_choice
 from coopsim.types.maneuvers import IDLE, MANEUVERS
 from coopsim.world.population import Population, drop_overridden

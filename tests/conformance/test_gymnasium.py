@@ -14,8 +14,8 @@ from conftest import SIMULATED, SMALL
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import coopsim
+from coopsim.catalog import VERSIONED_NAMES
 from coopsim.envs.wrappers import FixedSize, Flatten
-from coopsim.gymnasium_ids import VERSIONED_NAMES
 
 UNBOUNDED = pytest.mark.filterwarnings("ignore:.*A Box observation space m..imum value is -?infinity")
 """Positions in the world have no bounds."""
