@@ -122,7 +122,7 @@ def single_env(
         **options: options of `parallel_env`.
 
     Raises:
-        CoopsimError: as `parallel_env` and `coopsim.envs.single.single_agent_env.SingleAgentEnv` do.
+        CoopsimError: an error of `parallel_env`, or of `coopsim.envs.single.single_agent_env.SingleAgentEnv`.
     """
     home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single.single_agent_env")
     env: SingleAgentEnv = home.SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)
@@ -207,11 +207,7 @@ class PolicySpec:
 
     @classmethod
     def parse(cls, text: str) -> PolicySpec:
-        """Parse the text of a user.
-
-        Raises:
-            InvalidValueError: the text has another shape, or its file cannot be read.
-        """
+        """Parse the text of a user. Raises `InvalidValueError` for another shape, or an unreadable file."""
         target, parameters = parse_spec("policy", text, _ACCEPTED)
         if target.endswith(".py"):
             raise InvalidValueError(f"policy {text!r} must name the class in that file, as {target}:MyTracker")
@@ -231,8 +227,8 @@ class PolicySpec:
         """Look up the policy's class.
 
         Raises:
-            UnknownNameError: no class has that name; the message lists the close ones.
-            InvalidValueError: the module cannot be imported, or the name in it is not a policy class.
+            CoopsimError: no class has that name, the module cannot be imported, or the name in it is not a policy
+                class.
         """
         if ":" not in self.target:
             return POLICIES.get(self.target)

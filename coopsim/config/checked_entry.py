@@ -66,10 +66,7 @@ class Entry(ABC):
     ) -> Mapping[str, Entry]:
         """Return the values by key; raise an error if a required key is missing, or a key is unknown.
 
-        Args:
-            required: keys that must be there.
-            optional: keys that may be there.
-            elsewhere: keys that belong elsewhere in the file, and where: "below options".
+        `elsewhere` are keys that belong elsewhere in the file, and where: "below options".
         """
         found = self.pairs()
         if found is None or not all(name in required or name in optional for name in found):
@@ -172,15 +169,7 @@ def plain(value: Any) -> Any:
 
 
 class DataEntry(Entry):
-    """A value in memory; errors name the keys that lead to it.
-
-    Args:
-        value: plain data.
-        name: see `Entry`.
-        kind: see `Entry`.
-        above: the list or mapping that it is in; None: the root.
-        key: in it: a key or a place.
-    """
+    """A value in memory; errors name the keys that lead to it: `key`, or place, in the list or mapping `above`."""
 
     __slots__ = ("_above", "_key", "_value")
 

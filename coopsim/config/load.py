@@ -40,13 +40,11 @@ def load(annotation: Any, given: Any, what: str, models: Models | None = None) -
     Args:
         annotation: a class, or another annotation of the table above.
         given: the data.
-        what: its name, for errors.
+        what: name of the data, for errors.
         models: models of base classes.
 
     Raises:
-        InvalidValueError: something is no mapping, a field is missing, or a value is not accepted; the message says
-            where.
-        UnknownNameError: there is no such field or model; the message lists the close ones.
+        CoopsimError: something is no mapping, a field is missing or unknown, or a value is not accepted; says where.
     """
     models = models or {}
     kinds = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
@@ -69,10 +67,7 @@ def load(annotation: Any, given: Any, what: str, models: Models | None = None) -
 def read_mapping(what: str, accepted: str, given: Any) -> Mapping[str, Any]:
     """Return a mapping, or read it from the path of a YAML file, whose own paths are relative to the file.
 
-    Args:
-        what: its name, for errors.
-        accepted: alternatives that the user may give, for errors.
-        given: the mapping or path.
+    `what` is its name and `accepted` are further alternatives of the user, for errors.
 
     Raises:
         InvalidValueError: it is neither, or the file cannot be read or is no YAML.

@@ -29,13 +29,7 @@ def parse_spec(
 ) -> tuple[str, dict[str, Any]]:
     """Split a spec into its name and its parameters.
 
-    Args:
-        kind: the kind of thing, for error messages ("policy").
-        text: the spec.
-        accepted: the accepted shapes, for error messages.
-
-    Raises:
-        InvalidValueError: the text has another shape.
+    `kind` ("policy") and the `accepted` shapes are for the `InvalidValueError` of a text of another shape.
     """
     match = _SHAPE.fullmatch(text.strip()) if isinstance(text, str) else None
     if match is None:
@@ -62,13 +56,7 @@ def split_specs(text: str) -> tuple[str, ...]:
 
 
 def instantiate(kind: str, name: str, make: Callable[..., T], parameters: Mapping[str, Any]) -> T:
-    """Make a thing by its class or factory.
-
-    Args:
-        kind: the kind of thing, for error messages ("policy").
-        name: the name by which the user knows it.
-        make: its class or factory.
-        parameters: keyword arguments.
+    """Make a thing by its class or factory; `kind` ("policy") and `name` are the user's words, for errors.
 
     Raises:
         UnknownNameError: there is no parameter of that name; the message lists the close ones.

@@ -24,13 +24,9 @@ _MOST_REPEATED = 100_000
 
 
 class Section(dict[str, Any]):
-    """A mapping from a file: plain data, and where it is written.
+    """A mapping from a file: plain data, and the `file`, the `line` of its own key and the `lines` of its keys, from 1.
 
-    Args:
-        content: keys and values; a section that is made of nothing else is in no file.
-        file: path of the file.
-        line: line of the mapping's own key, from 1.
-        lines: lines of the keys.
+    A section that is made of nothing else is in no file.
     """
 
     def __init__(
@@ -50,11 +46,8 @@ class Section(dict[str, Any]):
     def blame(self, error: CoopsimError, overridden: Collection[str] = ()) -> str | None:
         """Return "file:line" of the key that an error's message begins with, here or in a section within.
 
-        Of keys with the same name, it is the outermost; None: the message begins with no key.
-
-        Args:
-            error: the error.
-            overridden: keys whose values were not taken from the file.
+        Of keys with the same name, it is the outermost; None: the message begins with no key. Keys that are
+        `overridden` have values of elsewhere.
         """
         level, keys = [self], list[tuple[str, Section]]()
         while level:
@@ -178,11 +171,7 @@ def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:
 
 
 def refuse_many_aliases(root: yaml.Node) -> None:
-    """Refuse a document whose aliases stand for so many values that to expand them takes all memory.
-
-    Raises:
-        ConstructorError: they stand for more than 100,000 values that are written elsewhere.
-    """
+    """Refuse a document whose aliases stand for so many values that to expand them takes all memory."""
     sizes: dict[yaml.Node, int] = {}
 
     def size(node: yaml.Node) -> int:

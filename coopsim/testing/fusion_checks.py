@@ -25,7 +25,7 @@ def check_fusion(fusion: str | Callable[[int], FeatureFusion], features: int = 6
 
     Args:
         fusion: a registered name, or a class or function that is called with the number of channels.
-        features: that number.
+        features: number of channels.
 
     Raises:
         AssertionError: a check failed; the message names it.

@@ -35,7 +35,7 @@ def check_uplink(uplink: Any, **options: Any) -> None:
 
     Args:
         uplink: a registered name or spec, a factory, or a policy, as for the option `uplink` of an environment.
-        **options: of the environment whose observations it is given, as `lidar="HDL-32E"` or `cameras="surround"`.
+        **options: options of the environment that gives the observations, as `lidar="HDL-32E"` or `cameras="surround"`.
 
     Raises:
         AssertionError: a check failed; the message names it.
@@ -172,7 +172,7 @@ def check_codec(codec: str | Codec[Any] | type[Codec[Any]], contents: Sequence[A
         writable = next(_writable(decoded), None)
         assert writable is None, f"{name}: decoded arrays must be read-only, {writable} is not"
     _check_refusals(name, made, payloads)
-    _check_memory(name, made, payloads)
+    _check_limit(name, made, payloads)
     if made.divisible:
         for content in contents:
             _check_budgets(name, made, content)
@@ -222,7 +222,7 @@ def _decodes(name: str, codec: Codec[Any], payload: bytes) -> bool:
     return True
 
 
-def _check_memory(name: str, codec: Codec[Any], payloads: Sequence[bytes]) -> None:
+def _check_limit(name: str, codec: Codec[Any], payloads: Sequence[bytes]) -> None:
     longest = max(payloads, key=len)
     tracemalloc.start()
     try:

@@ -35,7 +35,7 @@ def check_detector(detector: str | DetectorBase | Callable[[], DetectorBase], **
 
     Args:
         detector: a registered name or spec, an object, or a class or function that makes one.
-        **options: of the environment whose sensors it is given, as `lidar="HDL-32E"` or `cameras="surround"`.
+        **options: options of the environment that gives the sensor data, as `lidar="HDL-32E"` or `cameras="surround"`.
 
     Raises:
         AssertionError: a check failed; the message names it.
@@ -133,7 +133,7 @@ def check_embedder(embedder: str | Embedder | Callable[[], Embedder], **options:
 
     Args:
         embedder: a registered name or spec, an object, or a class or function that makes one.
-        **options: of the environment whose sensors it is given, as `cameras="surround"`.
+        **options: options of the environment that gives the sensor data, as `cameras="surround"`.
 
     Raises:
         AssertionError: a check failed; the message names it.

@@ -43,7 +43,7 @@ def check_policy(policy: str | Policy | Callable[[], Policy], environment: str =
     Args:
         policy: a registered name or spec, an object, or a class or function that makes one.
         environment: name of the environment.
-        **options: of the environment.
+        **options: options of the environment.
 
     Raises:
         AssertionError: a check failed; the message names it.

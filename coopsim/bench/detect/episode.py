@@ -1,4 +1,4 @@
-"""One episode of a policy, run at a pace and timed by parts, with everything that its receivers perceived."""
+"""Episode of a policy, run at a pace and timed by parts, with everything that its receivers perceived."""
 
 from __future__ import annotations
 

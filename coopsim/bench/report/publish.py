@@ -21,7 +21,7 @@ from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import worst_moments
+from coopsim.bench.results.standings import worst_windows
 from coopsim.catalog import PolicySpec, names_code, refuse_writing
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
@@ -83,7 +83,7 @@ def publish(
     isolation = origin.isolation
     if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
         rerun = make_rerun(origin.grid.get("options", {}), isolation, trust=trust)
-        shown, notes = film(worst_moments(table, clips), rerun, clip_time_s)
+        shown, notes = film(worst_windows(table, clips), rerun, clip_time_s)
         write_bench_report(report, table, about, shown, notes)
     return (report, *written)
 

@@ -36,7 +36,6 @@ class ResultTable:
         seeds: S, sorted.
         metrics: names of all values in the results: `REPORTED`, then registered metrics, then the others.
         frames: length of each run.
-        results: the results themselves, by cell.
         places: place of each result in the arrays.
         samples: independent samples that the seeds make.
     """

@@ -23,10 +23,10 @@ class Standing:
     """Rank and values of a policy in one metric.
 
     Attributes:
-        policy: its name.
-        rank: from 1; None for a policy that lacks a value in some cell where another has one, as its mean is over other
-            cells than the others'.
-        mean: over conditions, with its interval over seeds or drawn places.
+        policy: name of the policy.
+        rank: rank from 1; None for a policy that lacks a value in some cell where another has one, as its mean is over
+            other cells than the others'.
+        mean: mean over conditions, with its interval over seeds or drawn places.
         undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
         worst: mean over seeds in the policy's worst condition.
         worst_condition: the policy's worst condition; None without values.
@@ -175,7 +175,7 @@ class Moment:
         return max(sorted(known), key=known.__getitem__) if known else None
 
 
-def worst_moments(table: ResultTable, count: int, window_frames: int = WINDOW_FRAMES) -> tuple[Moment, ...]:
+def worst_windows(table: ResultTable, count: int, window_frames: int = WINDOW_FRAMES) -> tuple[Moment, ...]:
     """Choose at most `count` windows, the worst first, varied in policy, condition and traffic.
 
     The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same

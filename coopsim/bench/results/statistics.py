@@ -35,13 +35,8 @@ _NO_SPREAD = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean over seeds with its 95 % confidence interval.
-
-    Attributes:
-        mean: NaN without values.
-        low: lower end; NaN if it is not known, as of one seed.
-        high: upper end, alike.
-        count: number of values.
+    """A mean over `count` seeds with its 95 % confidence interval: NaN without values, and ends NaN if not known, as of
+    one seed.
     """
 
     mean: float
@@ -85,8 +80,8 @@ def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tup
     replacement, and the interval follows from the quantile of the *studentised* mean, which keeps its level for few
     seeds where percentiles of the mean do not. With three seeds or fewer, more than one resample in twenty is of a
     single seed and has no spread, so the ends of the interval are infinite. (Differences that are all 0 have an
-    interval of no length.) With more seeds, resamples lack a spread where nearly all differences are equal, as those of
-    integers: of 19 times 1 and one 0 a third miss the 0. If more than one in twenty has less than a tenth of the seeds'
+    interval of no length.) With more seeds, resamples lack a spread where nearly all differences are equal: of
+    19 times 1 and one 0 a third miss the 0. If more than one in twenty has less than a tenth of the seeds'
     own, interval and p-value are Student's.
 
     Calls with equally many seeds resample them alike, so that all conditions of a seed go together.

@@ -19,7 +19,7 @@ from coopsim.bench.report.clips import film
 from coopsim.bench.report.publish import make_rerun, publish
 from coopsim.bench.report.scene import UNIT_M
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import LEAST_GAP, worst_moments
+from coopsim.bench.results.standings import LEAST_GAP, worst_windows
 from coopsim.errors import InvalidValueError
 
 OPTIONS = {name: value for name, value in SMALL.items() if name not in ("max_cycles", "threads")}
@@ -40,7 +40,7 @@ def with_dips(*dips: tuple[str, int, int, int, float], seeds: int = 2) -> Result
 
 
 def test_the_worst_moment_is_where_the_dip_is() -> None:
-    (moment,) = worst_moments(with_dips(("a", 1, 1, 20, 0.4)), 5, window_frames=10)
+    (moment,) = worst_windows(with_dips(("a", 1, 1, 20, 0.4)), 5, window_frames=10)
     assert moment.worst.cell == Cell("a", LATENCIES[1], 1, FRAMES) and moment.best.cell.policy == "c"
     assert (moment.first, moment.last) == (20, 30) and moment.gap == pytest.approx(0.41)
 
@@ -50,9 +50,9 @@ def test_moments_are_varied() -> None:
     table = with_dips(
         ("a", 0, 0, 0, 0.40), ("a", 0, 0, 20, 0.39), ("a", 0, 1, 10, 0.38), ("b", 1, 0, 20, 0.30), ("a", 2, 1, 30, 0.29)
     )  # fmt: skip
-    chosen = [(each.worst.cell.policy, each.worst.cell.condition) for each in worst_moments(table, 3, 10)]
+    chosen = [(each.worst.cell.policy, each.worst.cell.condition) for each in worst_windows(table, 3, 10)]
     assert chosen == [("a", LATENCIES[0]), ("b", LATENCIES[1]), ("a", LATENCIES[2])]
-    everything = worst_moments(table, 50, 10)
+    everything = worst_windows(table, 50, 10)
     spans = [(each.worst.cell, each.first, each.last) for each in everything]
     for k, (cell, first, last) in enumerate(spans):
         for other, begin, end in spans[:k]:
@@ -62,20 +62,20 @@ def test_moments_are_varied() -> None:
 
 def test_windows_are_not_longer_than_runs_and_failed_runs_are_in_none() -> None:
     table = with_dips(("a", 0, 0, 0, 0.4))
-    (moment, *_) = worst_moments(table, 1, window_frames=1000)
+    (moment, *_) = worst_windows(table, 1, window_frames=1000)
     assert (moment.first, moment.last) == (0, FRAMES)
     gone = [failed(each.cell) if each.cell.policy == "a" else each for each in table.results]
-    assert worst_moments(ResultTable.of(gone), 5) == ()
-    assert worst_moments(ResultTable.of([failed(each.cell) for each in gone]), 5) == ()
-    assert worst_moments(table, 0) == ()
+    assert worst_windows(ResultTable.of(gone), 5) == ()
+    assert worst_windows(ResultTable.of([failed(each.cell) for each in gone]), 5) == ()
+    assert worst_windows(table, 0) == ()
     for wrong in ({"count": -1}, {"count": 1, "window_frames": 0}):
         with pytest.raises(InvalidValueError, match="must be an integer"):
-            worst_moments(table, **wrong)
+            worst_windows(table, **wrong)
 
 
 def test_the_agent_is_the_one_that_suffers_most() -> None:
     table = with_dips(("a", 0, 0, 0, 0.4))
-    (moment,) = worst_moments(table, 1)
+    (moment,) = worst_windows(table, 1)
     worse = replace(moment.worst, agents={"x": {"MOTA": 10.0}, "y": {"MOTA": 30.0}, "z": {}, "only": {"MOTA": 0.0}})
     better = replace(moment.best, agents={"x": {"MOTA": 20.0}, "y": {"MOTA": 60.0}, "z": {"MOTA": 99.0}})
     assert replace(moment, worst=worse, best=better).agent == "y"
@@ -134,7 +134,7 @@ def test_what_cannot_be_filmed_is_told(run: list[CellResult]) -> None:
 
 def test_time_is_bounded_and_a_run_is_run_once() -> None:
     table = with_dips(("a", 0, 0, 0, 0.4), ("a", 0, 0, 20, 0.4), ("b", 1, 1, 5, 0.3))
-    moments = worst_moments(table, 3, 10)
+    moments = worst_windows(table, 3, 10)
     ran: list[Cell] = []
 
     def run(cell: Cell, on_frame: Callable[..., None]) -> CellResult:
@@ -160,7 +160,7 @@ def test_publish_writes_everything_and_the_same_again(run: list[CellResult], tmp
         contents.append([path.read_bytes() for path in paths])
     assert contents[0] == contents[1]
     page = Page((tmp_path / "one" / "report.html").read_text())
-    gap = worst_moments(ResultTable.of(run), 2)
+    gap = worst_windows(ResultTable.of(run), 2)
     assert len(page.data["clips"]) == len(gap) > 0 and "Worst moments" in page.texts("h2")
     assert sum(tag == "canvas" for tag, _, _ in page.elements) == 2 * len(gap)
 
