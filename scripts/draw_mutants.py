@@ -65,7 +65,7 @@ UNTOUCHED = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)  
 
 @dataclass(frozen=True)
 class Mutant:
-    """One replacement: bytes `start` to `end` of the file at `path`, relative to the root, on line `line`."""
+    """Replacement of bytes `start` to `end` of the file at `path`, relative to the root, on line `line`."""
 
     path: str
     line: int

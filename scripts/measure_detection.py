@@ -50,16 +50,16 @@ _RAIN = {"weather": {"rain_mm_h": 10}}
 
 @dataclass(frozen=True)
 class Study:
-    """One column of the table: a disturbance, or another world.
+    """Column of the table: a disturbance, or another world.
 
     Attributes:
-        group: its name on the command line.
-        title: of the column.
+        group: name on the command line.
+        title: title of the column.
         noise: m and degrees.
-        delay_ms: of messages.
-        options: of the environments.
-        share: of the frames that are measured.
-        sends: methods that send nothing are left out, as nothing changes for them.
+        delay_ms: delay of messages.
+        options: options of the environments.
+        share: share of the frames that are measured.
+        sends: True if methods that send nothing are left out, as nothing changes for them.
     """
 
     group: str
