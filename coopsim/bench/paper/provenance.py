@@ -16,7 +16,7 @@ from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, environment_options
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.store.fingerprint import package_versions, sources_digest
+from coopsim.bench.store.fingerprint import package_digest, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.config.load import load
 from coopsim.errors import StoreError, UnknownNameError
@@ -78,7 +78,7 @@ class Provenance:
             {name: _plain(getattr(grid, name)) for name in ATTRIBUTES},
             {"coopsim": coopsim.__version__, "Python": platform.python_version(), **package_versions()},
             _commit(),
-            sources_digest("coopsim"),
+            package_digest("coopsim"),
             sends,
             weights,
             sorted(sensing.values()),

@@ -111,7 +111,7 @@ class Sources:
     def digest(self, package: str) -> str:
         """Return a digest of the sources, data and weights of a package, 64 hexadecimal digits."""
         if package not in self._digests:
-            self._digests[package] = sources_digest(package)
+            self._digests[package] = package_digest(package)
         return self._digests[package]
 
     def described(self, package: str) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _versions(package: str) -> dict[str, str]:
     return {name: version(name) for name in sorted(set(packages_distributions().get(package, [])))}
 
 
-def sources_digest(package: str) -> str:
+def package_digest(package: str) -> str:
     """Return a digest of the sources, data and weights of a package as they are now, 64 hexadecimal digits."""
     return _digest("\0".join(_sources(package)).encode())
 
