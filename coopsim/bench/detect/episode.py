@@ -16,7 +16,7 @@ from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns
 from coopsim.types.valid_detections import drop_invalid
@@ -40,10 +40,6 @@ class Pace:
     frames: int
     every: int = 1
     warm_up: int = 1
-
-    def __post_init__(self) -> None:
-        require_count(1, frames=self.frames, every=self.every)
-        require_count(0, warm_up=self.warm_up)
 
     @property
     def cycles(self) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError, StoreError
+from coopsim.errors import StoreError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.score import UNKNOWN
 from coopsim.support.files import make_folder, write_durably
@@ -70,8 +70,6 @@ class Perceived:
         ms: Mapping[str, float] | None = None,
     ) -> Perceived:
         """Join frames: per frame of a receiver its detections, and the truth around it."""
-        if len(found) != len(truth):
-            raise InvalidValueError(f"found and truth must have one item per frame, got {len(found)} and {len(truth)}")
         return cls(
             _starts([len(each) for each in found]),
             _joined([each.boxes.array for each in found], (0, 7), np.float64),

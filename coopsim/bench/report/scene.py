@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.bench.report.formats import template
-from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S, Ints, Tracks
@@ -143,9 +142,6 @@ class Scene:
         runs: at least one.
         cameras: images (H, W, 3) uint8 by agent and camera, of one moment; may be empty.
         camera_time_ns: time of that moment.
-
-    Raises:
-        InvalidValueError: there is nothing to show, or a run has another number of frames.
     """
 
     dt_s: float
@@ -154,17 +150,6 @@ class Scene:
     runs: Sequence[SceneRun]
     cameras: Mapping[str, Mapping[str, NDArray[np.uint8]]] = field(default_factory=dict)
     camera_time_ns: int = 0
-
-    def __post_init__(self) -> None:
-        count = len(self.frames)
-        if not self.runs or not count:
-            raise InvalidValueError(f"a scene needs at least one run and one frame, got {len(self.runs)} and {count}")
-        for run in self.runs:
-            if not count == len(run.tracks) == len(run.rewards):
-                raise InvalidValueError(
-                    f"run {run.label!r} must have tracks and rewards for the scene's {count} frames, "
-                    f"got {len(run.tracks)} and {len(run.rewards)}"
-                )
 
     def html(self) -> str:
         """Return the sections of the page that `scene.js` fills, and the images."""

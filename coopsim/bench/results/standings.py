@@ -15,7 +15,6 @@ from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values, mean_interval
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
-from coopsim.support.checks import require_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +180,6 @@ def worst_windows(table: ResultTable, count: int, window_frames: int = WINDOW_FR
     The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same
     time then count half.
     """
-    require_count(0, count=count)
-    require_count(1, window_frames=window_frames)
     length = min(window_frames, table.frames)
     rewards, runs = _rewards(table)
     means = rewards.mean(axis=3)

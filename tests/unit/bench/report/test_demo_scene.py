@@ -7,7 +7,6 @@ import colorsys
 import html
 import io
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -177,20 +176,6 @@ def test_without_a_scene_its_sections_are_left_out() -> None:
     page = Page(render_bench_report(table, About()))
     assert not {"From above", "Reward over time", "Cameras"}.intersection(page.texts("h2")) and "scene" not in page.data
     assert {"From above", "Reward over time", "Cameras"} <= set(Page(render()).texts("h2"))
-
-
-@pytest.mark.parametrize(
-    ("frames", "runs", "match"),
-    [
-        (FRAMES, [], "at least one run and one frame, got 0 and 5"),
-        (0, [run()], "at least one run and one frame, got 1 and 0"),
-        (1, [run()], "run 'late_fusion, 0 ms' must have .* 1 frames, got 5 and 5"),
-        (FRAMES, [replace(run(), rewards=np.zeros(2))], "got 5 and 2"),
-    ],
-)
-def test_what_does_not_fit_together_is_refused(frames: int, runs: Sequence[SceneRun], match: str) -> None:
-    with pytest.raises(InvalidValueError, match=match):
-        scene(frames=[bev(k) for k in range(frames)], runs=runs)
 
 
 def write(path: Path, title: str) -> Path:

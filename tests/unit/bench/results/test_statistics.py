@@ -21,7 +21,6 @@ from coopsim.bench.results.statistics import (
     sign_flip_p_value,
     smallest_p_value,
 )
-from coopsim.errors import InvalidValueError
 
 VALUES = st.lists(st.floats(-1e3, 1e3).map(lambda value: round(value, 3)), min_size=1, max_size=9)
 RUNS = 400
@@ -172,10 +171,3 @@ def test_seeds_that_it_takes() -> None:
         assert needed is not None
         assert comparisons * smallest_p_value(needed) <= LEVEL < comparisons * smallest_p_value(needed - 1)
     assert seeds_needed(1000) is None and smallest_p_value(1000) == smallest_p_value(EXACT_UP_TO + 1)
-
-
-@pytest.mark.parametrize("row", [[], [np.nan], [1.0, np.inf], [[1.0]]])
-def test_what_is_no_row_of_differences_is_refused(row: object) -> None:
-    for function in (bootstrap_difference, sign_flip_p_value):
-        with pytest.raises(InvalidValueError, match="at least one finite number"):
-            function(np.array(row))
