@@ -64,8 +64,8 @@ def _add_town(parser: argparse.ArgumentParser) -> None:
 
 def _run_town(options: argparse.Namespace) -> int:
     from coopsim.viz.town_picture import require_picture, write_picture
-    from coopsim.world.towns.streets.town_options import TownOptions
-    from coopsim.world.towns.town_file import draw_town, write_town
+    from coopsim.world.towns.options import TownOptions
+    from coopsim.world.towns.scenarios import draw_town, write_town
 
     if options.picture is not None:
         require_picture(options.picture)
